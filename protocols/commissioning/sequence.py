@@ -102,16 +102,7 @@ class Commissioned:
 
 
 class Commissioning:
-    """Exercises the source of a bench, with high voltage off.
-
-    Args:
-        bench: see `Bench.exercised`.
-        clock: bench time.
-        messages: notes the messages to the source.
-        progress: called with the name of each exercise as it begins, and the fraction that is done.
-        check_stop: called with every block that is read; raises to abandon.
-        second_client: connects to the instrument once more, and returns the time of its reply; None if there is none.
-    """
+    """Exercises the source of a bench, with high voltage off; the arguments are those of `commission_bench`."""
 
     def __init__(
         self,

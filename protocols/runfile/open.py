@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import wraps
+from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -65,6 +65,8 @@ def reads_run(kind: type[T]) -> type[T]:
             continue
         if isinstance(member, property) and member.fget is not None:
             setattr(kind, name, property(_translated(member.fget), doc=member.__doc__))
+        elif isinstance(member, cached_property):
+            member.func = _translated(member.func)
         elif inspect.isfunction(member):
             setattr(kind, name, _translated(member))
     return kind

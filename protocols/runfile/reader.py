@@ -109,16 +109,12 @@ class Run(Closeable):
         """Close the file."""
         self._file.close()
 
-    @property
+    @cached_property
     def record(self) -> RunRecord:
         """All facts of the run, as they were when this was first read.
 
         A verdict that was stored after its end is the verdict, unless the file has changed since: `caution` then states it.
         """
-        return self._record
-
-    @cached_property
-    def _record(self) -> RunRecord:
         record = self.stored_record()
         try:
             return with_later_verdict(record, self.path, read_notes(notes_path(self.path)))
@@ -147,13 +143,9 @@ class Run(Closeable):
                 earlier = before.resumed_from
         return found[::-1]
 
-    @property
+    @cached_property
     def trace(self) -> RunTrace:
         """The sampled data."""
-        return self._trace
-
-    @cached_property
-    def _trace(self) -> RunTrace:
         return RunTrace(self.path, self._entry, lambda: self.record.sensor, self._rest_record)
 
     def recordings(self) -> Iterator[Recording]:
@@ -246,7 +238,7 @@ class Run(Closeable):
             series=_series_names(entry),
             point_count=len(points[ENTRY_COLUMN]),
             entry_count=len(set(points[ENTRY_COLUMN].tolist())),
-            duration_s=self._trace.duration_s,
+            duration_s=self.trace.duration_s,
             largest=_largest_point(points),
         )
 

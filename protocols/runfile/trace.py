@@ -91,13 +91,9 @@ class RunTrace:
         self._calibrations: dict[str, ChannelCalibration] = {}
         self._blocks: NDArray[Any] | None = None
 
-    @property
+    @cached_property
     def interference(self) -> tuple[InterferenceLine, ...]:
         """Hum and other lines of the displacement at rest, before the first drive; none where they were not measured."""
-        return self._lines_at_rest
-
-    @cached_property
-    def _lines_at_rest(self) -> tuple[InterferenceLine, ...]:
         if (rest := self._rest_record()) is None:
             return ()
         first, last = rest.rows

@@ -187,7 +187,6 @@ class LevelMonitor:
         if self._silent_points >= limit:
             self._report(
                 "no_response",
-                self._settings.no_response,
                 ("displacement", float(self._silent_points), float(limit), "1"),
                 f"{self._silent_points} points in succession are without response (limit {limit}); check that the tactor is under "
                 "the laser sensor, that no membrane or weight holds it, and that high voltage is on",
@@ -218,7 +217,6 @@ class LevelMonitor:
             self._set_drive_lost(True, block)
             self._report(
                 "drive",
-                self._settings.drive,
                 ("drive", found.value_v, found.limit_v, "V"),
                 f"the card sees {found.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
                 f"{found.value_v:.3f} V, limit {found.limit_v:.3f} V); check the cable from the generator to the card "
@@ -248,7 +246,6 @@ class LevelMonitor:
         if stroke_m > settings.stroke_limit_m:  # not if the displacement at rest is not known
             self._report(
                 "stroke",
-                settings.stroke,
                 ("displacement", stroke_m, settings.stroke_limit_m, "m"),
                 f"the specimen moved {1e3 * stroke_m:.3f} mm from rest (limit {1e3 * settings.stroke_limit_m:.3g} mm, its gap or "
                 "levels.stroke_m in the bench file); lower the drive, or enter the specimen's true gap",
@@ -257,7 +254,6 @@ class LevelMonitor:
         if rate > settings.rate_m_per_s:
             self._report(
                 "rate",
-                settings.rate,
                 ("displacement", rate, settings.rate_m_per_s, "m/s"),
                 f"the specimen moved at {rate:.2f} m/s (limit {settings.rate_m_per_s:.3g} m/s, levels.rate_m_per_s in the bench "
                 "file); lower the drive, or raise the level",
@@ -270,7 +266,6 @@ class LevelMonitor:
             if largest > limit:
                 self._report(
                     level,
-                    getattr(self._settings, level),
                     (channel.name, largest, limit, channel.unit),
                     f"the channel {channel.name} reads {largest:.4g} {channel.unit} (limit {limit:.4g} {channel.unit}, levels.{key} in the bench "
                     "file); check the specimen, its cable and the amplifier, lower the drive, or raise the level",
@@ -293,7 +288,6 @@ class LevelMonitor:
             volts = float(self._scales[DISPLACEMENT_CHANNEL].to_volts(block.raw[DISPLACEMENT_CHANNEL, -1:])[0])
             self._report(
                 "laser_lost",
-                self._settings.laser_lost,
                 ("displacement", lost_s, self._settings.laser_lost_s, "s"),
                 f"the laser sensor has been out of range for {lost_s:.2f} s under a drive (limit {self._settings.laser_lost_s:g} s; "
                 f"its output is at {volts:.2f} V, valid are {self._sensor.valid_low_v:g} to {self._sensor.valid_high_v:g} V); bring "
@@ -316,11 +310,9 @@ class LevelMonitor:
         """Return lowest and highest volts, (2,)."""
         return np.sort(self._scales[channel].to_volts(np.array([raw.min(), raw.max()], np.int16)))
 
-    def _is_active(self, level: str, action: LevelAction) -> bool:
-        return action is not LevelAction.OFF and level not in self._reported
-
-    def _report(self, level: str, action: LevelAction, figure: tuple[str, float, float, str], words: str) -> None:
-        if not self._is_active(level, action):
+    def _report(self, level: str, figure: tuple[str, float, float, str], words: str) -> None:
+        action: LevelAction = getattr(self._settings, level)
+        if action is LevelAction.OFF or level in self._reported:
             return
         self._reported.add(level)
         action = LevelAction.WARNING if level in self._muted else action

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from drivers import (
+    DISPLACEMENT_CHANNEL,
     DRIVE_CHANNEL,
     ArmedBench,
     Bench,
@@ -43,7 +44,7 @@ from protocols.base import (
     WaitForDetection,
     recording_too_long_message,
 )
-from protocols.runfile import RunFileWriter
+from protocols.runfile import CHANNELS, RunFileWriter
 from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RunAcquisition
 from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
@@ -81,8 +82,9 @@ class StepExecutor:
         self._bench, self._run_file, self._recorder = bench, run_file, recorder
         self._acquisition, self._prompts, self._calibration_warning = acquisition, prompts, calibration_warning
         self._recording_count = 0
-        self._interference: tuple[InterferenceLine, ...] = ()
-        self._interference_event: InterferenceMeasured | None = None
+        self._lines_at_rest: tuple[InterferenceLine, ...] = ()
+        self.interference: InterferenceMeasured | None = None
+        """The interference as it was measured at rest; None before, or where it was not."""
         self._rest_v = bench.amplifier.map.rest_v
 
     def run_entry(
@@ -132,11 +134,6 @@ class StepExecutor:
                         self._recorder.publish(LogMessage(text))
                         answer = None
 
-    @property
-    def interference(self) -> InterferenceMeasured | None:
-        """The interference as it was measured at rest; None before, or where it was not."""
-        return self._interference_event
-
     def measure_interference(self, armed: ArmedBench, duration_s: float) -> None:
         """Record the displacement at rest, before the first drive, and publish the hum and the lines found in it."""
         scans, start_row = math.ceil(duration_s * armed.rate_hz), self._run_file.row_count
@@ -153,10 +150,11 @@ class StepExecutor:
             )
             return
         displacement_m = samples[1] if samples else self._read_stored(rows, drive=False)
-        self._interference = self._acquisition.run_analysis(armed, partial(find_lines, displacement_m, armed.rate_hz))
-        significant = tuple(line for line in self._interference if line.significant)
-        self._interference_event = InterferenceMeasured(rows, significant[:MAX_PUBLISHED_LINES])
-        self._recorder.publish(self._interference_event)
+        find = partial(find_lines, displacement_m, armed.rate_hz)
+        self._lines_at_rest = self._acquisition.run_analysis(armed, find)
+        significant = tuple(line for line in self._lines_at_rest if line.significant)
+        self.interference = InterferenceMeasured(rows, significant[:MAX_PUBLISHED_LINES])
+        self._recorder.publish(self.interference)
 
     def _settle(self, armed: ArmedBench, step: Settle) -> SettlingResult:
         if not isinstance(step.drive, Sine):
@@ -227,7 +225,7 @@ class StepExecutor:
             "quality": quality,
             "sensor_delay_s": self._bench.sensor.delay_s - channel_skew_s(armed.scales),
             "entry": entry,
-            "interference": self._interference,
+            "interference": self._lines_at_rest,
             "start_s": buffer.first_scan / armed.rate_hz,
         }
         if samples:
@@ -269,7 +267,5 @@ class StepExecutor:
 
     def _read_stored(self, rows: tuple[int, int], drive: bool) -> Array:
         """Read one channel of these rows of the run file, in volts or metres."""
-        name, channel = (
-            ("drive", self._acquisition.channels[0]) if drive else ("displacement", self._acquisition.channels[1])
-        )
-        return channel.to_si(self._run_file.read_raw(name, rows))
+        number = DRIVE_CHANNEL if drive else DISPLACEMENT_CHANNEL
+        return self._acquisition.channels[number].to_si(self._run_file.read_raw(CHANNELS[number], rows))

@@ -38,7 +38,8 @@ class PlanProgress:
         self._series: dict[int, list[Series]] = {}
         self._failed_labels: list[str] = []
         """Labels of entries without a point."""
-        self._reported_warnings: list[str] = []
+        self.warnings: tuple[str, ...] = ()
+        """The protocol's warnings that were reported."""
 
     @property
     def points(self) -> list[Any]:
@@ -121,18 +122,10 @@ class PlanProgress:
 
     def new_warnings(self) -> list[str]:
         """Return the protocol's warnings that were not reported before."""
-        new = [
-            warning
-            for warning in dict.fromkeys(self._protocol.warnings(self.points))
-            if warning not in self._reported_warnings
-        ]
-        self._reported_warnings += new
+        found = dict.fromkeys(self._protocol.warnings(self.points))
+        new = [warning for warning in found if warning not in self.warnings]
+        self.warnings += tuple(new)
         return new
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The protocol's warnings that were reported."""
-        return tuple(self._reported_warnings)
 
     def progress_event(self) -> ProgressUpdated:
         """Return the progress as an event to publish."""

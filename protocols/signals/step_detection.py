@@ -73,6 +73,8 @@ class WeightStepDetector:
     mains_hz: float | None = MAINS_HZ
     history_s: float = 60.0
     state: StepDetectionState = StepDetectionState.ZEROING
+    zero_level: float = math.nan
+    """The level taken as zero; NaN before there is one."""
 
     _pending: Array = field(default_factory=lambda: np.empty(0))
     _quiet_windows: deque[Array] = field(default_factory=deque)
@@ -80,7 +82,6 @@ class WeightStepDetector:
     """Mean and standard deviation of each of the quiet windows: a trace may be watched for hours."""
     _moving_windows: deque[Array] = field(default_factory=deque)
     _zero_samples: Array = field(default_factory=lambda: np.empty(0))
-    _zero_level: float = math.nan
     _samples_seen: int = 0
     _bumps: int = 0
 
@@ -103,11 +104,6 @@ class WeightStepDetector:
     @property
     def _window_length(self) -> int:
         return round(self.window_s * self.rate_hz)
-
-    @property
-    def zero_level(self) -> float:
-        """The level taken as zero; NaN before there is one."""
-        return self._zero_level
 
     def feed(self, samples: Array) -> WeightStep | None:
         """Take more samples, (N,); NaN where the sensor was out of range. The landing, once it is settled."""
@@ -168,7 +164,7 @@ class WeightStepDetector:
     def _set_zero(self) -> None:
         self.state = StepDetectionState.READY
         self._zero_samples = np.concatenate(self._quiet_windows)
-        self._zero_level = float(self._zero_samples.mean())
+        self.zero_level = float(self._zero_samples.mean())
 
     def _measure_step(self) -> WeightStep:
         before, after = (

@@ -4,6 +4,7 @@ import os
 import resource
 import shutil
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +161,7 @@ def everything(run: Run) -> Iterator[Callable[[], Any]]:
         for name, member in vars(type(owner)).items():
             if name.startswith("_") or name in ("close", "channel_scale", "read_raw", "recording"):
                 continue
-            if isinstance(member, property):
+            if isinstance(member, property | cached_property):
                 yield lambda owner=owner, name=name: getattr(owner, name)  # type: ignore[misc]
             elif name in ("recordings", "events"):
                 yield lambda owner=owner, name=name: list(getattr(owner, name)())  # type: ignore[misc]
