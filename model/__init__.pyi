@@ -4,7 +4,6 @@ from .arrays import Complex as Complex
 from .arrays import Mask as Mask
 from .arrays import gauss_legendre as gauss_legendre
 from .drive_history import DriveHistory as DriveHistory
-from .estimate import EstimatedQuantity as EstimatedQuantity
 from .membrane import GRAVITY as GRAVITY
 from .membrane import LOAD_SPEC as LOAD_SPEC
 from .membrane import SagSolution as SagSolution
@@ -24,6 +23,7 @@ from .quantities import PARAMETERS as PARAMETERS
 from .quantities import QUANTITIES as QUANTITIES
 from .quantities import RESULTS as RESULTS
 from .quantities import SCALES as SCALES
+from .quantities import EstimatedQuantity as EstimatedQuantity
 from .quantities import Quantity as Quantity
 from .quantities import current_column as current_column
 from .quantities import current_name as current_name

@@ -1,4 +1,4 @@
-"""Quantities that the program names: identifier, name for people, symbol, units, rounding and definition, as one list.
+"""Quantities that the program names: identifier, name for people, symbol, units, rounding and definition, as one list; estimates of them.
 
 A value of a quantity is rounded to two digits of its standard uncertainty; without one to `digits` significant digits.
 An estimate has the name of a quantity, which a comma separates from a condition: `compliance, MFC up`.
@@ -7,7 +7,7 @@ An estimate has the name of a quantity, which a comma separates from a condition
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 SCALES = {
     "µm": 1e6, "mm": 1e3, "ms": 1e3, "µs": 1e6, "g": 1e3, "mg": 1e6, "%": 1e2, "°": 57.29577951308232, "GPa": 1e-9, "MPa": 1e-6,
@@ -207,3 +207,25 @@ def shown_unit(unit: str, name: str = "") -> ShownUnit:
         return found.shown
     bench = BENCH_UNITS.get(unit, unit)
     return ShownUnit(SCALES[bench] if unit in BENCH_UNITS else 1.0, "" if bench == "1" else bench)
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedQuantity:
+    """An identified quantity: value and standard error in `unit`; `source` is its origin or the names of the runs."""
+
+    name: str
+    value: float
+    standard_error: float
+    unit: str
+    source: str | tuple[str, ...]
+
+    @classmethod
+    def listed(cls, name: str, value: float, standard_error: float, source: str) -> Self:
+        """Return the estimate of a listed quantity, `natural_frequency` or `compliance, MFC up`, in its SI unit.
+
+        Raises:
+            KeyError: `name` begins with no identifier of `model.quantities`.
+        """
+        if (quantity := find_quantity(name)) is None:
+            raise KeyError(name)
+        return cls(name, value, standard_error, quantity.unit, source)

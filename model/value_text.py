@@ -2,8 +2,7 @@
 
 import math
 
-from model.estimate import EstimatedQuantity
-from model.quantities import find_quantity, quantity_label, shown_unit
+from model.quantities import EstimatedQuantity, find_quantity, quantity_label, shown_unit
 
 COVERAGE_FACTOR_95 = 1.959964
 """Standard uncertainties to either side that cover 95 % of a normal distribution."""

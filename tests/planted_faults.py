@@ -46,11 +46,11 @@ AREAS: Mapping[str, Mapping[str, str]] = {
     "runner": {
         "protocols/runner/runner.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/protocols/test_interference.py",
         "protocols/runner/entries.py": "tests/protocols/test_entries.py tests/protocols/test_levels.py tests/protocols/test_lost_scans.py tests/protocols/test_runner.py",
-        "protocols/runner/interrupts.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py",
+        "protocols/runner/publisher.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py",
         "protocols/runner/conclusion.py": "tests/protocols/test_conclusion.py tests/protocols/test_lost_files.py tests/protocols/test_runner.py tests/protocols/test_judgement.py tests/protocols/test_entries.py",
         "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
         "protocols/runner/acquisition.py": "tests/protocols/test_levels.py tests/protocols/test_executor.py tests/protocols/test_runner.py",
-        "protocols/runner/operator_prompts.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
+        "protocols/runner/operator_actions.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
         "protocols/runner/plan_progress.py": "tests/protocols/test_entries.py tests/protocols/test_continuation.py",
         "protocols/base/verdict.py": "tests/protocols/test_verdict.py",
         "protocols/resume.py": "tests/protocols/test_resume_rules.py tests/protocols/test_continuation.py",

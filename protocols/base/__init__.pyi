@@ -1,7 +1,6 @@
 from .aspects import Aspects as Aspects
 from .channels import ChannelCalibration as ChannelCalibration
 from .conditions import RunConditions as RunConditions
-from .event_bus import EventBus as EventBus
 from .events import EVENTS as EVENTS
 from .events import INTERFERENCE_AT_REST as INTERFERENCE_AT_REST
 from .events import BenchArmed as BenchArmed
@@ -11,6 +10,7 @@ from .events import DriveReadbackChanged as DriveReadbackChanged
 from .events import DriveStarted as DriveStarted
 from .events import EntryStarted as EntryStarted
 from .events import Event as Event
+from .events import EventBus as EventBus
 from .events import InjectedFaultChanged as InjectedFaultChanged
 from .events import InterferenceMeasured as InterferenceMeasured
 from .events import LevelExceeded as LevelExceeded
@@ -43,7 +43,6 @@ from .importing import ImportedTable as ImportedTable
 from .importing import ImportForm as ImportForm
 from .importing import RunOfSamples as RunOfSamples
 from .importing import TableImportError as TableImportError
-from .jsonable import to_jsonable as to_jsonable
 from .operator import DISABLE_HIGH_VOLTAGE as DISABLE_HIGH_VOLTAGE
 from .operator import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE
 from .operator import Operator as Operator
@@ -87,6 +86,7 @@ from .text import MAX_NESTING as MAX_NESTING
 from .text import check_values as check_values
 from .text import parse_json_object as parse_json_object
 from .text import read_json_file as read_json_file
+from .text import to_jsonable as to_jsonable
 from .text import visible_text as visible_text
 from .text import visible_values as visible_values
 from .verdict import ALL_MEASURED as ALL_MEASURED

@@ -1,13 +1,15 @@
 """Run events: frozen values, stored in the run file first and then published to the observers."""
 
+import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from drivers import Block, Drive, Scale, as_record
-from protocols.base.jsonable import to_jsonable
 from protocols.base.records import InterferenceLine, Series
 from protocols.base.steps import Prompt
+from protocols.base.text import to_jsonable
 from protocols.base.verdict import Outcome, RunStatus, Verdict
 
 EVENTS: dict[str, type["Event"]] = {}
@@ -287,3 +289,30 @@ def event_record(event: Any) -> dict[str, Any]:
     """Return the fields of an event (any frozen dataclass) as JSON types, for the file and for `--json`."""
     values = ((each.name, getattr(event, each.name)) for each in fields(event))
     return {name: to_jsonable(as_record(value) if isinstance(value, Drive) else value) for name, value in values}
+
+
+log = logging.getLogger(__name__)
+
+Observer = Callable[[Any], object]
+
+
+class EventBus:
+    """Delivers each event to all observers, in the order they subscribed.
+
+    An observer's exception is logged and reaches neither the publisher nor the other observers.
+    """
+
+    def __init__(self, *observers: Observer) -> None:
+        self._observers = list(observers)
+
+    def subscribe(self, observer: Observer) -> None:
+        """Add an observer; it is called in the publisher's thread."""
+        self._observers.append(observer)
+
+    def publish(self, event: Any) -> None:
+        """Deliver an event."""
+        for observer in self._observers:
+            try:
+                observer(event)
+            except Exception:
+                log.exception("an observer failed on %s", event.kind)

@@ -1,10 +1,15 @@
-"""Text from files: control characters made visible, JSON objects of bounded depth and numbers."""
+"""Text from files: control characters made visible, JSON objects of bounded depth and numbers; values as JSON types."""
 
 import json
+import math
 import re
 import stat
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 MAX_NESTING = 40
 """Lists and objects within each other in a JSON or TOML text; the program's own have six."""
@@ -97,3 +102,23 @@ def _parse_integer(digits: str) -> int:
 def _escape(match: re.Match[str]) -> str:
     code = ord(match[0])
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+
+
+def to_jsonable(value: Any) -> Any:
+    """Return the value as dicts, lists, numbers and texts; NaN and infinity become None."""
+    match value:
+        case None | bool() | str() | int() if not isinstance(value, Enum):
+            return value
+        case float():
+            return float(value) if math.isfinite(value) else None
+        case dict():
+            return {str(name): to_jsonable(item) for name, item in value.items()}
+        case list() | tuple():
+            return [to_jsonable(item) for item in value]
+        case Enum():
+            return to_jsonable(value.value)
+        case np.generic() | np.ndarray():
+            return to_jsonable(value.tolist())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: to_jsonable(getattr(value, field.name)) for field in fields(value)}
+    return str(value)

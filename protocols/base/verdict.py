@@ -13,8 +13,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from model import quantity_label, shown_unit
-from protocols.base.jsonable import to_jsonable
 from protocols.base.quality import Quality, point_quality
+from protocols.base.text import to_jsonable
 
 if TYPE_CHECKING:
     from protocols.base.protocol import Protocol

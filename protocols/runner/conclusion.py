@@ -23,9 +23,8 @@ from protocols.base import (
     judge_ended,
 )
 from protocols.runfile import RunFileWriter, StorageError
-from protocols.runner.interrupts import RunCancelled
 from protocols.runner.plan_progress import PlanProgress
-from protocols.runner.publisher import RunRecorder
+from protocols.runner.publisher import RunCancelled, RunRecorder
 
 log = logging.getLogger(__name__)
 

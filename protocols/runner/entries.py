@@ -26,11 +26,9 @@ from protocols.resume import ResumeState, assess_drift
 from protocols.runner.abort_levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.executor import StepExecutor
-from protocols.runner.interrupts import InterruptCheck, PauseInterrupt, RunCancelled
-from protocols.runner.operator_actions import OperatorActions
-from protocols.runner.operator_prompts import OperatorPrompts
+from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
-from protocols.runner.publisher import RunRecorder
+from protocols.runner.publisher import InterruptCheck, PauseInterrupt, RunCancelled, RunRecorder
 
 
 class EntryRunner:

@@ -46,7 +46,7 @@ from protocols.base import (
 )
 from protocols.runfile import CHANNELS, RunFileWriter
 from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RunAcquisition
-from protocols.runner.operator_prompts import OperatorPrompts
+from protocols.runner.operator_actions import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.recording_buffer import RecordingBuffer
 from protocols.signals import SettlingDetector, find_lines

@@ -1,10 +1,11 @@
-"""Recorder of a run: stores events and blocks in the run file, then publishes them."""
+"""Recorder of a run, which stores events and blocks in the run file and then publishes them; interrupts by Stop and Pause."""
 
 from queue import SimpleQueue
 
 from drivers import Block, Clock
 from protocols.base import BlockStored, Event, EventBus
 from protocols.runfile import FileLostError, RunFileWriter, StorageError
+from protocols.runner.request import RunControl
 
 
 class RunRecorder:
@@ -73,3 +74,38 @@ class RunRecorder:
 
     def _elapsed_s(self) -> float:
         return self._clock.now() - self._start_s
+
+
+class RunCancelled(Exception):
+    """Stop was requested."""
+
+
+class PauseInterrupt(Exception):
+    """Pause was requested."""
+
+
+class InterruptCheck:
+    """Raises the interrupts that were requested, and publishes the events of other threads."""
+
+    def __init__(self, control: RunControl, recorder: RunRecorder) -> None:
+        self._control, self._recorder = control, recorder
+        self.pausable = False
+        """Whether a pause may interrupt the run now."""
+
+    @property
+    def is_pause_requested(self) -> bool:
+        return self._control.pause.is_set()
+
+    def check(self) -> None:
+        """Publish external events and raise a requested interrupt.
+
+        Raises:
+            RunCancelled: Stop was requested.
+            PauseInterrupt: Pause was requested, and the run is pausable.
+            StorageError: an event cannot be stored.
+        """
+        self._recorder.publish_external()
+        if self._control.cancel.is_set():
+            raise RunCancelled
+        if self.pausable and self.is_pause_requested:
+            raise PauseInterrupt

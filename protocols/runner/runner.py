@@ -36,11 +36,9 @@ from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.conclusion import RunConclusion, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
-from protocols.runner.interrupts import InterruptCheck, RunCancelled
-from protocols.runner.operator_actions import OperatorActions
-from protocols.runner.operator_prompts import OperatorPrompts
+from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
-from protocols.runner.publisher import RunRecorder
+from protocols.runner.publisher import InterruptCheck, RunCancelled, RunRecorder
 from protocols.runner.request import RunControl, RunRequest
 from protocols.signals import find_lines, folded_frequencies, mark_folded
 

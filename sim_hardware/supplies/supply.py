@@ -1,15 +1,57 @@
 """Simulated output of a DC supply: rises quickly, falls slowly; off is not 2.5 V."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from model import Array
-from sim_hardware.generators import SegmentFactory
+from sim_hardware.generators import SegmentFactory, Trait, draw_options
 from sim_hardware.plant import RelayGlitchSegment, Segment, SupplyParameters
-from sim_hardware.supplies.traits import GLITCH_S, LOW_RATIO, OVERSHOOT_V, SLOW_FALL_TAU_S, draw_supply_traits
+
+SUPPLY_DEVIATIONS = (
+    Trait(
+        "level",
+        ("nominal", "low"),
+        "volts of the loaded output: 6 % below the setting, which its voltmeter shows nevertheless",
+    ),
+    Trait(
+        "step",
+        ("between", "overshoots", "drops"),
+        "output at a change of the level: 0.3 V too high, or 0 V, for 5 ms",
+    ),
+    Trait(
+        "series",
+        ("as-replied", "stays"),
+        "outputs that stay in series although the instrument replies that they are not",
+        "E3631[123]|SPD",
+    ),
+    Trait(
+        "fall",
+        ("as-measured", "slow"),
+        "a falling output that is above what its voltmeter shows: time constant of 2 s",
+    ),
+)
+"""Never drawn: `supply.traits` chooses it, to try a commissioning."""
+
+GLITCH_S, OVERSHOOT_V, LOW_RATIO, SLOW_FALL_TAU_S = 5e-3, 0.3, 0.94, 2.0
+
+
+def supply_deviations_of(model: str) -> tuple[Trait, ...]:
+    """Return the deviations that a model can be given."""
+    return tuple(t for t in SUPPLY_DEVIATIONS if re.match(t.models, model.upper()))
+
+
+def draw_supply_traits(model: str, chosen: str = "") -> dict[str, str]:
+    """Return the chosen deviations of a supply, e.g. `level=low step=drops`.
+
+    Raises:
+        ValueError: an unknown deviation or option is chosen.
+    """
+    return draw_options("supply.traits", model, model, (), supply_deviations_of(model), chosen)
+
 
 RISE_TAU_S = 1e-3
 INRUSH_A = 0.2

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from model.estimate import EstimatedQuantity
 from model.identification.calibration import Calibration
 from model.identification.fit_options import FitOptions
+from model.quantities import EstimatedQuantity
 
 
 def calibration(version: int, found: Mapping[str, tuple[float, float]]) -> Calibration:

@@ -8,8 +8,8 @@ from app.config.bench_file import BenchConfig
 from drivers.evidence.assumption import OutputCheck
 from drivers.evidence.evidence_files import CARD_OUTPUT, assumptions_about, assumptions_about_card
 from protocols.commissioning.verdict import OutputVerdict, checked_assumptions
-from sim_hardware.nidaq.traits import CARD_DEVIATIONS
-from sim_hardware.supplies.traits import supply_deviations_of
+from sim_hardware.nidaq.card import CARD_DEVIATIONS
+from sim_hardware.supplies.supply import supply_deviations_of
 from tests.helpers.commissioning import commissioned_bench, contradicted, deviating, draw_deviations
 from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import simulated

@@ -17,8 +17,7 @@ from model.parameters import Tactor
 from model.response.statics import load_compliance
 from protocols.base import Prompt, PromptAnswered, PromptShown, Quality, RunStatus
 from protocols.measurements.load_point import compliance, nonlinearity
-from protocols.measurements.static_loading import StaticLoading
-from protocols.measurements.weights import uncertainty_kg
+from protocols.measurements.static_loading import StaticLoading, uncertainty_kg
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
 from tests.helpers import simulated_bench

@@ -6,8 +6,7 @@ import pytest
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import voltage_gain
 from model.response.time_response import step_response
-from sim_hardware.plant.nonidealities import Nonidealities
-from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
+from sim_hardware.plant.parameters import AmplifierParameters, Nonidealities, SimulationParameters
 from sim_hardware.plant.plant import Plant
 from sim_hardware.plant.segments import ConstantSegment, PeriodicSegment
 from sim_hardware.plant.stepper import BLOCK, limit_slew

@@ -7,9 +7,9 @@ import pytest
 
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq import read_ahead
+from sim_hardware.nidaq import in_process_digitizer
 from sim_hardware.plant import PeriodicSegment, SimulationParameters, plant
-from sim_hardware.plant.nonidealities import Nonidealities
+from sim_hardware.plant.parameters import Nonidealities
 
 RATE_HZ, BLOCK_SCANS = 5000.0, 250
 PARAMETERS = {
@@ -57,7 +57,7 @@ def record(parameters: SimulationParameters) -> tuple[np.ndarray, SimulatedBench
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_reading_ahead_gives_the_counts_of_block_by_block(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ahead, _ = record(PARAMETERS[name])
-    monkeypatch.setattr(read_ahead, "AHEAD_S", 0.0)
+    monkeypatch.setattr(in_process_digitizer, "AHEAD_S", 0.0)
     slow, _ = record(PARAMETERS[name])
     assert np.array_equal(ahead[0], slow[0])
     assert np.abs(ahead[1] - slow[1]).max() <= 1

@@ -17,8 +17,7 @@ from protocols.base import Prompt
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.plant.nonidealities import Nonidealities
-from sim_hardware.plant.parameters import AmplifierParameters, OperatorTiming, SimulationParameters
+from sim_hardware.plant.parameters import AmplifierParameters, Nonidealities, OperatorTiming, SimulationParameters
 from sim_hardware.plant.plant import Plant
 from sim_hardware.plant.segments import ConstantSegment, PeriodicSegment
 from sim_hardware.plant.setup_state import GRAVITY, SENSOR_ACTIONS, SPECIMEN_ACTIONS

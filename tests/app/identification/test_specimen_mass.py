@@ -9,8 +9,7 @@ from app.identification.calibrations import Calibrations, write_calibrations
 from model import EstimatedQuantity
 from model.identification import Calibration
 from protocols.paper_campaign import FIX_PAPER_MASS, REMOVE_MEMBRANE
-from sim_hardware.plant.nonidealities import Nonidealities
-from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.plant.parameters import Nonidealities, SimulationParameters
 from sim_hardware.plant.setup_state import apply_action, initial_state
 
 PARTLY = SimulationParameters(beyond=Nonidealities(mass_share=0.703))
