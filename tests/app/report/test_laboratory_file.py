@@ -109,7 +109,8 @@ def test_the_template_sets_header_footer_sections_and_own_texts(lab: Path, tmp_p
         assert "Confidential <draft>" in page
         assert "Form QM-17" in page
     titles = [section.title for section in full.appendix]
-    assert titles[:2] == ["Method", "Where the uncertainties come from"]
+    expected = ["Method", "Where the uncertainties come from"]
+    assert titles[:2] == expected
     assert "Where the numbers come from" in titles
 
 
