@@ -82,7 +82,8 @@ class TimePlot(TracePlotBase):
         super().apply_theme(theme)
         self._rest.setPen(trace_pen(theme.line))
         if self._held_s:
-            self._grey_out()
+            for curve in self.curves:
+                curve.setPen(trace_pen(theme.secondary_text))
 
     @property
     def span(self) -> TimeSpan:
@@ -164,10 +165,6 @@ class TimePlot(TracePlotBase):
         self.held_label.setText(f"held: {format_duration(held_s)} old" if held_s else "")
         if bool(held_s) is not was_held:
             self.apply_theme(self._theme.colors)
-
-    def _grey_out(self) -> None:
-        for curve in self.curves:
-            curve.setPen(trace_pen(self._theme.colors.secondary_text))
 
     def _scale(self, low: float, high: float) -> None:
         limits = stable_range(low, high, self._range)

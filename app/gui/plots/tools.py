@@ -81,8 +81,10 @@ class PlotTools(QObject):
                 "plot.peak": self.mark_peak,
                 "plot.marker-left": lambda: self.move_marker(-1),
                 "plot.marker-right": lambda: self.move_marker(1),
-                "plot.save-picture": self.save_picture,
-                "plot.save-data": self.save_data,
+                "plot.save-picture": partial(
+                    self._choose_file, "picture", "Pictures (*.png)", "plot.png", self._write_picture
+                ),
+                "plot.save-data": partial(self._choose_file, "data", "Tables (*.tsv)", "plot.tsv", self._write_data),
             },
         )
         if log_axes is not None:
@@ -268,14 +270,6 @@ class PlotTools(QObject):
             action.setCheckable(True)
             action.setChecked(self._log.log_axes[axis])
             action.setEnabled(self._log.LOG_AXES[axis])
-
-    def save_picture(self) -> None:
-        """Save the plot as a PNG file."""
-        self._choose_file("picture", "Pictures (*.png)", "plot.png", self._write_picture)
-
-    def save_data(self) -> None:
-        """Save the numbers of the plot as a table with tabs."""
-        self._choose_file("data", "Tables (*.tsv)", "plot.tsv", self._write_data)
 
     def _choose_file(self, what: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
         choose_files(self._canvas, f"Save the {what} of this plot", write, kinds, name, Mode.AnyFile)

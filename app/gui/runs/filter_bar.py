@@ -78,11 +78,6 @@ class RunFilterBar(QWidget):
             verdict=self.verdict.currentData(),
         )
 
-    def focus_search(self) -> None:
-        """Give the search field the keyboard, with its text selected."""
-        self.search_edit.setFocus()
-        self.search_edit.selectAll()
-
     def clear(self) -> bool:
         """Clear the filter and return whether there was one."""
         if self.selected_filter == RunFilter():

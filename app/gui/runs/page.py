@@ -247,7 +247,8 @@ class RunsPage(QStackedWidget):
 
     def _focus_search(self) -> None:
         if self.currentWidget() is not self.viewer:
-            self.list.filter_bar.focus_search()
+            self.list.filter_bar.search_edit.setFocus()
+            self.list.filter_bar.search_edit.selectAll()
 
     def _connect_signals(self) -> None:
         self.list.folder_model.failed.connect(self._on_error)

@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING, Generic, TypeVar, cast
 from PySide6.QtCore import QSettings, Signal
 
 from app.config import BenchConfig
+from app.gui import bench_page as bench_pages
+from app.gui import campaign as campaign_pages
+from app.gui import explore as explore_pages
+from app.gui import laboratory as laboratory_pages
+from app.gui import runs as runs_pages
+from app.gui import specimen as specimen_pages
 from app.gui.campaign import CampaignController
 from app.gui.laboratory import FolderThreshold
 from app.gui.measure import MeasurePage, OperatorOfToday, PresetStore, presets_path
@@ -22,12 +28,6 @@ from app.session import WindowState
 from protocols.base import Protocol
 
 if TYPE_CHECKING:
-    from app.gui.bench_page import BenchPage
-    from app.gui.campaign import CampaignPage
-    from app.gui.explore import ExplorePage
-    from app.gui.laboratory import LaboratoryPage
-    from app.gui.runs import RunsPage
-    from app.gui.specimen import IdentificationSubject
     from protocols.runner import RunRequest
 
 P = TypeVar("P")
@@ -51,11 +51,11 @@ class MainTabs(PageHost):
     identification_requested = Signal()
     """The specimen of the visible page is to be identified."""
 
-    campaign: CreatedPage[CampaignPage] = CreatedPage(CAMPAIGN)
-    explore: CreatedPage[ExplorePage] = CreatedPage(EXPLORE)
-    runs: CreatedPage[RunsPage] = CreatedPage(RUNS)
-    bench: CreatedPage[BenchPage] = CreatedPage(BENCH)
-    laboratory: CreatedPage[LaboratoryPage] = CreatedPage(LABORATORY)
+    campaign: CreatedPage[campaign_pages.CampaignPage] = CreatedPage(CAMPAIGN)
+    explore: CreatedPage[explore_pages.ExplorePage] = CreatedPage(EXPLORE)
+    runs: CreatedPage[runs_pages.RunsPage] = CreatedPage(RUNS)
+    bench: CreatedPage[bench_pages.BenchPage] = CreatedPage(BENCH)
+    laboratory: CreatedPage[laboratory_pages.LaboratoryPage] = CreatedPage(LABORATORY)
 
     def __init__(
         self,
@@ -161,12 +161,10 @@ class MainTabs(PageHost):
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _make_campaign(self) -> CampaignPage:
-        from app.gui.campaign import CampaignPage
-
+    def _make_campaign(self) -> campaign_pages.CampaignPage:
         controller = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
         self._adapter.events.subscribe(controller.observe)
-        page = CampaignPage(
+        page = campaign_pages.CampaignPage(
             controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._theme
         )
         controller.setParent(page)
@@ -180,11 +178,10 @@ class MainTabs(PageHost):
         page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
 
-    def _make_explore(self) -> ExplorePage:
+    def _make_explore(self) -> explore_pages.ExplorePage:
         from app.explore import fit_runs  # slow to import, and not visible when the window opens
-        from app.gui.explore import ExplorePage
 
-        page = ExplorePage(self._theme, fit_runs)
+        page = explore_pages.ExplorePage(self._theme, fit_runs)
         page.runs_wanted.connect(self.results.choose_runs)
         page.card.requested.connect(self.results.perform)
         page.folder, page.specimen = lambda: self.folder, lambda: (self.folder, self.specimen)
@@ -193,20 +190,18 @@ class MainTabs(PageHost):
         page.restore_state(self._settings)
         return page
 
-    def _make_runs(self) -> RunsPage:
-        from app.gui.runs import RunsPage
-
-        page = RunsPage(lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay, self._theme)
+    def _make_runs(self) -> runs_pages.RunsPage:
+        page = runs_pages.RunsPage(
+            lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay, self._theme
+        )
         page.explore_requested.connect(self.results.overlay_runs)
         page.continue_requested.connect(self._continue_run)
         for card in (page.details.card, page.viewer.card):
             card.requested.connect(self.results.perform)
         return page
 
-    def _make_bench(self) -> BenchPage:
-        from app.gui.bench_page import BenchPage
-
-        page = BenchPage(self._adapter, self._config, self._open_bench, self._theme)
+    def _make_bench(self) -> bench_pages.BenchPage:
+        page = bench_pages.BenchPage(self._adapter, self._config, self._open_bench, self._theme)
         page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
         page.run_requested.connect(self.start_run)
@@ -215,10 +210,8 @@ class MainTabs(PageHost):
         page.speed_requested.connect(self._controller.change_speed)
         return page
 
-    def _make_laboratory(self) -> LaboratoryPage:
-        from app.gui.laboratory import LaboratoryPage
-
-        page = LaboratoryPage(lambda: self.folder, self._theme)
+    def _make_laboratory(self) -> laboratory_pages.LaboratoryPage:
+        page = laboratory_pages.LaboratoryPage(lambda: self.folder, self._theme)
         page.run_open_requested.connect(self.results.open_run)
         page.restore_state(self._settings)
         return page
@@ -308,17 +301,15 @@ class VisibleSubject:
         return self.specimen[1], "" if step is None else step.heading
 
     @property
-    def identification(self) -> IdentificationSubject:
+    def identification(self) -> specimen_pages.IdentificationSubject:
         """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
-        from app.gui.specimen import IdentificationSubject
-
         folder, specimen = self.specimen
         runs: tuple[Path, ...] = ()
         if self._shows(EXPLORE):
             runs = tuple(run.path for run in self._tabs.explore.overlaid.runs)
         elif self._shows(CAMPAIGN):
             runs = self._tabs.campaign.controller.counting_runs
-        return IdentificationSubject(runs[0].parent if runs else folder, specimen, runs)
+        return specimen_pages.IdentificationSubject(runs[0].parent if runs else folder, specimen, runs)
 
     def specimen_of(self, controller: CampaignController) -> tuple[Path, str]:
         """Return folder and specimen of the open campaign; of the Measure page without one."""

@@ -57,7 +57,6 @@ from .theme import LIGHT as LIGHT
 from .theme import Theme as Theme
 from .theme import WindowTheme as WindowTheme
 from .theme import style_sheet as style_sheet
-from .theme import system_theme as system_theme
 from .theme import text_scale as text_scale
 from .theme import theme_for as theme_for
 from .toast import Toast as Toast

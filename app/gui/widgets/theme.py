@@ -135,18 +135,14 @@ class WindowTheme(QObject):
         self.changed.connect(apply)
 
 
-def system_theme() -> Theme:
-    """Return the system's theme; light if it has none."""
-    return DARK if QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark else LIGHT
-
-
 APPEARANCES = {"system": "like the system", "light": "light", "dark": "dark"}
 """Choices of the theme, as they are stored in the settings."""
 
 
 def theme_for(appearance: str) -> Theme:
-    """Return the theme of a choice of `APPEARANCES`; the system's for anything else."""
-    return {"light": LIGHT, "dark": DARK}.get(appearance) or system_theme()
+    """Return the theme of a choice of `APPEARANCES`; the system's for anything else, and light if it has none."""
+    is_dark = QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark
+    return {"light": LIGHT, "dark": DARK}.get(appearance, DARK if is_dark else LIGHT)
 
 
 LARGE_WINDOW = QSize(1900, 1200)
