@@ -83,8 +83,7 @@ class ResponsePlot(PlotBase):
         self._entries: Sequence[int] = ()
         self._last_points: Sequence[Any] = ()
         self._max_hz = 250.0
-        self.plot.setLabel("left", "peak-to-peak displacement (µm)")
-        self.plot.setLabel("bottom", "frequency (Hz)")
+        self.plot.setLabels(left="peak-to-peak displacement (µm)", bottom="frequency (Hz)")
         self._felt = self._add_threshold(labelled=True, width=1.5)
         self.model_curves = ModelCurveItems(self.plot, theme)
         self._bars = [BarsItem(beam=0.0) for _ in SERIES]

@@ -28,8 +28,7 @@ class ComparePlot(PlotBase):
     def __init__(self, theme: WindowTheme) -> None:
         super().__init__(theme, axis_width=None)
         self._runs: tuple[MeasuredResponse, ...] = ()
-        self.plot.setLabel("left", "peak-to-peak displacement (µm)")
-        self.plot.setLabel("bottom", "frequency (Hz)")
+        self.plot.setLabels(left="peak-to-peak displacement (µm)", bottom="frequency (Hz)")
         self._felt = self._add_threshold(labelled=False)
         self._add_legend()
         self.items: list[pg.PlotDataItem] = []

@@ -218,13 +218,12 @@ class RunDetailsPane(QWidget):
 
 def _people_text(run: RunSummary) -> str:
     """Return who measured and checked a run, and the air."""
+    temperature_c, humidity = run.record.conditions.temperature_c, run.record.conditions.humidity
     parts = (
         f"measured by {run.operator}" if run.operator else "",
         f"checked by {run.checked_by}" if run.checked_by else "",
-        "" if run.record.conditions.temperature_c is None else f"{run.record.conditions.temperature_c:.1f} °C",
-        ""
-        if run.record.conditions.humidity is None
-        else f"{100 * run.record.conditions.humidity:.0f} % relative humidity",
+        "" if temperature_c is None else f"{temperature_c:.1f} °C",
+        "" if humidity is None else f"{100 * humidity:.0f} % relative humidity",
     )
     return ", ".join(filter(None, parts))
 

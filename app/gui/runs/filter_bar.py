@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from app.archive import RunFilter, RunSummary, ScanResult, read_since
-from app.gui.widgets import Item, configure, fill_combo, make_button, make_combo, make_label, row
+from app.gui.widgets import configure, fill_combo, make_button, make_combo, make_label, row
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 
@@ -57,8 +57,8 @@ class RunFilterBar(QWidget):
         self.stop_button = make_button(
             "Stop reading", self.stop_pressed.emit, "choice", name="runs.stop-reading", visible=False
         )
-        items: tuple[Item, ...] = ((self.search_edit, 1), *self._combos, self.count_label, self.stop_button)
-        row(*items, parent=self, margins=(0, 2, 0, 0), spacing=6)
+        shown = (*self._combos, self.count_label, self.stop_button)
+        row((self.search_edit, 1), *shown, parent=self, margins=(0, 2, 0, 0), spacing=6)
         self.search_edit.textChanged.connect(lambda _: self.changed.emit())
         self.search_edit.focus_list_requested.connect(self.list_requested)
         for combo in self._combos:

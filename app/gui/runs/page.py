@@ -96,7 +96,7 @@ class RunsPage(QStackedWidget):
         """Refresh what changes between events; called at every tick while the page is visible."""
         self.list.folder_model.refresh_if_changed()
         if self.currentWidget() is self.viewer and (curve := self._overlay.result()) is not None:
-            self.viewer.show_model_curve(curve)
+            self.viewer.plots.show_model_curve(curve)
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -212,11 +212,8 @@ class RunsPage(QStackedWidget):
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
         self.viewer.show_run(run)
-        amplitude_v, elongations = (
-            float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2,
-            elongations_of(run.points),
-        )
-        folder = run.path.parent
+        amplitude_v = float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2
+        folder, elongations = run.path.parent, elongations_of(run.points)
         self._overlay.submit(
             CurveRequest(1.05 * run.max_hz, amplitude_v, folder, run.record.specimen, elongations, run.record.protocol)
         )
@@ -270,8 +267,8 @@ class RunsPage(QStackedWidget):
         self.details.explore_button.clicked.connect(self.explore_selected)
         self.details.export_pressed.connect(self._choose_export_folder)
         self.viewer.trace_plot.range_viewed.connect(self._load_trace_window)
-        self.viewer.back_pressed.connect(self.go_back)
-        self.viewer.explore_pressed.connect(self.explore_selected)
+        self.viewer.back_button.clicked.connect(self.go_back)
+        self.viewer.explore_button.clicked.connect(self.explore_selected)
         add_actions(
             self,
             {

@@ -1,7 +1,7 @@
 """Viewer of a finished run: response with model curve, traces, log and result card."""
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.archive import LoadedRun
 from app.common import format_duration, format_outcome
@@ -14,13 +14,12 @@ from app.gui.widgets import (
     LogPane,
     WindowTheme,
     column,
-    make_button,
+    configure,
     make_label,
     make_scroll_area,
     make_splitter,
     row,
 )
-from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Outcome, RunEnded, RunStatus
 
@@ -31,9 +30,6 @@ MIN_PLOT_WIDTH = 400
 class RunViewer(QWidget):
     """Shows a finished run as the Measure page showed it."""
 
-    back_pressed = Signal()
-    explore_pressed = Signal()
-
     def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.run: LoadedRun | None = None
@@ -41,8 +37,8 @@ class RunViewer(QWidget):
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
         self.card = ResultCard(theme, "run.card", ("next", "report"), scrolls=True)
-        self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit, name="run.back")
-        self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit, name="run.explore")
+        self.back_button = configure(QPushButton("← Back  (Esc)"), "run.back")
+        self.explore_button = configure(QPushButton("Show in Explore  (E)"), "run.explore")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
@@ -66,11 +62,8 @@ class RunViewer(QWidget):
         self.heading.setText(run.record.title)
         self.card.show_summary(run.result)
         self.card.show()
-        how = (
-            format_outcome(run.record.state, run.record.reason)
-            if run.record.verdict.outcome is Outcome.NOT_JUDGED
-            else ""
-        )
+        judged = run.record.verdict.outcome is not Outcome.NOT_JUDGED
+        how = "" if judged else format_outcome(run.record.state, run.record.reason)
         begun = f"{run.record.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.record.duration_s)}"
         parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.record.parameters.items())
         self.facts_label.setText("\n".join(line for line in (how, begun, parameters) if line))
@@ -80,10 +73,6 @@ class RunViewer(QWidget):
         self.plots.show_results(kind, run.points, run.series, found, run.record.simulated)
         self.trace_plot.show_traces(run.traces, run.record.simulated)
         self.log.show_messages(run.messages)
-
-    def show_model_curve(self, curve: ModelCurves) -> None:
-        """Show the model curve under the points."""
-        self.plots.show_model_curve(curve)
 
 
 def _format_value(value: object) -> str:

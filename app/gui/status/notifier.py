@@ -1,15 +1,14 @@
 """Notifications: a sound and a notice of the desktop when the operator is needed, a run has ended, or the bench is unsafe."""
 
 import io
-import math
 import shutil
-import struct
 import sys
 import tempfile
 import wave
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import QObject, QProcess, QSettings, QTimer
 from PySide6.QtGui import QGuiApplication, QIcon
 from PySide6.QtWidgets import QApplication, QMainWindow, QStyle, QSystemTrayIcon
@@ -162,15 +161,14 @@ def tone_wave(tones: Sequence[tuple[float, float]]) -> bytes:
     """Return tones as a WAV file, each faded in and out within 10 ms so that it does not click."""
     samples = []
     for frequency_hz, duration_s in tones:
-        count = round(RATE_HZ * duration_s)
-        fade = RATE_HZ // 100
-        for i in range(count):
-            envelope = min(1.0, i / fade, (count - i) / fade)
-            samples.append(round(14_000 * envelope * math.sin(2 * math.pi * frequency_hz * i / RATE_HZ)))
+        count, fade = round(RATE_HZ * duration_s), RATE_HZ // 100
+        at = np.arange(count)
+        envelope = np.clip(np.minimum(at, count - at) / fade, None, 1.0)
+        samples.append(np.rint(14_000 * envelope * np.sin(2 * np.pi * frequency_hz * at / RATE_HZ)).astype("<i2"))
     data = io.BytesIO()
     with wave.open(data, "wb") as file:
         file.setnchannels(1)
         file.setsampwidth(2)
         file.setframerate(RATE_HZ)
-        file.writeframes(struct.pack(f"<{len(samples)}h", *samples))
+        file.writeframes(np.concatenate(samples).tobytes())
     return data.getvalue()
