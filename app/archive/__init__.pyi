@@ -2,6 +2,7 @@ from .after_run import AfterRun as AfterRun
 from .audit_trail import AuditResult as AuditResult
 from .audit_trail import begin_audit as begin_audit
 from .audit_trail import verify_audit as verify_audit
+from .backup import CopyResult as CopyResult
 from .backup import back_up as back_up
 from .catalogue import Catalogue as Catalogue
 from .catalogue import ScanResult as ScanResult
@@ -35,7 +36,6 @@ from .specimen_archive import SUFFIX as SUFFIX
 from .specimen_archive import ArchiveError as ArchiveError
 from .specimen_archive import restore_archive as restore_archive
 from .specimen_archive import write_archive as write_archive
-from .transfer import CopyResult as CopyResult
 from .transfer import annotate_runs as annotate_runs
 from .transfer import copy_runs_into as copy_runs_into
 from .transfer import export_runs as export_runs

@@ -20,17 +20,17 @@ FAT_TIME_STEP_S, TIME_STEP_S = 2.0, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class BackupResult:
-    """Names of the files, relative to the folder, by what became of each.
+class CopyResult:
+    """Names of copied or restored files, by what became of each.
 
     Attributes:
         copied: copied, and read back with an equal hash.
-        unchanged: the copy was there already.
+        already_present: a file of this name was there already; of a backup and an archive, the same one.
         problems: a sentence for each file that was not copied, or whose copy differs.
     """
 
-    copied: tuple[str, ...] = ()
-    unchanged: tuple[str, ...] = ()
+    copied: tuple[str, ...]
+    already_present: tuple[str, ...]
     problems: tuple[str, ...] = ()
 
 
@@ -40,7 +40,7 @@ def back_up(
     paths: Sequence[Path] | None = None,
     compare_all: bool = False,
     progress: Progress = NO_PROGRESS,
-) -> BackupResult:
+) -> CopyResult:
     """Copy files below `folder` that are new or changed into `target`. Nothing in `target` is deleted.
 
     Args:
@@ -55,19 +55,19 @@ def back_up(
     """
     _check_folders(folder, target)
     chosen = list(_files(folder)) if paths is None else list(paths)
-    copied, unchanged, problems = list[str](), list[str](), list[str]()
+    copied, present, problems = list[str](), list[str](), list[str]()
     for path, part in zip(chosen, progress.split_by_files(chosen), strict=True):
         name = path.relative_to(folder).as_posix()
         try:
             progress.raise_if_cancelled()
-            (copied if _copy_if_changed(path, target / name, compare_all, part) else unchanged).append(name)
+            (copied if _copy_if_changed(path, target / name, compare_all, part) else present).append(name)
         except OperationCancelled:
             break
         except _CopyRefusedError as refused:
             problems.append(f"{name} {refused}")
         except OSError as error:
             problems.append(f"{name} was not copied: {error.strerror or error}")
-    return BackupResult(tuple(copied), tuple(unchanged), tuple(problems))
+    return CopyResult(tuple(copied), tuple(present), tuple(problems))
 
 
 class _CopyRefusedError(Exception):

@@ -9,12 +9,11 @@ import shutil
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from app.archive.backup import COPY_CHUNK_BYTES, copy_stream
+from app.archive.backup import COPY_CHUNK_BYTES, CopyResult, copy_stream
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
 from drivers.watchdog import version
@@ -42,14 +41,6 @@ NO_LICENCE = "#no-licence"
 
 class ArchiveError(Exception):
     """An archive cannot be written or read; the message gives file, reason and remedy."""
-
-
-@dataclass(frozen=True, slots=True)
-class RestoredFiles:
-    """Names of the files that were restored, and of those that were in the folder already with the same content."""
-
-    restored: tuple[str, ...]
-    already_present: tuple[str, ...]
 
 
 def write_archive(
@@ -117,7 +108,7 @@ def _check_runs(folder: Path, specimen: str, runs: Sequence[RunSummary]) -> None
         raise ArchiveError(f"there are several files {twice[0]} below {folder}; move all but one of them away")
 
 
-def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRESS) -> RestoredFiles:
+def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRESS) -> CopyResult:
     """Put the files of an archive into a folder, each after its hash was found right. No file is replaced.
 
     Raises:
@@ -159,7 +150,7 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
         raise ArchiveError(
             f"{error.filename or archive}: {error.strerror or error}; choose another file or folder"
         ) from None
-    return RestoredFiles(tuple(restored), tuple(present))
+    return CopyResult(tuple(restored), tuple(present))
 
 
 def _entries(archive: Path, file: zipfile.ZipFile) -> Iterator[tuple[zipfile.ZipInfo, str, str]]:

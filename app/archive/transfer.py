@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from app.archive.backup import copy_file
+from app.archive.backup import CopyResult, copy_file
 from app.archive.exporting import Format, export_run
 from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
@@ -50,14 +49,6 @@ def export_runs(
         with Run(path) as run:
             count += len(export_run(run, folder, kind, progress=file_progress))
     return count
-
-
-@dataclass(frozen=True, slots=True)
-class CopyResult:
-    """Names of the runs that were copied, and of those that existed already."""
-
-    copied: tuple[str, ...]
-    already_present: tuple[str, ...]
 
 
 def copy_runs_into(

@@ -24,7 +24,7 @@ class BackupCommand:
             result = back_up(self.folder, self.target, compare_all=self.compare, progress=progress)
         compared = " and equal" if self.compare else ""
         summary = (
-            f"{len(result.copied)} files copied and verified, {len(result.unchanged)} unchanged{compared}, "
+            f"{len(result.copied)} files copied and verified, {len(result.already_present)} unchanged{compared}, "
             f"{len(result.problems)} problems: {self.folder} in {self.target}"
         )
         problems = (visible_text(f"✕ {problem}") for problem in result.problems)

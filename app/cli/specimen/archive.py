@@ -101,5 +101,5 @@ class RestoreCommand:
             print_message(
                 f"{pluralize(len(found.already_present), 'file')} were in {self.folder} already, with the same content"
             )
-        print_line(f"{pluralize(len(found.restored), 'file')} restored to {self.folder}; every hash is right")
+        print_line(f"{pluralize(len(found.copied), 'file')} restored to {self.folder}; every hash is right")
         return ExitCode.DONE

@@ -59,7 +59,7 @@ def test_new_and_changed_files_are_copied_and_nothing_is_deleted(
     result = back_up(runs, copies)
     assert set(result.copied) == {second.name, notes_path(second).name, "campaign/T1.json"}
     assert verify_run(copies / first.name).state is FileState.GOOD
-    assert set(back_up(runs, copies, compare_all=True).unchanged) == {
+    assert set(back_up(runs, copies, compare_all=True).already_present) == {
         second.name,
         notes_path(second).name,
         "campaign/T1.json",
@@ -71,7 +71,7 @@ def test_a_damaged_run_does_not_replace_its_good_copy(tmp_path: Path, capsys: py
     path = finished_run(runs)
     back_up(runs, copies)
     damage(path)
-    assert back_up(runs, copies).unchanged == (path.name, notes_path(path).name)  # size and time are the same
+    assert back_up(runs, copies).already_present == (path.name, notes_path(path).name)  # size and time are the same
     assert main(["backup", str(copies), "--folder", str(runs), "--compare"]) == ExitCode.FAILED
     differing, _ = capsys.readouterr().out.splitlines()
     assert_names(differing, path.name, "damaged")
