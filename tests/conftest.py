@@ -7,6 +7,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from types import FunctionType
 from zlib import crc32
@@ -54,6 +55,8 @@ def pytest_pycollect_makeitem(collector: pytest.Collector, obj: object) -> list[
     return [] if any(mark.name == "deep" for mark in getattr(obj, "pytestmark", ())) else None
 
 
+TEST_NUMBERS = count(1)
+
 QUICK_CASES = 2
 """Of more cases of a parametrised test than this, so many are quick; `one_in` chooses another share."""
 
@@ -95,13 +98,19 @@ def lock_folder_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterat
 
 
 @pytest.fixture(autouse=True, scope="session")
-def user_folders_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def user_folders_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Keep settings, records and caches of the tests apart from the user's: a result must not depend on the computer."""
     folder = tmp_path_factory.mktemp("user")
     with pytest.MonkeyPatch.context() as patch:
         for name in ("CONFIG", "CACHE", "DATA", "STATE"):
             patch.setenv(f"XDG_{name}_HOME", str(folder / name.lower()))
-        yield
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def settings_of_the_test(user_folders_of_the_tests: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a test begin without the settings of another: an operator stated there would have measured the runs here."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(user_folders_of_the_tests / f"config-{next(TEST_NUMBERS)}"))
 
 
 @pytest.fixture(autouse=True)

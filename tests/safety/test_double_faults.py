@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.double_faults import PAIRS, SOURCES, double_cell, pairs_of
+from tests.helpers.double_faults import DONE, PAIRS, SOURCES, double_cell, pairs_of
 
 pytestmark = [
     pytest.mark.breaks_the_drive,
@@ -46,7 +46,7 @@ def test_the_watchdog_hastens_the_end_of_a_level_where_its_commissioning_allows_
     seen = double_cell("SDG1032X_commissioned", "level", ("program killed", "card lost"), tmp_path)
     assert seen.faults == [], seen.text
     assert seen.rest_s < 6.0
-    assert any(report.what == "brought to rest" for report in seen.reports)
+    assert any(report.what == DONE for report in seen.reports)
 
 
 def test_the_table_in_the_documentation_has_every_pair_and_no_fault() -> None:

@@ -1,6 +1,7 @@
 """The next start after a death of the program, of the watchdog or of both: rest is measured, or the run is unsafe."""
 
 import contextlib
+import re
 import time
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import pytest
 from nidaqmx.constants import AcquisitionType
 
 from app.common.errors import ExitCode
+from drivers.bench.shutdown import SWITCH_OFF_NOW
 from drivers.clock import WallClock
+from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.generators.keysight import Keysight33500
 from drivers.transport.visa import VisaLink
 from sim_hardware.service.served_bench import ServedBench
@@ -75,8 +78,7 @@ def test_after_the_death_of_both_the_level_they_left_is_told_and_ramped_to_rest(
             second.wait_for("DANGER")
             second.answer("must be ON now", bench.enable_hv, "on")
             assert second.end() == ExitCode.DONE, second.text
-            assert "an earlier program left a drive or a level on the source" in second.text
-            assert "The card last saw 1.18" in second.text
+            assert re.search(r"DANGER.*\bearlier\b.*\b1\.18\d V\b", second.text)
         finally:
             second.close()
         safe(bench)
@@ -97,8 +99,8 @@ def test_where_the_card_cannot_be_had_a_level_that_was_left_is_ramped_down_and_t
                 assert second.end() == ExitCode.UNSAFE, second.text
             finally:
                 second.close()
-        assert "The specimen may be live: the card cannot be had: " in second.text
-        assert "UNSAFE: rest could not be confirmed" in second.text
+        assert SWITCH_OFF_NOW in second.text
+        assert MANUAL_SHUTDOWN_INSTRUCTIONS in second.text
         safe(bench)
 
 
@@ -118,6 +120,6 @@ def test_without_its_server_at_the_next_start_a_level_that_was_left_is_ramped_do
         finally:
             second.close()
             bench.clear()
-        assert "UNSAFE: rest could not be confirmed" in second.text
+        assert MANUAL_SHUTDOWN_INSTRUCTIONS in second.text
         assert "An earlier program left a drive or a level on the source; it was ramped to rest now" in second.text
         safe(bench)

@@ -1,6 +1,7 @@
 """Slow and cut wires: the way to rest is pipelined, never jumps, is predicted at arming and refused where it is too long."""
 
 import math
+import re
 import time
 from contextlib import nullcontext
 from pathlib import Path
@@ -132,9 +133,7 @@ def test_a_bench_whose_way_to_rest_takes_too_long_is_not_armed(tmp_path: Path, m
         ended = runner.run()
         report = lab.control.report()
     assert ended.status is RunStatus.FAILED
-    assert "the way to rest would take 5.3 s" in ended.reason
-    assert "(limit 4 s)" in ended.reason
-    assert "way_to_rest_s under [amplifier]" in ended.reason
+    assert re.search(r"\b5\.3 s\b.*\b4 s\b.*\bway_to_rest_s\b.*\[amplifier\]", ended.reason)
     assert report.live_s == 0, "high voltage was not switched on"
 
 

@@ -21,6 +21,7 @@ from drivers.transport.visa import VisaLink
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME
+from drivers.watchdog.process import SWITCH_OFF_INSTRUCTION
 from model.amplifier_map import AmplifierMap
 from protocols.base import RestMeasured, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
@@ -296,7 +297,7 @@ def test_with_the_wire_cut_at_the_same_time_the_log_says_why_it_could_not(tmp_pa
         wait(lambda: "could NOT be brought to rest" in log(tmp_path))
         assert "the program ended without a word while the bench was live" in log(tmp_path)
         assert "33511B: no answer to '" in log(tmp_path)
-        assert "Switch the high voltage OFF at the amplifier itself" in log(tmp_path)
+        assert SWITCH_OFF_INSTRUCTION in log(tmp_path)
         wait(bench.at_rest)  # the burst ends by itself all the same
 
 

@@ -187,9 +187,9 @@ def test_every_line_of_the_log_is_on_the_disk_before_the_watchdog_goes_on(
 ) -> None:
     synced: list[str] = []
     monkeypatch.setattr(os, "fsync", lambda _: synced.append((tmp_path / LOG_NAME).read_text()))
-    append_line(tmp_path, "the source was brought to rest")
+    append_line(tmp_path, "2.5 V")
     assert len(synced) == 1
-    assert synced[0].endswith("the source was brought to rest\n")
+    assert synced[0].endswith(" 2.5 V\n")
 
 
 # -- what counts as silence -----------------------------------------------------------------------------------------

@@ -47,11 +47,11 @@ def test_files_are_written_replaced_moved_and_listed_under_the_rules_of_windows(
     assert "µm" in said
     reserved, path = sorted((tmp_path / "runs").glob("*.h5"), key=lambda each: "%43ON" not in each.name)
     assert reserved.name.endswith("_%43ON_sine-dwell.h5")
-    run = str(path.relative_to(tmp_path))
+    run, picture = str(path.relative_to(tmp_path)), tmp_path / "run.png"
     said = on_windows(
         tmp_path,
         ("resume", run, "--again", "150", "--speed", "max"),
-        ("show", run, "--picture", "run.png"),
+        ("show", run, "--picture", picture.name),
         ("verify", str(reserved)),
         ("export", run, "--format", "csv", "--out", "sheets"),
         ("backup", "copies"),
@@ -65,7 +65,7 @@ def test_files_are_written_replaced_moved_and_listed_under_the_rules_of_windows(
     )
     assert "1 good" in said
     assert "CON" in said  # the table has a check mark, which cp1252 lacks
-    assert (tmp_path / "run.png").stat().st_size
+    assert picture.stat().st_size
     assert (tmp_path / "fleet.csv").stat().st_size
     assert list((tmp_path / "reports").glob("*.pdf"))
 

@@ -1,6 +1,7 @@
 """Runs as arrays: same numbers as h5py, same list as the command line."""
 
 import json
+import re
 import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -37,7 +38,7 @@ def test_points_are_what_the_file_has(dwell: Path) -> None:
     assert points.flags == (Quality.SIMULATED,) * 6
     assert points.usable.all()
     assert "6 rows of" in repr(points)
-    assert "frequency [Hz]" in repr(points)
+    assert f"frequency [{points.unit('frequency')}]" in repr(points)
     for ask in (points.unit, points.errors, points.__getitem__):
         with pytest.raises(KeyError, match=r"there is no column 'cheese.*; the columns are: .*frequency"):
             ask("cheese")
@@ -128,7 +129,7 @@ def test_nothing_keeps_the_file(dwell: Path, tmp_path: Path) -> None:
     assert opened.points["frequency"][0] == 101.0
     path.unlink()
     assert opened.points["frequency"][0] == 101.0
-    with pytest.raises(tb.RunReadError, match="there is no file"):
+    with pytest.raises(tb.RunReadError, match=re.escape(str(path))):
         opened.trace()
 
 
@@ -227,7 +228,7 @@ def test_since_may_be_a_time_or_a_length_of_time(folder: Path) -> None:
 
 
 def test_a_folder_that_is_not_there_and_a_time_that_is_none_are_sentences(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
+    with pytest.raises(FileNotFoundError, match=re.escape(str(tmp_path / "gone"))):
         tb.runs(tmp_path / "gone")
     with pytest.raises(ValueError, match="'soon' is not a date"):
         tb.runs(tmp_path, since="soon")
