@@ -49,11 +49,6 @@ class Assumption:
     checks: tuple[OutputCheck, ...] = ()
     pattern: str = ""
 
-    @property
-    def shows_at_output(self) -> bool:
-        """Whether measuring the output can confirm it."""
-        return bool(self.checks)
-
     def is_about(self, model: str) -> bool:
         """Whether it is about a model: `DG1000Z` means DG1032Z too."""
         if self.pattern:

@@ -39,12 +39,10 @@ def figure4(t: Tactor) -> PaperFigure:
     """Static deflection under a load at the centre, Eq. (7)."""
     load = np.linspace(0, 0.5, 51) * GRAVITY
     w = load_compliance(t) * load
+    axes = "load at the centre", "N", "deflection of the centre", "m"
     return PaperFigure(
         "fig4",
-        "load at the centre",
-        "N",
-        "deflection of the centre",
-        "m",
+        *axes,
         (Series(load, w, label="Eq. (7), corrected"), Series(load, w * t.k2 / t.k1, label="Eq. (7) as printed")),
         "Static deflection under a load. The printed denominator of Eq. (7), 24 k1^2 [...], does not follow from Eqs. (1)-(6) "
         "and makes the tactor 7.6 times too soft: 500 g would exceed the 0.77 mm gap. It must read 24 k1 k2 [...].",
@@ -56,12 +54,10 @@ def figure5(t: Tactor) -> PaperFigure:
     mass = np.linspace(1.75e-3, 9.75e-3, 81)
     f = natural_frequencies_of(beams(t, {"m_add": mass}))[:, 0]
     literal = natural_frequencies_of(beams(t, {"m_add": 2 * mass}))[:, 0]
+    axes = "added mass", "kg", "fundamental frequency", "Hz"
     return PaperFigure(
         "fig5",
-        "added mass",
-        "kg",
-        "fundamental frequency",
-        "Hz",
+        *axes,
         (
             Series(mass, f, label="eta = m_add / (2 (L - L2))"),
             Series(mass, literal, label="eta = m_add / (L - L2), the text's words"),
@@ -75,12 +71,10 @@ def figure6(t: Tactor) -> PaperFigure:
     """Static deflection against the voltage at the amplifier's input, Eq. (8)."""
     volts = np.linspace(0, 5, 51)
     w = voltage_gain(t) * AmplifierMap().specimen_v(volts)
+    axes = "voltage at the amplifier's input", "V", "deflection of the centre", "m"
     return PaperFigure(
         "fig6",
-        "voltage at the amplifier's input",
-        "V",
-        "deflection of the centre",
-        "m",
+        *axes,
         (Series(volts, w, label="Eq. (8)"),),
         "Static deflection under a voltage, zero at 2.5 V. The kink is the amplifier's: 200 V/V below 2.5 V, 600 V/V above.",
     )
@@ -90,12 +84,10 @@ def figure8(m: Membrane) -> PaperFigure:
     """Skin damping against pre-stretch."""
     delta = np.linspace(0, 6.35e-3, 51) / m.L_m
     c_s = m.c_s_delta * delta + m.c_s_0
+    axes = "pre-stretch", "", "skin damping", "kg/(m s)"
     return PaperFigure(
         "fig8",
-        "pre-stretch",
-        "",
-        "skin damping",
-        "kg/(m s)",
+        *axes,
         (Series(delta, c_s, label="c_s = c_s^delta delta + c_s^0"),),
         "Skin damping against pre-stretch, the paper's line through its fixed intercept.",
     )

@@ -91,10 +91,6 @@ class Stepper:
         steady = -(self.b_V[:slow] * volts + self.b_F[:slow] * newtons) / s
         return steady - (self.b_V[:slow] * volts_per_s + self.b_F[:slow] * newtons_per_s) / (s * s)
 
-    def steady_displacement(self, volts: float, newtons: float) -> float:
-        """Return the steady displacement."""
-        return self.yield_V * volts + self.yield_F * newtons
-
     def converted_state(self, previous: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
         """Return the state of this stepper with the coordinates and velocities of another one's state."""
         slow = previous.advance.size

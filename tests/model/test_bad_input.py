@@ -18,7 +18,6 @@ from model.response.harmonic_response import amplifier_response, frequency_respo
 from model.response.latency import sine_latency, step_latency
 from model.response.perception import PerceptionThreshold, usable_bands
 from model.response.statics import deflection
-from model.response.sweep_response import sweep_response
 from model.response.time_response import step_response
 from model.skin_model import Skin, skin
 from model.specimen import Specimen
@@ -27,6 +26,7 @@ from model.studies.sensitivity import sobol_indices_of
 from model.studies.shape_function_convergence import convergence
 from model.studies.uncertainty import EstimateSet, linear_band
 from tests.helpers.sampled import model_curve
+from tests.helpers.sweep_response import sweep_response
 
 T, M = Tactor(), Membrane()
 ONE = EstimateSet(("k2",), (7e-3,), np.array([[1e-10]]))

@@ -10,7 +10,6 @@ from drivers.drive_shapes import LinearSweep
 from model.beam.poles import ModalForm
 from model.parameters import Tactor
 from model.response.harmonic_response import frequency_response, poles
-from model.response.sweep_response import sweep_response as exact_sweep
 from protocols.signals.checks import coverage_factor
 from protocols.signals.modal_fit import fit_sdof
 from protocols.signals.peak import SpectralPeak, low_pass, response_peak, spectrum_peak
@@ -19,6 +18,7 @@ from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import CORRECTED_VARIANCE, estimate_swept_response
 from tests.helpers.multisine import Multisine
 from tests.helpers.sampled import march
+from tests.helpers.sweep_response import sweep_response as exact_sweep
 
 RATE = 5000.0
 N = 3
