@@ -18,7 +18,7 @@ from model.identification import FitOptions, ObservationSet
 from model.identification.adequacy import assess_adequacy
 from model.identification.joint_least_squares import joint_fit
 from model.identification.live_fit import LiveFit
-from model.identification.observations import FrequencyResponseObservation, resample
+from model.identification.observations import FrequencyResponseObservation
 from model.identification.paper_chain import PaperChainOptions, identify_by_paper_chain
 from model.identification.paper_chain_errors import linearized_errors
 from model.identification.profile_likelihood import profile_interval
@@ -26,6 +26,7 @@ from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import amplifier_response
 from model.skin_model import skin
+from tests.helpers.redrawn import resample
 
 
 def typical_s(call: Callable[[], object], repeats: int) -> float:

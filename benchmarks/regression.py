@@ -45,7 +45,6 @@ from app.report.drawings import draw_report_plot
 from drivers.interfaces import Block
 from model import Band, Series
 from model.identification import joint_fit
-from model.identification.observations import resample
 from model.parameters import Tactor
 from model.response.harmonic_response import frequency_response, system_matrices, tactor_modal_form
 from protocols.measurements.sine_dwell import SinePoint
@@ -53,6 +52,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from protocols.signals import fit_sine
 from protocols.signals.swept_response import estimate_swept_response
+from tests.helpers.redrawn import resample
 from tests.helpers.run_files import SCALES, finished_run, initial_record
 from tests.helpers.sampled import march
 

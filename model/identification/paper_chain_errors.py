@@ -1,11 +1,9 @@
 """Errors of the paper's chain: all data's errors, shared ones included, carried through all steps.
 
 Every step sets a weighted sum of (predicted - measured) to zero. All steps together are A (h(theta) - y) = 0, so that
-d theta = (A dh/d theta)^-1 A dy: one evaluation of the model gives the covariance. `resampled_errors` repeats the whole chain on
-redrawn data instead; it holds for large errors and for peaks that change their place too, and takes a thousand times as long.
+d theta = (A dh/d theta)^-1 A dy: one evaluation of the model gives the covariance.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,6 @@ import numpy as np
 from model import Array, EstimatedQuantity, ParameterError
 from model.identification import observations as observed
 from model.identification import paper_chain as chain
-from model.identification.fit_options import FitCancelled
 from model.identification.forward_model import ForwardModel, modulus_prediction
 from model.identification.parameters import default_values, elongation_parameter, parameter_spec, parse_elongation
 
@@ -28,7 +25,7 @@ def linearized_errors(
     """
     if options.damping != "counted":
         raise ParameterError(
-            "errors by derivatives need damping counted: take drawn_errors for the paper's literal chain"
+            "errors by derivatives need damping counted: repeat the paper's literal chain on redrawn data instead"
         )
     line = ("c_s_0", "c_s_delta")
     names = tuple(n for n in result.values if n not in line)
@@ -155,40 +152,3 @@ def _line_transform(names: tuple[str, ...], result: chain.PaperChainResult, line
             T[-1, names.index(n)] += d / square
             T[-1, zero] -= d / square
     return T
-
-
-def resampled_errors(
-    observations: observed.ObservationSet,
-    options: chain.PaperChainOptions,
-    result: chain.PaperChainResult,
-    draws: int = 100,
-    seed: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> tuple[tuple[EstimatedQuantity, ...], Array]:
-    """As `linearized_errors`, from the spread of the whole chain over redrawn data; any method.
-
-    Raises:
-        PaperChainError: more than half of the draws cannot be identified.
-        FitCancelled: `cancelled` returned true.
-    """
-    names = tuple(result.values)
-    rows = []
-    for i in range(draws):
-        if cancelled is not None and cancelled():
-            raise FitCancelled("the chain's errors were stopped on request")
-        try:
-            values = chain.identify_by_paper_chain(
-                observed.resample(observations, np.random.default_rng((seed, i)))[0], options
-            ).values
-            rows.append([values[n] for n in names])
-        except (chain.PaperChainError, KeyError):
-            pass
-        if progress is not None:
-            progress(i + 1, draws)
-    if len(rows) < max(draws / 2, 2):
-        raise chain.PaperChainError(
-            f"{draws - len(rows)} of {draws} redrawn campaigns cannot be identified: the data are too noisy"
-        )
-    S = np.atleast_2d(np.cov(np.array(rows).T))
-    return _estimates(names, S, result), S

@@ -28,6 +28,8 @@ from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import observed_values
 from model.identification.residuals import LeastSquaresProblem
 
+MAX_CHANCE = 0.1
+"""Probability by chance, among all causes of a kind, above which a cause is left out."""
 REFITTED_CAUSES = 5
 """Causes with the best linearized fit that are fitted."""
 WORTH_FITTING = 0.25
@@ -43,8 +45,6 @@ REFIT_TOLERANCE = 1e-5
 def diagnose(
     fit: JointFit,
     known: Mapping[Cause, Array] | None = None,
-    level: float = 0.1,
-    refitted: int = REFITTED_CAUSES,
     cancelled: Callable[[], bool] | None = None,
 ) -> Diagnosis:
     """Compare the possible causes of the misfit of a fit; causes whose improvement can be chance are left out.
@@ -52,8 +52,6 @@ def diagnose(
     Args:
         fit: a fit that is not adequate.
         known: `effects` of the fit, if they are known.
-        level: probability by chance, among all causes of a kind, above which a cause is left out.
-        refitted: how many of the causes are fitted, after a comparison of all in the linearized fit.
         cancelled: asked at every evaluation of the fits.
 
     Raises:
@@ -68,9 +66,9 @@ def diagnose(
     ]
     screened.sort(key=lambda s: s.log_probability + np.log(s.among))
     best = max((s.gain for s in screened), default=0.0)
-    chosen = [s for s in screened if s.gain > WORTH_FITTING * best][:refitted]
+    chosen = [s for s in screened if s.gain > WORTH_FITTING * best][:REFITTED_CAUSES]
     found = [e for s in chosen if (e := _explain(fit, s, known, cancelled)) is not None]
-    found = [e for e in found if e.log_probability < np.log(level)]
+    found = [e for e in found if e.log_probability < np.log(MAX_CHANCE)]
     found.sort(key=lambda e: (e.log_probability, e.chi_square + e.penalty))
     return Diagnosis(tuple(with_words(fit, e) for e in found[:MAX_EXPLANATIONS]), len(screened))
 

@@ -15,6 +15,7 @@ from model import Array
 from model.identification.fit_result import JointFit
 
 DRAWS = 2000
+"""Simulated sets of residuals."""
 INSIDE_FIT = 1e-6
 """Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
 
@@ -65,9 +66,7 @@ def log_p_value(gain: Array, freedom: Array | int) -> Array:
     return np.where(np.asarray(freedom) == 2, -gain / 2, one)
 
 
-def chance_of_smallest(
-    fit: JointFit, Q: Array, directions: Sequence[Array], patterns: Sequence[Pattern], draws: int = DRAWS
-) -> float:
+def chance_of_smallest(fit: JointFit, Q: Array, directions: Sequence[Array], patterns: Sequence[Pattern]) -> float:
     """Return the probability under noise of a p-value as small as the smallest of all tests of this fit.
 
     Args:
@@ -75,7 +74,6 @@ def chance_of_smallest(
         Q: orthonormal basis of its degrees of freedom, (rows, k).
         directions: effects that are tested, (rows,) each.
         patterns: tests for correlated neighbours.
-        draws: number of simulated sets of residuals.
     """
     used = fit.used_rows
     D = [u for d in directions if (u := unit_effect(np.where(used, d, 0.0), Q)) is not None]
@@ -99,6 +97,6 @@ def chance_of_smallest(
     observed = float(smallest(np.where(used, fit.weighted_residuals, 0.0)[None])[0])
     if observed < -25:
         return float(np.exp(max(observed + np.log(tests.shape[1] + len(rows) + len(patterns) + 1), -690.0)))
-    noise = np.random.default_rng(0).standard_normal((draws, used.size)) * used
+    noise = np.random.default_rng(0).standard_normal((DRAWS, used.size)) * used
     noise -= (noise @ Q) @ Q.T
-    return float((1 + np.sum(smallest(noise) <= observed)) / (1 + draws))
+    return float((1 + np.sum(smallest(noise) <= observed)) / (1 + DRAWS))

@@ -44,14 +44,14 @@ def proposed_parameter(fit: JointFit, adequacy: Adequacy) -> Explanation | None:
 
 
 def extend_stepwise(
-    fit: JointFit, adequacy: Adequacy, cancelled: Callable[[], bool] | None = None, most: int = MAX_STEPS
+    fit: JointFit, adequacy: Adequacy, cancelled: Callable[[], bool] | None = None
 ) -> Iterator[ExtensionStep]:
     """Yield fits with one proposed parameter more each, until one is adequate or no parameter is proposed.
 
     Raises:
         FitCancelled: `cancelled` returned true.
     """
-    for _ in range(most):
+    for _ in range(MAX_STEPS):
         proposal = proposed_parameter(fit, adequacy)
         if proposal is None:
             return

@@ -13,14 +13,14 @@ from model.identification.observations import (
     ObservationSet,
     StaticLoadingObservation,
     VoltageStepsObservation,
-    resample,
 )
 from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
-from model.identification.paper_chain_errors import linearized_errors, resampled_errors
+from model.identification.paper_chain_errors import linearized_errors
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.modes import natural_frequencies
+from tests.helpers.redrawn import resample, resampled_errors
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 PERFECT = perfect(World(), Noise(), ())
@@ -119,7 +119,7 @@ def test_what_a_step_cannot_do_is_told() -> None:
         )
     with pytest.raises(PaperChainError, match="run 'up': no modulus gives this membrane a sag of"):
         identify_by_paper_chain(ObservationSet((MembraneSagObservation("up", np.array([-1e-3]), np.array([1e-5])),)))
-    with pytest.raises(ParameterError, match="drawn_errors"):
+    with pytest.raises(ParameterError, match="redrawn data"):
         linearized_errors(PERFECT, PaperChainOptions(damping="neglected"), identify_by_paper_chain(PERFECT))
 
 

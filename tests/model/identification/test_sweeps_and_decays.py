@@ -21,8 +21,9 @@ from model.identification import (
     rank_candidates,
 )
 from model.identification.experiment_design import ExpectedPrecision
-from model.identification.observations import observed_values, resample, with_observed_values
+from model.identification.observations import observed_values, with_observed_values
 from model.identification.residuals import LeastSquaresProblem
+from tests.helpers.redrawn import resample
 
 PAPER = Tactor()
 LINES_HZ = np.arange(26.0, 526, 2)
