@@ -58,9 +58,7 @@ class Nonidealities:
         ):
             if not 0 <= getattr(self, name) <= most:
                 raise ValueError(f"beyond.{name} must lie between 0 and {most:g}, not {getattr(self, name):g}")
-        for name in ("hum_m", "mains_hz", "tone_m", "tone_hz"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"beyond.{name} must not be negative, not {getattr(self, name):g}")
+        _not_negative("beyond", self, "hum_m", "mains_hz", "tone_m", "tone_hz")
         if not -1 < self.side_difference < 1:
             raise ValueError(f"beyond.side_difference must lie between -1 and 1, not {self.side_difference:g}")
 
@@ -110,7 +108,7 @@ class GeneratorParameters:
         beginnings = [begin for family in generator_families().values() for begin in family.makers]
         if not self.model.upper().startswith(tuple(beginnings)):
             raise ValueError(f"generator.model is {self.model!r}: choose one that begins with {', '.join(beginnings)}")
-        _not_negative("generator", command_s=self.command_s, relay_s=self.relay_s)
+        _not_negative("generator", self, "command_s", "relay_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +135,7 @@ class SupplyParameters:
     traits: str = ""
 
     def __post_init__(self) -> None:
-        _positive("supply", fall_tau_s=self.fall_tau_s)
+        _positive("supply", self, "fall_tau_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +160,8 @@ class AmplifierParameters:
     current_monitor_v_per_a: float = 100.0
 
     def __post_init__(self) -> None:
-        _positive("amplifier", slew_v_per_s=self.slew_v_per_s)
-        _not_negative("amplifier", capacitance_f=self.capacitance_f)
+        _positive("amplifier", self, "slew_v_per_s")
+        _not_negative("amplifier", self, "capacitance_f")
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +184,8 @@ class SensorParameters:
     def __post_init__(self) -> None:
         if self.gain_m_per_v == 0:
             raise ValueError("sensor.gain_m_per_v must not be 0")
-        _positive("sensor", range_m=self.range_m)
-        _not_negative("sensor", noise_m=self.noise_m, delay_s=self.delay_s)
+        _positive("sensor", self, "range_m")
+        _not_negative("sensor", self, "noise_m", "delay_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,9 +228,9 @@ class CardParameters:
     def __post_init__(self) -> None:
         if not 0 <= self.unsettled_share < 1:
             raise ValueError(f"card.unsettled_share must lie between 0 and 1, not {self.unsettled_share:g}")
-        _positive("card", range_v=self.range_v, max_rate_hz=self.max_rate_hz, channels=self.channels)
-        _not_negative("card", noise_v=self.noise_v, convert_s=self.convert_s, latency_s=self.latency_s)
-        _not_negative("card", usb_requests=self.usb_requests, usb_request_bytes=self.usb_request_bytes)
+        _positive("card", self, "range_v", "max_rate_hz", "channels")
+        _not_negative("card", self, "noise_v", "convert_s", "latency_s")
+        _not_negative("card", self, "usb_requests", "usb_request_bytes")
         if len(self.coefficients) < 2 or self.coefficients[1] == 0:
             raise ValueError("card.coefficients must hold at least an offset and a gain that is not 0")
 
@@ -256,13 +254,7 @@ class OperatorTiming:
     reference_m: float = 0.0
 
     def __post_init__(self) -> None:
-        _not_negative(
-            "hands",
-            reach_s=self.reach_s,
-            release_s=self.release_s,
-            landing_m_per_s=self.landing_m_per_s,
-            patience_s=self.patience_s,
-        )
+        _not_negative("hands", self, "reach_s", "release_s", "landing_m_per_s", "patience_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,8 +300,8 @@ class SimulationParameters:
             raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCE_CHOICES)}")
         if self.sheet not in SHEET_CHOICES:
             raise ValueError(f"simulation.sheet is {self.sheet!r}: it can only be {SHEET_CHOICES[1]!r}, or be left out")
-        _positive("simulation", speed=self.speed)
-        _not_negative("simulation", seed=self.seed, noise_seed=self.noise_seed or 0)
+        _positive("simulation", self, "speed")
+        _not_negative("simulation", self, "seed", "noise_seed")
         _within("simulation.modes", self.modes, 3, 40)
         _within("simulation.plant_rate_hz", self.plant_rate_hz, 1e4, 1e6)
         _within("simulation.window_s", self.window_s, 0.1, 60)
@@ -369,13 +361,13 @@ def _within(name: str, value: float, low: float, high: float) -> None:
         raise ValueError(f"{name} must be from {low:g} to {high:g}, not {value:g}")
 
 
-def _positive(table: str, **values: float) -> None:
-    for name, value in values.items():
-        if not value > 0:
+def _positive(table: str, parameters: object, *names: str) -> None:
+    for name in names:
+        if not (value := getattr(parameters, name)) > 0:
             raise ValueError(f"{table}.{name} must be positive, not {value:g}")
 
 
-def _not_negative(table: str, **values: float) -> None:
-    for name, value in values.items():
-        if not value >= 0:
+def _not_negative(table: str, parameters: object, *names: str) -> None:
+    for name in names:
+        if (value := getattr(parameters, name)) is not None and not value >= 0:
             raise ValueError(f"{table}.{name} must not be negative, not {value:g}")
