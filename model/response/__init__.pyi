@@ -27,8 +27,10 @@ from .latency import PUBLISHED_LATENCIES as PUBLISHED_LATENCIES
 from .latency import TOLERANCE_SPEC as TOLERANCE_SPEC
 from .latency import Latency as Latency
 from .latency import PublishedLatency as PublishedLatency
+from .latency import onset_response as onset_response
 from .latency import sine_latency as sine_latency
 from .latency import step_latency as step_latency
+from .latency import step_response as step_response
 from .modes import damping_ratios as damping_ratios
 from .modes import mode_shapes as mode_shapes
 from .modes import natural_frequencies as natural_frequencies
@@ -52,5 +54,3 @@ from .square_wave import square_wave_series as square_wave_series
 from .statics import deflection as deflection
 from .statics import load_compliance as load_compliance
 from .statics import voltage_gain as voltage_gain
-from .time_response import onset_response as onset_response
-from .time_response import step_response as step_response

@@ -15,10 +15,9 @@ from model.parameters import Membrane, Tactor, beams
 from model.response.closed_form import exact_response
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import amplifier_response, frequency_response, poles, tactor_modal_form
-from model.response.latency import sine_latency, step_latency
+from model.response.latency import sine_latency, step_latency, step_response
 from model.response.perception import PerceptionThreshold, usable_bands
 from model.response.statics import deflection
-from model.response.time_response import step_response
 from model.skin_model import Skin, skin
 from model.specimen import Specimen
 from model.studies.parameter_study import Study

@@ -6,9 +6,8 @@ import pytest
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import frequency_response, tactor_modal_form
-from model.response.latency import sine_latency, step_latency
+from model.response.latency import sine_latency, step_latency, step_response
 from model.response.statics import voltage_gain
-from model.response.time_response import step_response
 from model.skin_model import Skin, skin
 from tests.helpers.sampled import march
 from tests.helpers.sweep_response import chirp_response, sweep_response

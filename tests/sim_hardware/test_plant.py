@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from model.response.harmonic_response import amplifier_response
+from model.response.latency import step_response
 from model.response.statics import voltage_gain
-from model.response.time_response import step_response
 from sim_hardware.plant.parameters import AmplifierParameters, Nonidealities, SimulationParameters
 from sim_hardware.plant.plant import Plant
 from sim_hardware.plant.segments import ConstantSegment, PeriodicSegment

@@ -5,7 +5,7 @@ import pytest
 
 from model.parameters import Tactor
 from model.response.harmonic_response import poles
-from model.response.time_response import step_response
+from model.response.latency import step_response
 from protocols.signals.checks import coverage_factor
 from protocols.signals.decay import fit_decay
 from protocols.signals.loop import fold, measure_loops
