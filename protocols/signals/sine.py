@@ -25,23 +25,39 @@ MIN_MISFIT_SHARE = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
-class SineFit:
-    """Least-squares sine with harmonics, offset and linear drift.
+class LineFit:
+    """Least-squares spectral lines with offset and linear drift.
 
     Attributes:
-        frequency_hz: of the fundamental.
-        components: complex amplitudes F_1..F_K, (K,), in the unit of the samples.
+        frequencies_hz: (J,).
+        components: complex amplitudes, (J,), in the unit of the samples.
         offset, drift_per_s: of the straight line underneath, at the middle of the record.
+        misfit: sum of the squared residuals.
+    """
+
+    frequencies_hz: Array
+    components: Complex
+    offset: float
+    drift_per_s: float
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True)
+class SineFit(LineFit):
+    """Least-squares sine with harmonics, F_1..F_K, offset and linear drift.
+
+    Attributes:
         noise: standard deviation of the residual.
         standard_error: of the modulus of each component (and of its phase times its modulus).
     """
 
-    frequency_hz: float
-    components: Complex
-    offset: float
-    drift_per_s: float
     noise: float
     standard_error: float
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency of the fundamental."""
+        return float(self.frequencies_hz[0])
 
     @property
     def fundamental(self) -> complex:
@@ -71,21 +87,15 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
     n = len(samples)
     if n <= unknowns:
         raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
-    lines = fit_lines(samples, rate_hz, _harmonics_hz(frequency_hz, orders))
+    lines = fit_lines(samples, rate_hz, frequency_hz * np.arange(1.0, orders + 1))
     noise = float(np.sqrt(lines.misfit / (n - unknowns)))
-    return SineFit(
-        frequency_hz=frequency_hz,
-        components=lines.components,
-        offset=lines.offset,
-        drift_per_s=lines.drift_per_s,
-        noise=noise,
-        standard_error=noise * float(np.sqrt(2 / n)),
-    )
+    line = lines.offset, lines.drift_per_s
+    return SineFit(lines.frequencies_hz, lines.components, *line, lines.misfit, noise, noise * float(np.sqrt(2 / n)))
 
 
 def fitted_samples(fit: SineFit, count: int, rate_hz: float) -> tuple[Array, Array]:
     """Return the straight line and the periodic waveform of a fit at its samples, (count,) each."""
-    waveform = line_samples(fit.components, _harmonics_hz(fit.frequency_hz, len(fit.components)), count, rate_hz)
+    waveform = line_samples(fit.components, fit.frequencies_hz, count, rate_hz)
     return _straight_line(fit.offset, fit.drift_per_s, count, rate_hz), waveform
 
 
@@ -118,24 +128,6 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
         if abs(step) < 1e-9 * frequency_hz:
             break
     return frequency_hz
-
-
-@dataclass(frozen=True, slots=True)
-class LineFit:
-    """Least-squares spectral lines with offset and linear drift.
-
-    Attributes:
-        frequencies_hz: (J,).
-        components: complex amplitudes, (J,), in the unit of the samples.
-        offset, drift_per_s: of the straight line underneath, at the middle of the record.
-        misfit: sum of the squared residuals.
-    """
-
-    frequencies_hz: Array
-    components: Complex
-    offset: float
-    drift_per_s: float
-    misfit: float
 
 
 def fit_lines(samples: Array, rate_hz: float, frequencies_hz: Array) -> LineFit:
@@ -278,7 +270,3 @@ def sine_basis(n: int, rate_hz: float, frequencies_hz: Array) -> Iterator[tuple[
         basis[2::2] = turned.imag
         basis[3::2] = turned.real
         yield part, basis
-
-
-def _harmonics_hz(frequency_hz: float, orders: int) -> Array:
-    return frequency_hz * np.arange(1.0, orders + 1)
