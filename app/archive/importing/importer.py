@@ -30,6 +30,7 @@ from app.archive.importing.universal_file import is_universal_file, read_univers
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, record_audit, usage_errors
 from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
+from model import current_column
 from protocols import PROTOCOLS
 from protocols.base import TableImportError
 from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
@@ -210,9 +211,10 @@ def _import_options(
     if options.elongation_m is not None and kind.name != TIME_SERIES and kind.column("elongation") is None:
         raise UsageError(f"--membrane-elongation is for a response on a membrane; {table.path} is a {kind.name}")
     settings = _settings(kind, options.settings, kinds)
-    for name in PROTOCOLS[kind.protocol].model_fields:
-        if f"parameter_{name}" in about and name not in settings:
-            settings[name] = about[f"parameter_{name}"]
+    known = PROTOCOLS[kind.protocol].model_fields
+    prefix = "parameter_"
+    stored = {current_column(n.removeprefix(prefix), known): about[n] for n in about if n.startswith(prefix)}
+    settings |= {name: stored[name] for name in known if name in stored and name not in settings}
     start = about.get("start_time")
     return replace(
         options,

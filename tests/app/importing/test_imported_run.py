@@ -144,6 +144,15 @@ def test_what_is_exported_and_imported_again_is_the_same(name: str, kind: Any, t
             np.testing.assert_array_equal(got[column], values, err_msg=column)
 
 
+def test_an_export_of_an_earlier_version_gives_parameters_by_their_former_names(tmp_path: Path) -> None:
+    with Run(written(tmp_path / "old", PROTOCOLS["sine-dwell"])) as run:
+        about, table = export_run(run, tmp_path, "csv", ("about", "points"))
+    with about.open("a", encoding="utf-8") as file:
+        file.write("parameter_wanted,0.02\n")
+    with Run(brought(table)) as run:
+        assert run.record.parameters["target_relative_uncertainty"] == 0.02
+
+
 @pytest.mark.deep
 def test_a_side_that_nobody_told_comes_back_untold(tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_text("load [N],deflection [um]\n1,137\n2,275\n")
