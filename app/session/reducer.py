@@ -121,9 +121,9 @@ def _after_connection(view: WindowState, event: WindowEvent) -> WindowState | No
     match event:
         case BenchOpened(name, simulated, identities, gain):
             there = tuple(InstrumentStatus(role, identity, Lamp.READY) for role, identity in identities.items())
+            state = _state_between_runs(view)
             view = replace(view, bench_name=name, simulated=simulated, instruments=there, connected=True, problem="")
-            view = replace(view, gain_uncertainty=gain)
-            return replace(view, bench_state=_state_between_runs(view))
+            return replace(view, gain_uncertainty=gain, bench_state=state)
         case BenchFailed(reason):
             gone = _with_lamps(view, Lamp.MISSING)
             state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH

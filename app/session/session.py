@@ -237,15 +237,13 @@ class Session:
         now_s, bench = time.monotonic(), self.bench
         quiet_s = now_s - max(self._stop_requested_s, self._last_event_s if math.isfinite(self._last_event_s) else 0.0)
         if not self.abandoned and self._watches_card and quiet_s > HUNG_CONNECTING_S and now_s > self._stop_requested_s:
-            self.abandoned = True
-            self._fail("the card's driver hangs between runs; end this program and start it again. Nothing was driven")
-            self.finished.set()
+            self._abandon(
+                "the card's driver hangs between runs; end this program and start it again. Nothing was driven"
+            )
         if self.abandoned or now_s < self._stop_requested_s or self.finished.is_set():
             return
         if self.state is SessionState.CONNECTING and quiet_s > HUNG_CONNECTING_S:
-            self.abandoned = True
-            self._fail("an instrument's driver hangs while the bench connects; nothing was driven")
-            self.finished.set()
+            self._abandon("an instrument's driver hangs while the bench connects; nothing was driven")
         if self.state is not SessionState.RUNNING or bench is None:
             return
         outcome = bench.watchdog.takeover_outcome
@@ -263,8 +261,7 @@ class Session:
         self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
         self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))
         self._events.publish(self.outcome)
-        self._fail(f"{hangs[:1].upper()}{hangs[1:]}; end this program and start it again")
-        self.finished.set()
+        self._abandon(f"{hangs[:1].upper()}{hangs[1:]}; end this program and start it again")
 
     def pause(self) -> None:
         """Request the current run to go to rest and wait; returns immediately."""
@@ -409,6 +406,11 @@ class Session:
         with suppress(queue.Empty):
             while True:
                 self._events.publish(self._control.external_events.get_nowait())
+
+    def _abandon(self, reason: str) -> None:
+        self.abandoned = True
+        self._fail(reason)
+        self.finished.set()
 
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
