@@ -194,15 +194,7 @@ class RunPanel(QWidget):
 
     def set_state(self, view: WindowState) -> None:
         """Show whether a run can begin, and why not."""
-        for editor in (
-            self.form,
-            self.protocol_box,
-            self.specimen_edit,
-            self.folder_edit,
-            self.operator_edit,
-            self._browse,
-            self.preset_button,
-        ):
+        for editor in (self.form, self.protocol_box, *self._editors, self._browse, self.preset_button):
             editor.setEnabled(not view.busy)
         self.rehearsal_label.setVisible(not view.busy)
         self.estimates_panel.set_busy(view.busy)
@@ -269,8 +261,8 @@ class RunPanel(QWidget):
             self.folder_edit.setText(str(Path(chosen)))
 
     def _build(self) -> None:
-        editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
-        where = make_labelled_grid({editor.accessibleName(): editor for editor in editors}, (8, 4))
+        self._editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
+        where = make_labelled_grid({editor.accessibleName(): editor for editor in self._editors}, (8, 4))
         where.addWidget(self.sheet_button, 0, 2)
         where.addWidget(self._browse, 1, 2)
         # A low window scrolls the parts above the button; a result is never squeezed.

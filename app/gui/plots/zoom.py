@@ -55,9 +55,9 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
             bounds = self.childrenBoundingRect(items=items)
             linear = ((bounds.left(), bounds.right()), (bounds.top(), bounds.bottom()))
             x, y = (self._extent(axis) if self.log[axis] else linear[axis] for axis in (0, 1))
-            by_user, self._by_user = self._by_user, True  # they are coordinates
-            self.setRange(xRange=x, yRange=y, padding=padding)
-            self._by_user = by_user
+            self._as_user(
+                lambda: self.setRange(xRange=x, yRange=y, padding=padding), zooms=False
+            )  # they are coordinates
 
     def set_log(self, x: bool, y: bool) -> None:
         """Make the axes logarithmic or linear; the whole range is shown again."""
@@ -112,14 +112,12 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
 
     def linkedViewChanged(self, view: Any, axis: Any) -> None:
         """Follow a linked view, zoomed or not."""
-        by_user, self._by_user = self._by_user, True
-        super().linkedViewChanged(view, axis)
-        self._by_user = by_user
+        self._as_user(lambda: super(ZoomBox, self).linkedViewChanged(view, axis), zooms=False)
 
     def _as_user(self, change: Callable[[], object], zooms: bool = True) -> None:
-        self._by_user = True
+        by_user, self._by_user = self._by_user, True
         try:
             change()
         finally:
-            self._by_user = False
+            self._by_user = by_user
         self.zoomed = self.zoomed or zooms

@@ -91,15 +91,11 @@ class RemoteController(QObject):
                 self.server.start(token, port)
             return self.server.url
 
-        self._worker.submit(work, self._on_started, self._on_error, latest_only="server")
+        def show(url: str, problem: str = "") -> None:
+            self.url, self.problem = url, problem
+            self.changed.emit()
 
-    def _on_started(self, url: str) -> None:
-        self.url, self.problem = url, ""
-        self.changed.emit()
-
-    def _on_error(self, error: Exception) -> None:
-        self.url, self.problem = "", str(error)
-        self.changed.emit()
+        self._worker.submit(work, show, lambda error: show("", str(error)), latest_only="server")
 
     def _read(self) -> dict[str, Any]:
         """Return the state; called in threads of the server."""

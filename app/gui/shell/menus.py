@@ -10,7 +10,7 @@ from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QMainWindow, QWidget
 
 from app.gui.help import TUTORIALS
-from app.gui.shell.page_host import MEASURE, RUNS
+from app.gui.shell.page_host import MEASURE, RUNS, TITLES
 from app.gui.shell.page_stack import CentralStack
 from app.gui.widgets import APPEARANCES, Menu, actions_of
 from protocols import PROTOCOLS
@@ -21,18 +21,7 @@ if TYPE_CHECKING:
 MENUS = {
     "&File": ("runs.import", "campaign.add", "campaign.new", "campaign.open", "", "settings"),
     "&Run": ("run", "pause", "stop", "", "reconnect", "faults.toggle", "faults.clear"),
-    "&View": (
-        "page.measure",
-        "page.campaign",
-        "page.explore",
-        "page.runs",
-        "page.bench",
-        "page.laboratory",
-        "",
-        "specimen",
-        "identification",
-        "palette",
-    ),
+    "&View": (*(f"page.{title.lower()}" for title in TITLES), "", "specimen", "identification", "palette"),
 }
 """Actions of the first menus; an empty name is a separator. The menu of the page has the actions of the visible page."""
 

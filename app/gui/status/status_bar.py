@@ -143,23 +143,12 @@ class BenchStatusBar(QWidget):
             toolTip="No real instrument is connected: every number is computed.",
             **narrow,
         )
-        self.stop_button = make_button(
-            "STOP\nEsc or F12",
-            controller.stop,
-            "stop",
-            "Go to rest and end the run: Esc or F12, at any moment",
-            "status.stop",
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            **narrow,
-        )
-        self.pause_button = make_button(
-            "PAUSE\nF8",
-            controller.toggle_pause,
-            "pause",
-            "",
-            "status.pause",
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            **narrow,
+        self.stop_button, self.pause_button = (
+            make_button(text, on_click, kind, tip, f"status.{kind}", focusPolicy=Qt.FocusPolicy.NoFocus, **narrow)
+            for text, on_click, kind, tip in (
+                ("STOP\nEsc or F12", controller.stop, "stop", "Go to rest and end the run: Esc or F12, at any moment"),
+                ("PAUSE\nF8", controller.toggle_pause, "pause", ""),
+            )
         )
         self.lamps: list[InstrumentLamp] = []
         self._lamp_grid = grid(spacing=(10, 2))
