@@ -4,7 +4,7 @@ from functools import partial
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 
 from app.gui.widgets import (
     STRETCH,
@@ -40,10 +40,8 @@ class WelcomePage(QWidget):
     """Covers the pages until the user has made a choice."""
 
     demo_requested = Signal()
-    setup_pressed = Signal()
     tutorial_requested = Signal(str)
     """Name of a tutorial."""
-    browse_pressed = Signal()
     closed = Signal()
 
     def __init__(self) -> None:
@@ -57,14 +55,12 @@ class WelcomePage(QWidget):
             name="welcome.demo",
             minimumHeight=64,
         )
-        self.setup_button = make_button(
-            "Set up a bench …", self.setup_pressed.emit, name="welcome.setup", minimumHeight=44
-        )
+        self.setup_button = configure(QPushButton("Set up a bench …"), "welcome.setup", minimumHeight=44)
         self.tutorial_buttons = [
             make_button(text, partial(self.tutorial_requested.emit, name), name=f"welcome.tutorial.{name}")
             for name, text in (("tour", "Ten-minute tour, step by step"), ("own-bench", "Guide me through it"))
         ]
-        self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit, name="welcome.browse")
+        self.browse_button = configure(QPushButton("Open a bench file …"), "welcome.browse")
         close = make_button(shortcut_label("Not now", "escape"), self.closed.emit, name="welcome.close")
         left = _panel("See it work", self.about_label, 10, self.demo_button, self.tutorial_buttons[0], STRETCH)
         right = _panel(

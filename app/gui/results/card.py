@@ -73,10 +73,10 @@ class ResultCard(QFrame):
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
         self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
         self.value_labels = [
-            (
-                make_label(kind="note", name=f"{prefix}.name-{at}"),
-                make_label(kind="value", name=f"{prefix}.value-{at}"),
-            )
+            [
+                make_label(kind=kind, name=f"{prefix}.{part}-{at}")
+                for part, kind in (("name", "note"), ("value", "value"))
+            ]
             for at in range(MAX_LARGE)
         ]
         self.more_label = make_label(kind="small", name=f"{prefix}.more", textInteractionFlags=SELECTABLE)

@@ -47,8 +47,8 @@ class CentralStack(QWidget):
         tabs.currentChanged.connect(lambda at: self.tutorial.set_page(tabs.tabText(at)))
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
         self.welcome.tutorial_requested.connect(self.start_tutorial)
-        self.welcome.setup_pressed.connect(lambda: self._select_page(BENCH))
-        self.welcome.browse_pressed.connect(self._choose_bench_file)
+        self.welcome.setup_button.clicked.connect(lambda: self._select_page(BENCH))
+        self.welcome.browse_button.clicked.connect(self._choose_bench_file)
         self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple
         """Returns what the command palette offers."""
         self.settings: Callable[[], Sequence[help_pages.Setting]] = tuple
