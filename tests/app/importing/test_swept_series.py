@@ -10,9 +10,8 @@ from benchmarks.campaigns import elements
 from model import Array, Tactor
 from model.identification import FrequencyResponseObservation
 from protocols.aspects.sweep import sweep_frequencies
-from protocols.measurements.response_series import FREQUENCY_RESPONSE
 from protocols.runfile.reader import Run
-from protocols.signals import estimate_swept_response
+from protocols.signals import FREQUENCY_RESPONSE, estimate_swept_response
 from tests.helpers.importing import brought, points, refused
 
 RATE_HZ = 4000.0
