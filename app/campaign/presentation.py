@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -138,21 +139,15 @@ def _dependents_text(summary: CampaignSummary, item: ItemSummary) -> str:
 
 
 def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
-    if item.state.steps:
-        values = f"{len(item.state.steps)} values of {varied_label(item.state.item)}"
-        return _question(summary, item, f"{values}: the results are curves over it, below.")
-    estimates = [format_named_estimate(estimate) for estimate in item.state.reviewed_estimates]
-    more = f" … and {len(estimates) - MAX_ESTIMATES} more" if len(estimates) > MAX_ESTIMATES else ""
-    found = (
-        ";  ".join(estimates[:MAX_ESTIMATES]) + more
-        if estimates
-        else "It determines no parameter; its points are in the run file."
-    )
-    return _question(summary, item, found)
-
-
-def _question(summary: CampaignSummary, item: ItemSummary, found: str) -> NextStep:
     """Return the question whether to accept the estimates."""
+    estimates = [format_named_estimate(estimate) for estimate in item.state.reviewed_estimates]
+    if steps := item.state.steps:
+        found = f"{len(steps)} values of {varied_label(item.state.item)}: the results are curves over it, below."
+    elif estimates:
+        more = f" … and {len(estimates) - MAX_ESTIMATES} more" if len(estimates) > MAX_ESTIMATES else ""
+        found = ";  ".join(estimates[:MAX_ESTIMATES]) + more
+    else:
+        found = "It determines no parameter; its points are in the run file."
     follows = () if summary.next_item is None else (CampaignAction.RUN,)
     actions = (CampaignAction.ACCEPT, CampaignAction.REJECT, *follows)
     why = f"{item.state.title}. {_dependents_text(summary, item)}"
@@ -165,18 +160,13 @@ def _join_names(names: list[str]) -> str:
 
 def _run_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     heading = f"{ACTION_LABELS[item.state.next_action]} {item.name}: {item.state.title}"
-    takes = (
-        f"{'at most ' * (item.state.next_action is NextAction.RESUME)}{format_rehearsal(item.rehearsal, summary.time_scale)}."
-        if item.rehearsal
-        else ""
-    )
-    detail = takes[:1].upper() + takes[1:]
-    does = (
-        (CampaignAction.RUN, CampaignAction.RUN_HANDS_FREE)
-        if summary.next_hands_free is not None
-        else (CampaignAction.RUN,)
-    )
-    return NextStep(heading, next_action_reason(item.state), detail, does, item.name)
+    detail = ""
+    if item.rehearsal is not None:
+        takes = f"{format_rehearsal(item.rehearsal, summary.time_scale)}."
+        at_most = item.state.next_action is NextAction.RESUME
+        detail = f"At most {takes}" if at_most else takes[:1].upper() + takes[1:]
+    hands_free = () if summary.next_hands_free is None else (CampaignAction.RUN_HANDS_FREE,)
+    return NextStep(heading, next_action_reason(item.state), detail, (CampaignAction.RUN, *hands_free), item.name)
 
 
 def _idle_step(summary: CampaignSummary) -> NextStep:
@@ -205,28 +195,21 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
     state = [f"{summary.status_text}{': ' if line.reason else ''}{line.reason}"]
     if line.run is not None:
         state.append(line.run.name)
-    settings = tuple(f"{name} = {_format_setting(value)}" for name, value in item.settings.items())
-    sections = (
-        DetailSection("State", tuple(state)),
-        DetailSection(
-            "Found" if counts else "Found, but does not count", tuple(map(format_named_estimate, line.estimates))
+    takes = [] if summary.rehearsal is None else [format_rehearsal(summary.rehearsal, summary.time_scale)]
+    sections: dict[str, Iterable[str]] = {
+        "State": state,
+        "Found" if counts else "Found, but does not count": map(format_named_estimate, line.estimates),
+        f"Parameters of {specimen} identified from all runs that count": _estimate_lines(estimates),
+        "Carried over from earlier measurements": map(format_named_estimate, summary.accepted_estimates),
+        "Will take": takes,
+        "Set up first": (prompt.text for prompt in summary.prepare),
+        "Depends on": filter(None, [", ".join(item.needs)]),
+        "Settings that differ from the protocol's": (
+            f"{name} = {_format_setting(value)}" for name, value in item.settings.items()
         ),
-        DetailSection(
-            f"Parameters of {specimen} identified from all runs that count",
-            _estimate_lines(estimates),
-        ),
-        DetailSection(
-            "Carried over from earlier measurements", tuple(map(format_named_estimate, summary.accepted_estimates))
-        ),
-        DetailSection(
-            "Will take",
-            (format_rehearsal(summary.rehearsal, summary.time_scale),) if summary.rehearsal is not None else (),
-        ),
-        DetailSection("Set up first", tuple(prompt.text for prompt in summary.prepare)),
-        DetailSection("Depends on", (", ".join(item.needs),) if item.needs else ()),
-        DetailSection("Settings that differ from the protocol's", settings),
-    )
-    return tuple(section for section in sections if section.lines)
+    }
+    found = (DetailSection(heading, tuple(lines)) for heading, lines in sections.items())
+    return tuple(section for section in found if section.lines)
 
 
 def _estimate_lines(estimates: CampaignEstimates | None) -> tuple[str, ...]:

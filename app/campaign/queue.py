@@ -4,6 +4,7 @@ import typing
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem
@@ -165,18 +166,9 @@ def rehearse_campaign(
             refusals.append((line.item, str(error)))
             continue
         rehearsals.append((line.item, one))
-    file_bytes = sum(one.file_bytes for _, one in rehearsals)
-    check_disk_space(file_bytes, campaign.path.parent)
-    return CampaignRehearsal(
-        items=tuple(rehearsals),
-        refusals=tuple(refusals),
-        duration_s=sum(one.duration_s for _, one in rehearsals),
-        prompts=sum(one.prompts for _, one in rehearsals),
-        highest_specimen_v=max((one.highest_specimen_v for _, one in rehearsals), default=0.0),
-        lowest_specimen_v=min((one.lowest_specimen_v for _, one in rehearsals), default=0.0),
-        file_bytes=file_bytes,
-        cautions=tuple(dict.fromkeys(words for _, one in rehearsals for words in one.cautions)),
-    )
+    whole = CampaignRehearsal(tuple(rehearsals), tuple(refusals), **_totals([one for _, one in rehearsals]))
+    check_disk_space(whole.file_bytes, campaign.path.parent)
+    return whole
 
 
 def _rehearse_item(campaign: Campaign, item: CampaignItem, bench: Bench, tactor: Tactor | None) -> Rehearsal:
@@ -189,13 +181,16 @@ def _rehearse_item(campaign: Campaign, item: CampaignItem, bench: Bench, tactor:
 
 def _join(parts: Sequence[Rehearsal]) -> Rehearsal:
     """Return the rehearsal of several runs as one."""
-    return replace(
-        parts[0],
-        duration_s=sum(one.duration_s for one in parts),
-        entries=sum(one.entries for one in parts),
-        prompts=sum(one.prompts for one in parts),
-        highest_specimen_v=max(one.highest_specimen_v for one in parts),
-        lowest_specimen_v=min(one.lowest_specimen_v for one in parts),
-        file_bytes=sum(one.file_bytes for one in parts),
-        cautions=tuple(dict.fromkeys(text for one in parts for text in one.cautions)),
-    )
+    return replace(parts[0], entries=sum(one.entries for one in parts), **_totals(parts))
+
+
+def _totals(parts: Sequence[Rehearsal]) -> dict[str, Any]:
+    """Return the totals of several rehearsals, by name."""
+    return {
+        "duration_s": sum(one.duration_s for one in parts),
+        "prompts": sum(one.prompts for one in parts),
+        "highest_specimen_v": max((one.highest_specimen_v for one in parts), default=0.0),
+        "lowest_specimen_v": min((one.lowest_specimen_v for one in parts), default=0.0),
+        "file_bytes": sum(one.file_bytes for one in parts),
+        "cautions": tuple(dict.fromkeys(text for one in parts for text in one.cautions)),
+    }

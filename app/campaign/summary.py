@@ -51,11 +51,6 @@ class ItemSummary:
         return None if self.rehearsal is None else self.time_scale * self.rehearsal.duration_s
 
     @property
-    def awaits_acceptance(self) -> bool:
-        """Whether the item is done but its estimates are not accepted yet."""
-        return self.state.awaits_acceptance
-
-    @property
     def is_doubtful(self) -> bool:
         """Whether the run that counts has a doubtful verdict."""
         counting = "" if self.state.run is None else self.state.run.name
@@ -95,7 +90,7 @@ class CampaignSummary:
     @property
     def awaiting_acceptance(self) -> ItemSummary | None:
         """First item whose result is to be accepted."""
-        return next((row for row in self.items if row.awaits_acceptance), None)
+        return next((row for row in self.items if row.state.awaits_acceptance), None)
 
     @property
     def done_count(self) -> int:

@@ -13,9 +13,6 @@ from model import COVERAGE_FACTOR_95, AmplifierMap, EstimatedQuantity, Parameter
 from model.response import choose_shapes, response_curve
 from model.studies import FULL_AMPLITUDE_V, DesignAnswer, EstimateSet, required_drive, required_mass
 
-MASS_SHARE = "mass_fraction"
-"""Estimate of the share of the added masses that moves with the centre."""
-
 
 @dataclass(frozen=True, slots=True)
 class DesignQuestion:
@@ -61,7 +58,7 @@ def answer_design(question: DesignQuestion) -> Iterator[DesignAnswers]:
 def share_that_moves(folder: Path, specimen: str) -> EstimatedQuantity | None:
     """Return the share of a mass in the cylinder that moves, where the active calibration holds it."""
     estimates = read_calibrations(folder, specimen).get().estimates
-    return next((each for each in estimates if each.name == MASS_SHARE), None)
+    return next((each for each in estimates if each.name == "mass_fraction"), None)
 
 
 def divided(answer: DesignAnswer, share: EstimatedQuantity) -> DesignAnswer:

@@ -21,15 +21,10 @@ class PreflightRequest:
     active_model: ActiveModel
     folder: Path
 
-    def same_as(self, other: "PreflightRequest | None") -> bool:
-        """Return whether it is the same form on the same bench."""
-        return (
-            other is not None
-            and self.protocol is other.protocol
-            and self.bench is other.bench
-            and self.active_model is other.active_model
-            and self.folder == other.folder
-        )
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal for the same form on the same bench."""
+        return id(self.protocol), id(self.bench), id(self.active_model), self.folder
 
 
 class PreflightCheck:
@@ -42,7 +37,7 @@ class PreflightCheck:
 
     def warnings(self, request: PreflightRequest) -> tuple[str, ...]:
         """Return the warnings of a run, none while it is being rehearsed; returns at once."""
-        if not request.same_as(self._requested):
+        if self._requested is None or request.key != self._requested.key:
             self._requested = request
             self._worker.submit(request)
         return self._result[1] if self._result is not None and self._result[0] is self._requested else ()

@@ -53,6 +53,7 @@ class AddItemPane(QWidget):
         self.form: ProtocolForm | None = None
         protocols = [(PROTOCOLS.title(name), name) for name in PROTOCOLS]
         self.protocol_box = make_combo("add.protocol", "protocol", protocols)
+        self.setFocusProxy(self.protocol_box)
         self.varied_box = make_combo("add.varied", "repeat over")
         self.values_edit = make_edit("add.values", "values", placeholderText="100…200 step 5, or 1, 2, 3")
         self.unit_label, self.values_label = make_label(wrap=False), make_label(kind="note", name="add.values-read")

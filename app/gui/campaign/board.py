@@ -179,6 +179,7 @@ class CampaignBoard(QWidget):
         self._busy = False
         self.header, self.step_pane = CampaignHeader(), NextStepPane()
         self.item_list, self._details, self.live_pane = CampaignList(theme), ItemDetailsPane(theme), live
+        self.setFocusProxy(self.item_list)
         self._details_outdated = False
         self._details_timer = QTimer(self, singleShot=True, interval=DETAILS_DELAY_MS)
         self._details_timer.timeout.connect(self._show_details)
@@ -246,7 +247,7 @@ class CampaignBoard(QWidget):
         if seen is not None and not (state.accepted and seen == state.run):
             return seen.name
         reviewed = state.reviewed_run
-        return reviewed.name if row.awaits_acceptance and reviewed is not None else ""
+        return reviewed.name if state.awaits_acceptance and reviewed is not None else ""
 
     @property
     def details(self) -> ItemDetailsPane:

@@ -171,4 +171,4 @@ def _allowed_actions(item: ItemSummary) -> set[str]:
         allowed.add("run")
     if state.run is None:
         return allowed
-    return allowed | {"repeat", "reject", "open", "explore"} | ({"accept"} if item.awaits_acceptance else set())
+    return allowed | {"repeat", "reject", "open", "explore"} | ({"accept"} if state.awaits_acceptance else set())

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Signal
-from PySide6.QtWidgets import QStackedWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.gui.campaign.add_item import AddItemPane
 from app.gui.campaign.board import CampaignBoard
@@ -55,7 +55,7 @@ class CampaignPage(QStackedWidget):
         self._shown_path: Path | None = None
         self._review_request: CurveRequest | None = None
         self._reviewed: tuple[Path, Path | None] | None = None
-        self.start_pane = CampaignStart()
+        self.start_pane = CampaignStart(self._choose_campaign_file)
         self.board = CampaignBoard(LivePane(feed, overlay.amplifier, theme), theme)
         self.add_pane: AddItemPane | None = None
         """Made when it is needed."""
@@ -81,8 +81,7 @@ class CampaignPage(QStackedWidget):
 
     def activate(self) -> None:
         """Take the keyboard focus."""
-        part = self.currentWidget()
-        self._show_part(part if isinstance(part, AddItemPane | CampaignStart) else self.board)
+        self._show_part(self.currentWidget() or self.board)
 
     def tick(self) -> None:
         """Refresh what changes between events; called at every tick while the page is visible."""
@@ -239,17 +238,11 @@ class CampaignPage(QStackedWidget):
             self._shown_path = sheet.path
             self._show_part(self.board)
 
-    def _show_part(self, part: CampaignBoard | CampaignStart | AddItemPane) -> None:
+    def _show_part(self, part: QWidget) -> None:
         """Show one of the panes and give it the focus if this page is visible."""
         self.setCurrentWidget(part)
         if self.isVisible():
-            first = {
-                CampaignBoard: self.board.item_list,
-                CampaignStart: self.start_pane.specimen_edit,
-                AddItemPane: None if self.add_pane is None else self.add_pane.protocol_box,
-            }[type(part)]
-            if first is not None:
-                first.setFocus()
+            part.setFocus()
 
     def _show_add(self) -> None:
         """Show the fields of a new item of the open campaign."""
@@ -297,7 +290,6 @@ class CampaignPage(QStackedWidget):
         self.board.review_requested.connect(self._read_review)
         self.start_pane.create_requested.connect(self.create_campaign)
         self.start_pane.open_requested.connect(self.open)
-        self.start_pane.browse_pressed.connect(self._choose_campaign_file)
         header_actions = {"add": self._show_add, "new": self._show_start, "open": self._choose_campaign_file}
         self.board.header.action_requested.connect(lambda action: header_actions[action]())
         self.board.action_requested.connect(self.perform_action)

@@ -1,6 +1,6 @@
 """Start pane of the Campaign page: creates a campaign or opens an existing one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -26,13 +26,12 @@ PATH_ROLE = Qt.ItemDataRole.UserRole
 
 
 class CampaignStart(QWidget):
-    """Specimen field for a new campaign, and a list of existing ones."""
+    """Specimen field for a new campaign, and a list of existing ones; `browse` chooses another file."""
 
     create_requested = Signal(str)
     open_requested = Signal(object)
-    browse_pressed = Signal()
 
-    def __init__(self) -> None:
+    def __init__(self, browse: Callable[[], object]) -> None:
         super().__init__()
         self.location_label = make_label(kind="note-size")
         self.specimen_edit = make_edit(
@@ -40,6 +39,7 @@ class CampaignStart(QWidget):
             "specimen of the new campaign",
             placeholderText="name of the specimen, for example T7",
         )
+        self.setFocusProxy(self.specimen_edit)
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
         self.begin_button = make_button("Begin   (Enter)", self._request_create, "go", name="campaign.begin")
@@ -48,9 +48,7 @@ class CampaignStart(QWidget):
         self.campaign_list = configure(QListWidget(), "campaign.list", accessibleName="campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())
         self.campaign_list.itemActivated.connect(lambda item: self.open_requested.emit(item.data(PATH_ROLE)))
-        browse = make_button(
-            shortcut_label("Open another …", "campaign.open"), self.browse_pressed.emit, name="campaign.browse"
-        )
+        another = make_button(shortcut_label("Open another …", "campaign.open"), browse, name="campaign.browse")
         panel = make_panel(
             make_label("Begin a campaign", "heading", wrap=False),
             make_label(CAMPAIGN_INTRODUCTION, "large"),
@@ -60,7 +58,7 @@ class CampaignStart(QWidget):
             14,
             self.existing_label,
             (self.campaign_list, 1),
-            row(browse, STRETCH),
+            row(another, STRETCH),
             margins=(28, 22, 28, 22),
             spacing=10,
         )
