@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.archive import Catalogue, LoadedRun, RunSummary, load_run, read_run_summary
-from app.common import Severity, check_row, pluralize
+from app.common import CheckRow, Severity, check_row, pluralize
 from model import (
     AmplifierMap,
     EstimatedQuantity,
@@ -85,32 +85,25 @@ def review_rows(
     checks = {current_name(check.name): check for check in run.record.verdict.checks}
     rows = []
     for estimate in run.record.estimates:
+        row = ReviewRow(
+            quantity_label(estimate.name),
+            format_value(estimate),
+            before=_compare(estimate, known.get(estimate.name)),
+            paper=_paper_text(estimate, paper),
+            others=_others_text(estimate, others),
+        )
         check = checks.pop(estimate.name, None)
-        limits = check_row(check) if check is not None else None
-        rows.append(
-            ReviewRow(
-                quantity_label(estimate.name),
-                format_value(estimate),
-                "" if limits is None else f"{limits.limits} {limits.unit}".strip(),
-                limits is None or limits.passed,
-                _compare(estimate, known.get(estimate.name)),
-                _paper_text(estimate, paper),
-                _others_text(estimate, others),
-                "" if limits is None else limits.remedy,
-            )
-        )
-    of_checks = [
-        ReviewRow(
-            row.name,
-            f"{row.figure} {row.unit}".strip(),
-            f"{row.limits} {row.unit}".strip(),
-            row.passed,
-            remedy=row.remedy,
-        )
-        for row in map(check_row, checks.values())
+        rows.append(row if check is None else _with_limits(row, check_row(check)))
+    rows += [
+        _with_limits(ReviewRow(found.name, f"{found.figure} {found.unit}".strip()), found)
+        for found in map(check_row, checks.values())
     ]
-    failed = [row for row in (*rows, *of_checks) if not row.passed]
-    return (*failed, *(row for row in (*rows, *of_checks) if row.passed))
+    return tuple(sorted(rows, key=lambda row: row.passed))
+
+
+def _with_limits(row: ReviewRow, check: CheckRow) -> ReviewRow:
+    limits = f"{check.limits} {check.unit}".strip()
+    return replace(row, limits=limits, passed=check.passed, remedy=check.remedy)
 
 
 def quality_indicators(run: LoadedRun) -> tuple[QualityIndicator, ...]:

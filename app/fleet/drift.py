@@ -120,24 +120,17 @@ def _judge(
     other_specimens = _change_of_others(
         [v for v in every if v.sensor == sensor and v.specimen != golden], until, since, sigma
     )
-    other_sensors = [
-        found
-        for name in sorted({v.sensor for v in every if v.specimen == golden} - {sensor})
-        if (
-            found := _change(
-                [v for v in every if v.specimen == golden and v.sensor == name],
-                until,
-                since,
-                sigma,
-                f"{golden} on {name}",
-            )
+    other_sensors = (
+        _change(
+            [v for v in every if (v.specimen, v.sensor) == (golden, name)], until, since, sigma, f"{golden} on {name}"
         )
-    ]
+        for name in sorted({v.sensor for v in every if v.specimen == golden} - {sensor})
+    )
     votes, evidence = set[DriftCause](), [change.text]
     if other_specimens is not None:
         evidence.append(other_specimens.text)
         votes |= _vote(change, other_specimens, alike=DriftCause.BENCH, apart=DriftCause.SPECIMEN)
-    for found in other_sensors:
+    for found in filter(None, other_sensors):
         evidence.append(found.text)
         votes |= _vote(change, found, alike=DriftCause.SPECIMEN, apart=DriftCause.BENCH)
     if len(evidence) == 1:

@@ -13,6 +13,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.config.bench_file import BenchConfig
+from app.gui.campaign import CampaignController
 from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.widgets import collect_garbage_here
 from app.live.session_link import SessionAdapter
@@ -34,6 +35,12 @@ def until(condition: Callable[[], object], words: str = "") -> None:
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
         time.sleep(pause_s)
         pause_s = min(1.3 * pause_s, 0.01)
+
+
+def until_read(controller: CampaignController) -> None:
+    """Let Qt work until the campaign is read and fitted."""
+    workers = controller._file_worker, controller._fit_worker
+    until(lambda: controller.summary is not None and not any(each.pending for each in workers), "for the campaign")
 
 
 def press(window: MainWindow, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:

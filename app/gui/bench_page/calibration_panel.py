@@ -18,9 +18,9 @@ from app.gui.widgets import (
     configure,
     fill_table,
     make_button,
-    make_edit,
     make_label,
     make_labelled_grid,
+    make_line_edit,
     make_panel,
     make_read_only_table,
     row,
@@ -61,7 +61,7 @@ class CalibrationPanel(QWidget):
         self.volts_label = make_label("no live volts", "value", wrap=False, name="bench.calibration.volts")
         today = datetime.now(UTC).astimezone().date()
         self.position_edit, self.uncertainty_edit, self.calibrated_edit, self.expires_edit = (
-            make_edit(f"bench.calibration.{name}", label, text, toolTip=tip, minimumWidth=70)
+            make_line_edit(f"bench.calibration.{name}", label, text=text, toolTip=tip, minimumWidth=70)
             for name, label, tip, text in (
                 ("position", "position of the target in µm", "µm or with a unit", ""),
                 ("uncertainty", "standard uncertainty of a position in µm", UNCERTAINTY_TIP, ""),

@@ -20,8 +20,8 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
-    make_edit,
     make_label,
+    make_line_edit,
     row,
 )
 
@@ -45,14 +45,14 @@ class BenchEditor(QWidget):
         super().__init__()
         self._worker = worker
         self.draft: BenchDraft | None = None
-        self.name_edit = make_edit("bench.name", "name of the bench")
-        self.hosts_edit = make_edit(
+        self.name_edit = make_line_edit("bench.name", "name of the bench")
+        self.hosts_edit = make_line_edit(
             "bench.hosts",
             "LAN addresses of instruments",
             placeholderText="LAN: 192.0.2.7, 192.0.2.8:5025",
             toolTip="Instruments on a LAN socket cannot be discovered, only queried: their addresses, host or host:port",
         )
-        self.server_edit = make_edit(
+        self.server_edit = make_line_edit(
             "bench.server",
             "NI gRPC device server",
             placeholderText="NI server: host:port",

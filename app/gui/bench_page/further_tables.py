@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.config import BenchConfig, ChannelTable, ConfigTable, MeterTable
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, Item, column, make_button, make_choice, make_edit, make_label, make_panel, row
+from app.gui.widgets import STRETCH, Item, column, make_button, make_label, make_line_edit, make_panel, make_toggle, row
 
 SINGLE_TABLES = {
     "specimen": "Specimen as it is mounted",
@@ -30,12 +30,6 @@ class FurtherTables(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.open_button = make_choice(
-            "Specimen, abort levels, watchdog, climate, backup, inputs and meters",
-            "Show the other tables",
-            checkable=True,
-        )
-        self.open_button.setObjectName("bench.further")
         self.single = {name: TableForm.of_bench(name) for name in SINGLE_TABLES}
         self.channels: list[TableForm] = []
         self.meters: list[tuple[QLineEdit, TableForm]] = []
@@ -55,9 +49,9 @@ class FurtherTables(QWidget):
             parent=self._content,
             spacing=6,
         )
+        title = "Specimen, abort levels, watchdog, climate, backup, inputs and meters"
+        self.open_button = make_toggle(title, "Show the other tables", "bench.further", self._content)
         column(self.open_button, self._content, parent=self, spacing=6)
-        self._content.hide()
-        self.open_button.toggled.connect(self._content.setVisible)
         for form in self.single.values():
             form.changed.connect(self.changed)
 
@@ -110,7 +104,7 @@ class FurtherTables(QWidget):
     def _show_meter(self, name: str, table: MeterTable) -> None:
         number = len(self.meters) + 1
         form = TableForm(f"meter{number}", MeterTable)
-        edit = make_edit(f"bench.meter{number}.key", "name of the meter", name)
+        edit = make_line_edit(f"bench.meter{number}.key", "name of the meter", text=name)
         edit.textEdited.connect(lambda _: self.changed.emit())
         self._show_entry(
             self.meters, (edit, form), form, table, make_label("Serial meter", "caption", wrap=False), (edit, 1)

@@ -15,8 +15,8 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
-    make_edit,
     make_label,
+    make_line_edit,
     make_panel,
     make_progress_bar,
     row,
@@ -54,7 +54,7 @@ class LivePanel(QWidget):
         self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")
         self.range_label = make_label("no live volts", "value", wrap=False, name="bench.align.text")
         self.level_edit, self.level_s_edit, self.frequency_edit, self.swing_edit, self.tone_s_edit = (
-            make_edit(f"bench.hand.{name}", label, text, toolTip=label, minimumWidth=60, maximumWidth=90)
+            make_line_edit(f"bench.hand.{name}", label, text=text, toolTip=label, minimumWidth=60, maximumWidth=90)
             for name, label, text in (
                 ("level", "level at the amplifier's input in V", f"{amplifier.rest_v + 0.1:g}"),
                 ("level-s", "duration of the level in s", "10"),

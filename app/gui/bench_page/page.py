@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QHideEvent
-from PySide6.QtWidgets import QSplitter
+from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, QSplitter, QWidget
 
 from app.config import BenchConfig, BenchDraft, bench_files
-from app.gui.bench_page.bench_list import BenchList
 from app.gui.bench_page.calibration_panel import CalibrationPanel
 from app.gui.bench_page.commissioning_panel import CommissioningPanel
 from app.gui.bench_page.editor import BenchEditor
@@ -20,12 +20,14 @@ from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     WindowTheme,
+    choose_files,
+    column,
     configure,
     make_button,
-    make_choice,
     make_label,
     make_pane,
     make_scroll_area,
+    make_toggle,
     row,
 )
 from app.live import CommissioningJob, SessionAdapter
@@ -34,6 +36,59 @@ from protocols import PROTOCOLS, WIRING_CHECK
 
 STALE_S = 1.0
 """A reading older than this is not shown as a live value."""
+
+SIMULATED = (("sim", "Simulated bench"), ("ideal", "Simulated, ideal"))
+
+
+class BenchList(QWidget):
+    """The simulated benches, the user's bench files, and a new one; selecting one shows it, and does not connect to it.
+
+    Args:
+        begin: begins a new bench.
+    """
+
+    selected = Signal(str)
+    """Path of a bench file, or name of a simulated bench."""
+
+    def __init__(self, begin: Callable[[], object]) -> None:
+        super().__init__()
+        self.list = configure(
+            QListWidget(),
+            "bench.list",
+            accessibleName="benches",
+            selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
+            minimumHeight=90,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+        )
+        new = make_button("New bench", begin, tip="Begin the file of another bench", name="bench.new")
+        browse = make_button("Open a file …", self._browse, tip="A bench file from elsewhere", name="bench.browse")
+        column(make_label("Benches", "heading", wrap=False), (self.list, 1), new, browse, parent=self)
+        self.list.currentItemChanged.connect(self._on_current)
+
+    def show_benches(self, files: Sequence[Path], current: str, open_bench: str) -> None:
+        """List the benches; `current` is selected without being announced, and `open_bench` marked."""
+        named = [*SIMULATED, *((str(path), path.stem) for path in files)]
+        if current and current not in dict(named):
+            named.append((current, Path(current).stem))
+        if not current:
+            named.append(("", "new bench"))
+        self.list.blockSignals(True)
+        self.list.clear()
+        for name, title in named:
+            item = QListWidgetItem(f"{title}  (open)" if name == open_bench else title)
+            item.setData(Qt.ItemDataRole.UserRole, name)
+            item.setToolTip(name)
+            self.list.addItem(item)
+            if name == current:
+                self.list.setCurrentItem(item)
+        self.list.blockSignals(False)
+
+    def _on_current(self, item: QListWidgetItem | None) -> None:
+        if item is not None and (name := item.data(Qt.ItemDataRole.UserRole)):
+            self.selected.emit(name)
+
+    def _browse(self) -> None:
+        choose_files(self, "Open a bench file", lambda paths: self.selected.emit(str(paths[0])), "Bench files (*.toml)")
 
 
 class BenchPage(QSplitter):
@@ -63,7 +118,7 @@ class BenchPage(QSplitter):
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
         self._watching = False
-        self.benches = BenchList()
+        self.benches = BenchList(self._begin_bench)
         self.connect_button = make_button(
             "Save and connect",
             self.save_and_connect,
@@ -85,19 +140,17 @@ class BenchPage(QSplitter):
             kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
         )
         self.calibration = CalibrationPanel(theme, self._move_target if config.simulated else None)
-        self.calibration.hide()
-        self.calibrate_button = configure(
-            make_choice("Calibrate …", "Two or more positions with their volts", checkable=True), "bench.calibrate"
+        self.calibrate_button = make_toggle(
+            "Calibrate …", "Two or more positions with their volts", "bench.calibrate", self.calibration
         )
         controls = None
         if adapter.simulation is not None:
             controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.simulation")
         self.editor = BenchEditor(self._worker, theme, controls, self.calibrate_button)
-        self.live_button = configure(
-            make_choice("Live view, level and tone by hand", "Traces, to align the laser", checkable=True), "bench.live"
-        )
         self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
-        self.live.hide()
+        self.live_button = make_toggle(
+            "Live view, level and tone by hand", "Traces, to align the laser", "bench.live", self.live
+        )
         wiring_check = PROTOCOLS[WIRING_CHECK]
         self.wiring = WiringPanel(theme, lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
         self.commissioning = CommissioningPanel(self._worker, theme, self.commission, self.stop_requested.emit)
@@ -274,7 +327,6 @@ class BenchPage(QSplitter):
         self.file_label.setText(f"{where}{', edited' if edited and draft.name else ''}")
 
     def _show_calibration(self, shown: bool) -> None:
-        self.calibration.setVisible(shown)
         if shown:
             QTimer.singleShot(0, self, lambda: self._area.ensureWidgetVisible(self.calibration))
             self.calibration.position_edit.setFocus()
@@ -308,9 +360,7 @@ class BenchPage(QSplitter):
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])
         self.calibrate_button.toggled.connect(self._show_calibration)
-        self.live_button.toggled.connect(self.live.setVisible)
         self.live.run_requested.connect(self.run_requested)
         self.calibration.applied.connect(self.editor.use_calibration)
         self.benches.selected.connect(self.show_bench)
-        self.benches.new_pressed.connect(self._begin_bench)
         self.editor.changed.connect(self._update_buttons)

@@ -6,7 +6,7 @@ from typing import Any
 from PySide6.QtWidgets import QLineEdit, QSizePolicy, QWidget
 
 from app.config import BenchConfig, ConfigTable
-from app.gui.widgets import FieldForm, FieldRow, column, grid, make_choice
+from app.gui.widgets import FieldForm, FieldRow, column, grid, make_toggle
 from app.services import FormField, bench_fields
 
 EDITOR_PADDING = 20
@@ -36,13 +36,10 @@ class TableForm(FieldForm):
         self.record: Any = kind.model_construct()
         """The table as it is typed; the last valid one while a field is at fault."""
         self._hints = {name: row.editor.toolTip() for name, row in self.rows.items()}
-        self.more_button = make_choice("More", "Show the other values of this table", checkable=True)
-        self.more_button.setObjectName(f"bench.{table}.more")
-        top, self._others = (_make_grid([self.rows[name] for name in part]) for part in (shown, others))
-        column(top, self.more_button, self._others, parent=self, spacing=4)
-        self.more_button.setVisible(bool(others))
-        self._others.hide()
-        self.more_button.toggled.connect(self._others.setVisible)
+        top, below = (_make_grid([self.rows[name] for name in part]) for part in (shown, others))
+        more = make_toggle("More", "Show the other values of this table", f"bench.{table}.more", below)
+        column(top, more, below, parent=self, spacing=4)
+        more.setVisible(bool(others))
 
     @classmethod
     def of_bench(cls, table: str, main: Sequence[str] = ()) -> "TableForm":

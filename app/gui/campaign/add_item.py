@@ -20,8 +20,8 @@ from app.gui.widgets import (
     grid,
     make_button,
     make_combo,
-    make_edit,
     make_label,
+    make_line_edit,
     make_panel,
     make_scroll_area,
     row,
@@ -55,9 +55,9 @@ class AddItemPane(QWidget):
         self.protocol_box = make_combo("add.protocol", "protocol", protocols)
         self.setFocusProxy(self.protocol_box)
         self.varied_box = make_combo("add.varied", "repeat over")
-        self.values_edit = make_edit("add.values", "values", placeholderText="100…200 step 5, or 1, 2, 3")
+        self.values_edit = make_line_edit("add.values", "values", placeholderText="100…200 step 5, or 1, 2, 3")
         self.unit_label, self.values_label = make_label(wrap=False), make_label(kind="note", name="add.values-read")
-        self.name_edit = make_edit("add.name", "name")
+        self.name_edit = make_line_edit("add.name", "name")
         self.after_box = make_combo(
             "add.after", "after", toolTip="A measurement that must be done before; its accepted results are used"
         )

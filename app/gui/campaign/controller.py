@@ -72,11 +72,6 @@ class CampaignController(QObject):
         rows = () if self.summary is None else self.summary.items
         return tuple(row.state.run for row in rows if row.state.run is not None and row.state.estimates)
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a background job is pending."""
-        return bool(self._file_worker.pending or self._fit_worker.pending)
-
     def observe(self, event: SessionEvent) -> None:
         """Forward a session event to the campaign's runner; called in the bench thread."""
         if (conductor := self._runner) is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLabel, QTabWidget, QWidget
+from PySide6.QtWidgets import QTabWidget, QWidget
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.gui.campaign.review_pane import ReviewPane
@@ -148,11 +148,6 @@ class ItemDetailsPane(QWidget):
             allowed = (allowed - {"accept"}) | (set() if counts else {"accept"})
         for action, button in self.buttons.items():
             button.setEnabled(action in allowed and (not self._busy or action in ("open", "explore")))
-
-    @property
-    def plain_text(self) -> str:
-        """The displayed details as text."""
-        return "\n".join(label.text() for label in self.details_area.viewport().findChildren(QLabel))
 
     def _show_details(self, item: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> None:
         content, sections = QWidget(autoFillBackground=False), list[Item]()

@@ -304,8 +304,6 @@ class CampaignPage(QStackedWidget):
                 "campaign.queue": lambda: self.perform_action("halt the queue" if self._busy else "run without hands"),
                 "campaign.undo": self.controller.undo,
                 "campaign.redo": lambda: self.controller.undo(forward=True),
-                "campaign.add": self._show_add,
-                "campaign.new": self._show_start,
-                "campaign.open": self._choose_campaign_file,
+                **{f"campaign.{name}": act for name, act in header_actions.items()},
             },
         )

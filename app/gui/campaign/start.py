@@ -11,8 +11,8 @@ from app.gui.widgets import (
     StatusLine,
     configure,
     make_button,
-    make_edit,
     make_label,
+    make_line_edit,
     make_panel,
     row,
     shortcut_label,
@@ -34,7 +34,7 @@ class CampaignStart(QWidget):
     def __init__(self, browse: Callable[[], object]) -> None:
         super().__init__()
         self.location_label = make_label(kind="note-size")
-        self.specimen_edit = make_edit(
+        self.specimen_edit = make_line_edit(
             "campaign.specimen",
             "specimen of the new campaign",
             placeholderText="name of the specimen, for example T7",

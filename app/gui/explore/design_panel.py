@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
 from app.gui.plots import caption_label
-from app.gui.widgets import WrappedRow, column, make_combo, make_edit, make_label
+from app.gui.widgets import WrappedRow, column, make_combo, make_label, make_line_edit
 from app.live import LatestOnlyWorker
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class DesignPanel(QWidget):
         self._worker = LatestOnlyWorker(answer_design, self._answered.emit, "explore design")
         self.answers: DesignAnswers | None = None
         self.resonance, self.amplitude, self.frequency = (
-            make_edit(f"explore.design.{name}", about, text)
+            make_line_edit(f"explore.design.{name}", about, text=text)
             for name, text, about in (
                 ("resonance", "160 Hz", "resonance that the added mass is to give"),
                 ("amplitude", "100 µm", "peak-to-peak displacement that the drive is to give"),

@@ -16,7 +16,7 @@ from app.gui.widgets import (
     configure,
     make_choice,
     make_combo,
-    make_edit,
+    make_line_edit,
     make_pane,
     row,
     tooltip,
@@ -59,10 +59,10 @@ class ExploreToolbar(QObject):
         self.redo_button.setAccessibleName("redo")
         self.series = [QCheckBox(label) for label in (*(series.label for series in SERIES), "phase", "log")]
         self.series[0].setChecked(True)
-        self.frequency = make_edit(
+        self.frequency = make_line_edit(
             "",
             "frequency of the motion in Hz",
-            "160",
+            text="160",
             toolTip="Frequency whose motion is shown; the dotted line can be dragged, too",
         )
         self.frequency.setFixedWidth(64)

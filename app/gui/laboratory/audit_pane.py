@@ -17,8 +17,8 @@ from app.gui.widgets import (
     WrappedRow,
     column,
     make_button,
-    make_edit,
     make_label,
+    make_line_edit,
     set_style_kind,
 )
 
@@ -43,7 +43,7 @@ class AuditPane(QWidget):
         super().__init__()
         self._worker = BackgroundWorker("audit", self)
         self._folder, self._reload = Path(), reload
-        self.head_edit = make_edit(
+        self.head_edit = make_line_edit(
             "laboratory.audit.head",
             "head hash that was printed or copied elsewhere",
             placeholderText="head hash of a report, if you have one",

@@ -16,8 +16,8 @@ from app.gui.widgets import (
     WrappedRow,
     column,
     fill_combo,
-    make_edit,
     make_label,
+    make_line_edit,
     make_pane,
     make_splitter,
 )
@@ -40,7 +40,7 @@ class FleetPane(ViewPane):
         self.batch = make_filter_combo("laboratory.batch", "batch", ("any batch", ""))
         self.since = make_filter_combo("laboratory.since", "since", *SINCE)
         self.group_by = make_filter_combo("laboratory.group by", "group by", *((f"by {name}", name) for name in GROUPS))
-        self.search_edit = make_edit(
+        self.search_edit = make_line_edit(
             "laboratory.search",
             "search",
             placeholderText="specimen, sensor or bench",

@@ -20,13 +20,13 @@ from app.gui.widgets import (
     configure,
     fill_table,
     make_button,
-    make_choice,
-    make_edit,
     make_label,
+    make_line_edit,
     make_pane,
     make_panel,
     make_read_only_table,
     make_scroll_area,
+    make_toggle,
     row,
     shortcut_label,
 )
@@ -93,8 +93,8 @@ class IdentificationPage(QWidget):
         self.simulated_label = make_label(
             "SIMULATED", "simulated-mark", wrap=False, name="identification.simulated", visible=False
         )
-        self.runs_button = configure(make_choice("Runs", "Choose the runs", checkable=True), "identification.runs")
         self.run_list = configure(QListWidget(), "identification.run-list", accessibleName="runs of the identification")
+        self.runs_button = make_toggle("Runs", "Choose the runs", "identification.runs", self.run_list)
         self.identify_button = make_button(
             "Identify", self.identify, "go", "Fit the model to the runs that are ticked", "identification.fit"
         )
@@ -109,7 +109,7 @@ class IdentificationPage(QWidget):
         self.proposals = QWidget()
         self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
-            make_edit(f"identification.{name}", label, placeholderText=label)
+            make_line_edit(f"identification.{name}", label, placeholderText=label)
             for name, label in (
                 ("reason", "why it is used all the same"),
                 ("by", "accepted by"),
@@ -381,8 +381,6 @@ class IdentificationPage(QWidget):
 
     def _build(self) -> None:
         self.run_list.setFixedHeight(7 * (self.fontMetrics().height() + 6))
-        self.run_list.hide()
-        self.runs_button.toggled.connect(self.run_list.setVisible)
         labels = []
         for text, edit in (("by", self.by_edit), ("note", self.note_edit)):
             label = QLabel(text)

@@ -15,9 +15,9 @@ from app.gui.widgets import (
     grid,
     make_button,
     make_combo,
-    make_edit,
     make_label,
     make_labelled_grid,
+    make_line_edit,
     make_panel,
     row,
     set_style_kind,
@@ -79,7 +79,7 @@ class EntryRow(QObject):
         self.edits: dict[str, QLineEdit] = {}
         for field in ENTRY_FIELDS:
             shown = unit if field in ("value", "uncertainty") else ""
-            self.edits[field] = edit = make_edit(
+            self.edits[field] = edit = make_line_edit(
                 f"sheet.{name}.{field}",
                 f"{name} {FIELD_LABELS[field]} {shown}",
                 placeholderText=placeholders.get(field, ""),
@@ -153,9 +153,9 @@ class SheetForm(QWidget):
         self.draft = SheetDraft()
         self.rows: dict[str, EntryRow] = {}
         self._grids: dict[str, QGridLayout] = {}
-        self.text_edits = {name: make_edit(f"sheet.{name}", label) for name, label in TEXT_LABELS.items()}
+        self.text_edits = {name: make_line_edit(f"sheet.{name}", label) for name, label in TEXT_LABELS.items()}
         self.description_edits = {
-            group: make_edit(
+            group: make_line_edit(
                 f"sheet.{group}.description", f"description of the {group}", placeholderText=DESCRIPTION_HINTS[group]
             )
             for group in GROUPS

@@ -32,7 +32,6 @@ from .layouts import grid as grid
 from .layouts import make_button as make_button
 from .layouts import make_choice as make_choice
 from .layouts import make_combo as make_combo
-from .layouts import make_edit as make_edit
 from .layouts import make_label as make_label
 from .layouts import make_labelled_grid as make_labelled_grid
 from .layouts import make_line_edit as make_line_edit
@@ -41,6 +40,7 @@ from .layouts import make_panel as make_panel
 from .layouts import make_progress_bar as make_progress_bar
 from .layouts import make_scroll_area as make_scroll_area
 from .layouts import make_splitter as make_splitter
+from .layouts import make_toggle as make_toggle
 from .layouts import row as row
 from .log_pane import LogPane as LogPane
 from .menu import Menu as Menu

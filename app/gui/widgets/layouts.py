@@ -138,11 +138,6 @@ def make_scroll_area(
     return area
 
 
-def make_edit(name: str, accessible_name: str, text: str = "", **properties: object) -> QLineEdit:
-    """Return a field of one line."""
-    return configure(QLineEdit(text), name, accessibleName=accessible_name, **properties)
-
-
 def make_combo(
     name: str, accessible_name: str, choices: Iterable[tuple[str, object]] = (), **properties: object
 ) -> QComboBox:
@@ -204,6 +199,14 @@ def make_splitter(
 def make_choice(text: str, tip: str = "", checkable: bool = False) -> QPushButton:
     """Return a button in the style of a choice; a checkable one shows whether it is chosen."""
     return configure(QPushButton(text), kind="choice", toolTip=tip, checkable=checkable)
+
+
+def make_toggle(text: str, tip: str, name: str, shown: QWidget) -> QPushButton:
+    """Return a button that shows a widget, which is hidden at first, and hides it again."""
+    button = configure(make_choice(text, tip, checkable=True), name)
+    shown.hide()
+    button.toggled.connect(shown.setVisible)
+    return button
 
 
 def _fill(layout: B, items: Iterable[Item], margins: Margins, spacing: int | None) -> B:

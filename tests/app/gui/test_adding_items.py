@@ -15,7 +15,7 @@ from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import MainWindow
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from tests.helpers.main_window import Bench, find, press, until, whole_window
+from tests.helpers.main_window import Bench, find, press, until, until_read, whole_window
 
 pytestmark = pytest.mark.deep
 
@@ -32,7 +32,7 @@ def window(
     with whole_window(Bench(config), config, SineDwell(), tmp_path, settings) as window:
         press(window, Qt.Key.Key_2, Qt.KeyboardModifier.ControlModifier)
         page = window.tabs.campaign
-        until(lambda: page.controller.summary is not None and not page.controller.is_busy, "for the campaign")
+        until_read(page.controller)
         press(window, Qt.Key.Key_N, CTRL_SHIFT)
         assert page.add_pane is not None
         yield window
