@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from app.common import UndoHistory
 from model import current_column
@@ -44,84 +44,6 @@ def list_campaigns(folder: Path) -> list[Path]:
     except OSError:
         return []
     return [path for _, path in sorted(found, reverse=True)]
-
-
-class _PromptRecord(BaseModel):
-    action: StrictStr
-    text: StrictStr
-    values: dict[StrictStr, float] = {}
-    choices: list[StrictStr]
-    hands_on: StrictBool = False
-
-
-class _ItemRecord(BaseModel):
-    name: StrictStr
-    protocol: StrictStr
-    settings: dict[StrictStr, Any] = {}
-    needs: list[StrictStr] = []
-    prepare: list[_PromptRecord]
-    skipped: StrictStr = ""
-    since: StrictStr = ""
-    rejected: list[StrictStr] = []
-    accepted: list[StrictStr] = []
-    varied: StrictStr = ""
-    values: list[float] = []
-
-
-class _Basis(BaseModel):
-    run: StrictStr
-    estimates: dict[StrictStr, float]
-
-
-class _CampaignRecord(BaseModel):
-    """Types of a campaign file, checked when it is read."""
-
-    specimen: StrictStr
-    simulated: StrictBool
-    created: StrictStr
-    items: list[_ItemRecord]
-    based_on: dict[StrictStr, dict[StrictStr, _Basis]]
-
-
-def read_record(path: Path) -> dict[str, Any]:
-    """Read the record of a campaign file.
-
-    Raises:
-        CampaignError: the file is not a campaign, or of a newer version.
-        OSError, ValueError, KeyError, TypeError: the file cannot be read or parsed.
-    """
-    record = dict(visible_values(read_json_file(path)))
-    if record["kind"] != "campaign" or record["version"] > VERSION:
-        raise CampaignError(f"{path} is of a newer version of this program; install that")
-    try:
-        _CampaignRecord.model_validate(record)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        raise ValueError(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
-    before: set[str] = set()
-    for item in record["items"]:
-        if item["name"] in before:
-            raise ValueError(f"there are two items '{item['name']}'")
-        if missing := [need for need in item.get("needs", ()) if need not in before]:
-            raise ValueError(f"{item['name']} needs '{missing[0]}', which is not an earlier item")
-        before.add(item["name"])
-    return record
-
-
-def write_record(path: Path, record: Mapping[str, Any]) -> None:
-    """Replace a campaign file.
-
-    Raises:
-        CampaignError: it cannot be written.
-    """
-    has_series = any(item.get("varied") for item in record["items"])
-    whole = {"kind": "campaign", "version": VERSION if has_series else 1, **record}
-    text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, text)
-    except OSError as error:
-        raise CampaignError(f"the campaign {path} cannot be written: {error.strerror}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +100,62 @@ class CampaignItem:
             settings = {current_column(name, known): value for name, value in settings.items()}
             varied = current_column(varied, known)
         return cls(**{**record, **lists, "prepare": prepare, "settings": settings, "varied": varied})
+
+
+class _Basis(BaseModel):
+    run: str
+    estimates: dict[str, float]
+
+
+class _CampaignRecord(BaseModel):
+    """Types of a campaign file, checked when it is read."""
+
+    specimen: str
+    simulated: bool
+    created: str
+    items: list[CampaignItem]
+    based_on: dict[str, dict[str, _Basis]]
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Read the record of a campaign file.
+
+    Raises:
+        CampaignError: the file is not a campaign, or of a newer version.
+        OSError, ValueError, KeyError, TypeError: the file cannot be read or parsed.
+    """
+    record = dict(visible_values(read_json_file(path)))
+    if record["kind"] != "campaign" or record["version"] > VERSION:
+        raise CampaignError(f"{path} is of a newer version of this program; install that")
+    try:
+        _CampaignRecord.model_validate_json(json.dumps(record), strict=True)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise ValueError(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
+    before: set[str] = set()
+    for item in record["items"]:
+        if item["name"] in before:
+            raise ValueError(f"there are two items '{item['name']}'")
+        if missing := [need for need in item.get("needs", ()) if need not in before]:
+            raise ValueError(f"{item['name']} needs '{missing[0]}', which is not an earlier item")
+        before.add(item["name"])
+    return record
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Replace a campaign file.
+
+    Raises:
+        CampaignError: it cannot be written.
+    """
+    has_series = any(item.get("varied") for item in record["items"])
+    whole = {"kind": "campaign", "version": VERSION if has_series else 1, **record}
+    text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, text)
+    except OSError as error:
+        raise CampaignError(f"the campaign {path} cannot be written: {error.strerror}") from None
 
 
 PAPER_ITEMS = tuple(
