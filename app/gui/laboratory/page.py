@@ -150,7 +150,7 @@ class LaboratoryPage(QWidget):
         self._worker = BackgroundWorker("laboratory", self)
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
-        self._busy, self._read_due, self._reading = False, True, False
+        self._busy, self._read_due = False, True
         self._due_timer = QTimer(self, singleShot=True, interval=READ_DELAY_MS)
         self._due_timer.timeout.connect(self._request_reading)
         self._messages = dict[int, tuple[str, bool]]()
@@ -226,7 +226,7 @@ class LaboratoryPage(QWidget):
     def tick(self) -> None:
         """Read the folder if another one is meant, or a run has ended."""
         changed = self._records is not None and self._records.folder != self._folder()
-        if (self._read_due or changed) and not self._reading and self.isVisible():
+        if (self._read_due or changed) and not self.progress_row.running and self.isVisible():
             self.reload()
 
     def shutdown(self) -> None:
@@ -258,11 +258,11 @@ class LaboratoryPage(QWidget):
 
     def reload(self) -> None:
         """Read the folder in the background."""
-        if self._reading:
+        if self.progress_row.running:
             return
         folder, index, excluded = self._folder(), self._index, self._excluded
         simulated = True if self.kind_button.isChecked() else None
-        self._reading, self._read_due = True, False
+        self._read_due = False
         self.progress_row.start("reading runs")
         progress, before = self.progress_row.progress, self._records
 
@@ -284,7 +284,6 @@ class LaboratoryPage(QWidget):
         return pane
 
     def _on_read(self, records: FolderRecords) -> None:
-        self._reading = False
         self.progress_row.finish()
         self._records = records
         fleet = records.fleet or Fleet(())
@@ -321,7 +320,6 @@ class LaboratoryPage(QWidget):
                 self.audit.show_entries(records.folder, records.entries, records.audit_problems)
 
     def _on_error(self, error: Exception) -> None:
-        self._reading = False
         self.progress_row.finish()
         self._say(self.view, str(error), is_error=True)
 

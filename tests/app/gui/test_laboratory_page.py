@@ -234,7 +234,7 @@ def test_a_message_belongs_to_its_view_and_an_unchanged_folder_is_not_shown_agai
     assert page.message_label.text().startswith("No control chart: P0 on")
     before, view = page._records, page.fleet.view
     page.reload()
-    until(lambda: is_idle(page) and not page._reading)
+    until(lambda: is_idle(page) and not page.progress_row.running)
     page.show_view(SPECIMENS)
     assert page._records is before
     assert page.fleet.view is view
