@@ -17,9 +17,6 @@ from .record import RunRecord as RunRecord
 from .record import decode_record as decode_record
 from .repair import repair_folder as repair_folder
 from .repair import repair_run as repair_run
-from .results import append_estimates as append_estimates
-from .results import append_results as append_results
-from .results import store_verdict as store_verdict
 from .schema import CHANNELS as CHANNELS
 from .schema import ENTRY_COLUMN as ENTRY_COLUMN
 from .schema import HDF5_SIGNATURE as HDF5_SIGNATURE
@@ -45,3 +42,6 @@ from .verify import FileState as FileState
 from .verify import Verification as Verification
 from .verify import verify_run as verify_run
 from .writer import RunFileWriter as RunFileWriter
+from .writer import append_estimates as append_estimates
+from .writer import append_results as append_results
+from .writer import store_verdict as store_verdict

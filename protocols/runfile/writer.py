@@ -1,4 +1,4 @@
-"""Run file writer: one HDF5 file, created before the first volt and readable at every moment.
+"""Run file writer: one HDF5 file, created before the first volt and readable at every moment; verdict and estimates at its end.
 
 What survives `kill -9` was measured (docs/decisions/0004-run-file.md): the file is created whole with every dataset, then
 SWMR is switched on, then rows are only appended and each block is flushed. Raw data is never rewritten, nor compressed
@@ -13,6 +13,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -23,12 +24,14 @@ import numpy as np
 
 from drivers import Block, Drive, InputChannel, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
-from protocols.runfile.creation import create_file
+from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
+from protocols.runfile.creation import create_file, create_group
 from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.names import truncate_utf8
+from protocols.runfile.open import RunReadError
 from protocols.runfile.presence import FilePresence
+from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
-from protocols.runfile.results import append_estimates, append_results, store_verdict
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
     CHANNELS,
@@ -43,7 +46,8 @@ from protocols.runfile.schema import (
     run_path,
 )
 from protocols.runfile.series import append_series
-from protocols.runfile.transaction import announced_transaction
+from protocols.runfile.sidecar import NotesError, store_listed
+from protocols.runfile.transaction import announced_transaction, transaction
 
 log = logging.getLogger(__name__)
 
@@ -392,3 +396,57 @@ def has_unclosable_file() -> bool:
     The library then crashes at interpreter shutdown; the program must exit without it.
     """
     return bool(h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_ALL))
+
+
+@contextmanager
+def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
+    """Open a run that has ended, for its results; afterwards its checksums are computed, and lists find its record in the sidecar.
+
+    All changes are applied together at the end; a kill or an error leaves all or none of them.
+
+    Args:
+        path: the run file.
+        new: whether the run has just ended, so that it has no checksums yet.
+
+    Raises:
+        StorageError: the file cannot be written, or it is damaged: new checksums would hide that.
+    """
+    record: RunRecord | None = None
+    with translate_write_errors("run", path), transaction(path) as changed:
+        with h5py.File(changed, "r+", libver="latest") as file:
+            stored = stored_digests(file)
+            if stored is not None and (different := changed_names(stored, compute_digests(file))):
+                raise StorageError(
+                    f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
+                    "another copy of it"
+                )
+            yield file
+            if new or stored is not None:
+                store_checksums(file)
+        with suppress(RunReadError), h5py.File(changed, "r") as file, Run(path, file) as run:
+            record = run.stored_record()
+    with suppress(NotesError, OSError, ValueError, TypeError, LookupError):  # lists read a run without it from its data
+        if record is not None and record.status is not RunStatus.RUNNING:
+            store_listed(path, record)
+
+
+def store_verdict(file: h5py.File, verdict: Verdict) -> None:
+    """Store the verdict in the place of an earlier one."""
+    entry = file["entry"]
+    for name, value in (("verdict", str(verdict.outcome)), ("verdict_details", verdict.to_json())):
+        if name in entry:
+            del entry[name]
+        entry.create_dataset(name, data=value)
+
+
+def append_estimates(file: h5py.File, estimates: Sequence[EstimatedQuantity]) -> None:
+    """Append identified quantities; the group lists them in this order, the most important first."""
+    if not estimates:
+        return
+    found = file["entry"].create_group("estimates", track_order=True)
+    found.attrs["NX_class"] = "NXcollection"
+    for estimate in estimates:
+        one = create_group(found, estimate.name.replace(" ", "_"), "NXcollection")
+        for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
+            one.create_dataset(name, data=value).attrs["units"] = estimate.unit
+        one["source"] = estimate.source

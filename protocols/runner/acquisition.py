@@ -1,4 +1,4 @@
-"""Acquisition of a run: reads the card's blocks, reports exceeded abort levels and checks for interrupts."""
+"""Acquisition of a run: reads the card's blocks, buffers recordings, reports exceeded abort levels, checks for interrupts."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,16 +9,69 @@ from numpy.typing import NDArray
 
 from drivers import ArmedBench, Bench, Block, LevelAction, RestartableStream, ScansLostError
 from protocols.base import (
+    STREAMED_RECORDING_SCANS,
     Array,
     BlockDiscarded,
     ChannelCalibration,
     DriveReadbackChanged,
     LevelExceeded,
+    Quality,
     StepResult,
 )
 from protocols.runner.abort_levels import LevelExceededError, LevelMonitor, LevelQuestion
 from protocols.runner.publisher import RunRecorder
-from protocols.runner.recording_buffer import to_si
+
+
+class RecordingBuffer:
+    """Collects the blocks of one recording as drive and displacement in SI; a long recording keeps no samples.
+
+    Args:
+        channels: calibrations of drive and displacement.
+    """
+
+    def __init__(self, channels: Sequence[ChannelCalibration], first_block: Block) -> None:
+        self._channels = channels
+        self.first_scan, self._last_block = first_block.start, first_block
+        """The card's number of the first scan."""
+        self._raws: list[NDArray[np.int16]] = []
+        self._lowest = self._highest = first_block.raw[: len(channels), 0]
+        """Counts of each channel."""
+        self._kept_scans = 0
+        self.scans = first_block.raw.shape[1]
+        """Scans of all blocks so far."""
+
+    def add(self, block: Block) -> None:
+        """Append the next block."""
+        self._keep(self._last_block.raw)
+        self._last_block = block
+        self.scans += block.raw.shape[1]
+
+    def finish(self, scans: int) -> tuple[Sequence[Array], Quality]:
+        """Return drive and displacement, (scans,) each, and their flags; no samples of a long recording."""
+        self._keep(self._last_block.raw[:, : scans - self._kept_scans])
+        quality = Quality.GOOD if self._last_block.stop - self.first_scan == self.scans else Quality.DROPPED
+        for channel, ends in zip(self._channels, np.stack((self._lowest, self._highest), axis=1), strict=True):
+            quality |= channel.quality(ends)  # the ends decide for all
+        if scans > STREAMED_RECORDING_SCANS:
+            return (), quality
+        return to_si(self._channels, np.concatenate(self._raws, axis=1)), quality
+
+    def _keep(self, raw: NDArray[np.int16]) -> None:
+        raw = raw[: len(self._channels)]
+        if raw.shape[1]:
+            self._lowest = np.minimum(self._lowest, raw.min(axis=1))
+            self._highest = np.maximum(self._highest, raw.max(axis=1))
+        self._kept_scans += raw.shape[1]
+        if self._kept_scans <= STREAMED_RECORDING_SCANS:
+            self._raws.append(raw)
+        else:
+            self._raws.clear()
+
+
+def to_si(channels: Sequence[ChannelCalibration], raw: NDArray[np.int16]) -> tuple[Array, ...]:
+    """Return the counts of a block, (channels, scans), in SI units: (scans,) of each calibrated channel."""
+    return tuple(channel.to_si(counts) for channel, counts in zip(channels, raw, strict=False))
+
 
 ANALYSIS_TIMEOUT_S = 20.0
 """How long an analysis may take, while the drive continues, before the watchdog considers the program hung."""

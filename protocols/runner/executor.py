@@ -45,10 +45,9 @@ from protocols.base import (
     recording_too_long_message,
 )
 from protocols.runfile import CHANNELS, RunFileWriter
-from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RunAcquisition
+from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RecordingBuffer, RunAcquisition
 from protocols.runner.operator_actions import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
-from protocols.runner.recording_buffer import RecordingBuffer
 from protocols.signals import SettlingDetector, find_lines
 
 BLOCK_LATENCY_S = 0.05

@@ -10,7 +10,6 @@ from datetime import UTC, datetime
 import numpy as np
 
 from drivers import DISPLACEMENT_CHANNEL, ArmedBench, Bench, BenchError, LiveWarning, safety_statement
-from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import (
     BenchArmed,
     ChannelCalibration,
@@ -29,7 +28,7 @@ from protocols.base import (
     SpecimenMayBeLive,
     StreamStarted,
 )
-from protocols.rehearsal import rehearse
+from protocols.rehearsal import AdaptedProtocol, adapt_to_source, rehearse
 from protocols.resume import ResumeState
 from protocols.runfile import RunFileWriter, RunRecord, StorageError
 from protocols.runner.acquisition import RunAcquisition

@@ -14,8 +14,8 @@ import pytest
 from app.cli.main import main
 from docs.run_file_page import meaning_of
 from protocols.base import Series, Verdict
-from protocols.runfile.results import append_results, store_verdict
 from protocols.runfile.series import append_series
+from protocols.runfile.writer import append_results, store_verdict
 from tests.helpers.run_files import finished_run
 
 ROOT = Path(__file__).resolve().parents[2]

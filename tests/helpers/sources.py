@@ -6,10 +6,9 @@ from typing import Any
 
 from app.config.bench_file import BenchConfig
 from drivers.errors import BenchError
-from protocols.adaptation import adapt_to_source
 from protocols.base import Protocol
 from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
-from protocols.rehearsal import rehearse
+from protocols.rehearsal import adapt_to_source, rehearse
 from tests.helpers.simulated_bench import laboratory, simulated
 
 GENERATORS = (

@@ -16,7 +16,6 @@ from app.config.driver_registry import built_in_names, load_driver
 from docs.make_source_table import PAGE, page
 from drivers.errors import DriveRejectedError
 from drivers.generators.burst import BurstGenerator
-from protocols.adaptation import adapt_to_source
 from protocols.base import LogMessage, RunStatus
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, next_frequencies
 from protocols.measurements.free_decay import FreeDecay
@@ -25,7 +24,7 @@ from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
-from protocols.rehearsal import rehearse
+from protocols.rehearsal import adapt_to_source, rehearse
 from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
 from sim_hardware.bench import SimulatedBench

@@ -24,7 +24,7 @@ from protocols.base import (
 )
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from protocols.runner.recording_buffer import RecordingBuffer
+from protocols.runner.acquisition import RecordingBuffer
 from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import Trigger, laboratory, run

@@ -27,8 +27,7 @@ from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run, RunReadError
 from protocols.runfile.record import RunRecord
-from protocols.runfile.results import append_estimates, append_results
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile.writer import RunFileWriter, append_estimates, append_results
 from tests.helpers.messages import assert_names
 from tests.helpers.run_files import SCALES
 from tests.helpers.simulated_bench import laboratory, run

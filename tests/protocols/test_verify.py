@@ -20,10 +20,10 @@ from protocols.runfile.errors import StorageError
 from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.reader import Run
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
-from protocols.runfile.results import append_estimates, append_results
 from protocols.runfile.sidecar import notes_path
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.verify import FileState, verify_run
+from protocols.runfile.writer import append_estimates, append_results
 from tests.helpers.flipped_bits import flips
 from tests.helpers.killed_writers import check, kill_one
 from tests.helpers.messages import assert_names

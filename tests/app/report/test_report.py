@@ -35,7 +35,7 @@ from model.response.closed_form import exact_response
 from protocols.base import Outcome, Quality, Verdict
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
-from protocols.runfile.results import store_verdict
+from protocols.runfile.writer import store_verdict
 from tests.helpers.messages import assert_names
 from tests.helpers.report_specimen import TRUTH, blocks_of, texts_of_pages
 from tests.helpers.simulated_bench import laboratory, run
