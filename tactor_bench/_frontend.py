@@ -42,7 +42,7 @@ POLL_S = 0.1
 
 
 class FrontEnd(ABC):
-    """Shows what a session does, and asks the operator.
+    """Shows the events of a session, and asks the operator.
 
     Attributes:
         operator: answers the prompts of a bench that has no operator itself.
@@ -76,7 +76,7 @@ class FrontEnd(ABC):
 
     @abstractmethod
     def wait(self, done: threading.Event) -> None:
-        """Wait in the calling thread for what was begun, and show what happens."""
+        """Wait in the calling thread for the end of an operation, and show events meanwhile."""
 
     @contextmanager
     def running(self, session: Session) -> Iterator[None]:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Generic, Self, TypeVar, overload
+from typing import ClassVar, Generic, TypeVar, overload
 
 import numpy as np
 
-from drivers import Drive
+from drivers import Closeable, Drive
 from model import Array
 from protocols.base import Outcome, Quality, Recording, Verdict
 from protocols.runfile import LoggedEvent, Run, RunReadError, RunRecord, RunTrace, translate_read_errors
@@ -68,7 +68,7 @@ class _Fact(Fact[RunRecord, T]):
     source = "record"
 
 
-class MeasuredRun:
+class MeasuredRun(Closeable):
     """A run file, read when it is needed. The file is closed after every read, so there is nothing to close.
 
     What was read is kept: open a run that is still being written again to see what came since. `with` is possible, and
@@ -120,12 +120,6 @@ class MeasuredRun:
         """The verdict; for a run that is not judged, how it ended as well."""
         outcome = self.verdict.outcome
         return f"{self.status}, {outcome}" if outcome is Outcome.NOT_JUDGED else str(outcome)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def judge(self, store: bool = False) -> Verdict:
         """Judge the run by its points and the checks of this version; `verdict` is the result afterwards.

@@ -1,7 +1,7 @@
 """Points, curves and estimates of a run as numpy columns with units, and as pandas frames."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from model import Array, EstimatedQuantity, Mask, format_quantity
 from protocols.base import Quality, Series, usable_mask
@@ -9,27 +9,40 @@ from protocols.base import Quality, Series, usable_mask
 if TYPE_CHECKING:
     import pandas as pd
 
+T = TypeVar("T")
 
-class ColumnTable(Mapping[str, Array]):
-    """Named columns with units: `table["frequency"]` is a numpy array, `table.unit("frequency")` its SI unit."""
 
-    def __init__(self, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
-        self._columns, self._units = dict(columns), dict(units)
+class _NamedItems(Mapping[str, T]):
+    """Items by name; an unknown name is answered with the known ones."""
 
-    def __getitem__(self, name: str) -> Array:
-        if name not in self._columns:
-            raise KeyError(f"there is no column {name!r}; the columns are: {', '.join(self._columns)}")
-        return self._columns[name]
+    unknown: ClassVar[str]
+
+    def __init__(self, items: Mapping[str, T]) -> None:
+        self._items = dict(items)
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._items:
+            raise KeyError(self.unknown.format(name, ", ".join(self._items) or "none"))
+        return self._items[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._columns)
+        return iter(self._items)
 
     def __len__(self) -> int:
-        """Return the number of columns; `len(table["..."])` is the number of rows."""
-        return len(self._columns)
+        return len(self._items)
+
+
+class ColumnTable(_NamedItems[Array]):
+    """Named columns with units: `table["frequency"]` is a numpy array, `table.unit("frequency")` its SI unit, `len(table)` the number of columns."""
+
+    unknown = "there is no column {!r}; the columns are: {}"
+
+    def __init__(self, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
+        super().__init__(columns)
+        self._units = dict(units)
 
     def __repr__(self) -> str:
-        rows = len(next(iter(self._columns.values()), ()))
+        rows = len(next(iter(self.values()), ()))
         listed = ", ".join(f"{name} [{self.unit(name)}]" for name in self)
         return f"<{type(self).__name__}: {rows} rows of {listed}>"
 
@@ -110,22 +123,13 @@ class CurveTable(ColumnTable):
         self.x, self.y = series.x_axis.name, series.y_axis.name
 
 
-class EstimateTable(Mapping[str, EstimatedQuantity]):
+class EstimateTable(_NamedItems[EstimatedQuantity]):
     """Estimates by name: `table["k2"].value`, `.standard_error`, `.unit`; printed with two digits of their error."""
 
+    unknown = "there is no estimate of {!r}; there are: {}"
+
     def __init__(self, estimates: Sequence[EstimatedQuantity]) -> None:
-        self._estimates = {each.name: each for each in estimates}
-
-    def __getitem__(self, name: str) -> EstimatedQuantity:
-        if name not in self._estimates:
-            raise KeyError(f"there is no estimate of {name!r}; there are: {', '.join(self._estimates) or 'none'}")
-        return self._estimates[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._estimates)
-
-    def __len__(self) -> int:
-        return len(self._estimates)
+        super().__init__({each.name: each for each in estimates})
 
     def __repr__(self) -> str:
         lines = (f"{name}: {format_quantity(e.value, e.standard_error, e.unit, name)}" for name, e in self.items())

@@ -169,41 +169,28 @@ class CurveCommand(CampaignCommand):
             raise UsageError(f"{self.item} has results of fewer than two values: {state.reason}")
         check_output_files(self.files)
         main = curves[-1]
-        x, factor_unit = main.x_axis, shown_unit(main.x_axis.unit)[1]
-        columns = [Column(x.name, x.unit, main.x, display_unit=factor_unit if factor_unit != x.unit else "")]
+        x = main.x_axis
+        columns = [Column(x.name, x.unit, main.x, display_unit=shown_unit(x.unit)[1])]
         for curve in reversed(curves):
             if curve.x.size == main.x.size and curve.errors is not None and curve.total_errors is not None:
-                y = curve.y_axis
-                unit = shown_unit(y.unit)[1]
-                shown = unit if unit != y.unit else ""
+                y, shown = curve.y_axis, shown_unit(curve.y_axis.unit)[1]
                 columns += [
                     Column(y.name, y.unit, curve.plotted, display_unit=shown),
                     Column(f"{y.name}_errors", y.unit, curve.errors, "± noise", shown, ".2g"),
                     Column(f"{y.name}_total_uncertainty", y.unit, curve.total_errors, "± total", shown, ".2g"),
                 ]
         table = Table("series", f"{self.item} of {known.specimen}: {state.reason}", tuple(columns))
-        figure = PaperFigure(
-            "series",
-            x.name,
-            x.unit,
-            main.y_axis.name,
-            main.y_axis.unit,
-            (Series(main.x, main.plotted, label=self.item),),
-            f"{main.y_axis.name} of {known.specimen} over {x.name}.",
+        y, lines = main.y_axis, (Series(main.x, main.plotted, label=self.item),)
+        caption = f"{y.name} of {known.specimen} over {x.name}."
+        result = CommandResult(
+            "campaign curve",
+            {},
+            (table,),
+            figures=(PaperFigure("series", x.name, x.unit, y.name, y.unit, lines, caption),),
+            heading=("SIMULATED",) if known.simulated else (),
+            extra={"simulated": known.simulated},
         )
-        return render(
-            CommandResult(
-                "campaign curve",
-                {},
-                (table,),
-                write_csv=table.to_csv,
-                figures=(figure,),
-                heading=("SIMULATED",) if known.simulated else (),
-                extra={"simulated": known.simulated},
-            ),
-            self.json,
-            self.files,
-        )
+        return render(result, self.json, self.files)
 
 
 @command("dwell --specimen T7")

@@ -54,7 +54,7 @@ INADEQUATE_MODEL_HINT = (
     "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
 )
 USUAL_EVALUATIONS = 30
-"""Evaluations at which the bar of a fit, whose number is not known, is half full."""
+"""Evaluations at which the bar of a fit is half full; how many a fit needs is unknown."""
 SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
@@ -190,7 +190,7 @@ class IdentifyCommand(AcceptCommand):
 
 
 def _show_progress(bars: ExitStack, quiet: bool) -> Callable[[int, float], None]:
-    """Return what shows the progress of a fit on a terminal, from its first evaluation until `bars` is closed."""
+    """Return the function that shows the progress of a fit on a terminal, from its first evaluation until `bars` is closed."""
     bar: Progress | None = None
 
     def show(evaluations: int, chi_square: float) -> None:

@@ -292,7 +292,7 @@ def _identification_notes(identification: IdentificationResult) -> Iterator[str]
 
 
 def _adequacy_record(identification: IdentificationResult) -> dict[str, Any]:
-    """Return the adequacy of a joint fit for JSON; empty where there is none."""
+    """Return the adequacy of a joint fit for JSON; empty without a joint fit."""
     adequacy = identification.adequacy
     if adequacy is None:
         return {}

@@ -37,7 +37,7 @@ DURATION = ParameterSpec("duration", "s", Interval(gt=0), "duration of the curve
 DENSITY = ParameterSpec("density", "kg/m^3", Interval(gt=0), "density of the membrane", 1000.0)
 
 MEMBRANE_VARIABLES = {"delta", "contact_length", *(spec.name for spec in parameter_specs(Membrane))}
-"""What puts the tactor on the membrane where it is given."""
+"""Variables that put the tactor on the membrane if one of them is given."""
 
 MAX_VALUES = 100_000
 """Most values of a range."""
@@ -144,6 +144,12 @@ class SpecimenOptions(ParameterOptions):
         "of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane", metavar="LENGTH"
     )
 
+    @property
+    def stretch_flags(self) -> list[str]:
+        """The options given that stretch the membrane."""
+        given = {"--pre-stretch": self.pre_stretch, "--elongation": self.elongation}
+        return [flag for flag, text in given.items() if text is not None]
+
 
 class Topic(SpecimenOptions, ABC):
     """A topic of the command `model`.
@@ -200,7 +206,7 @@ class DriveOptions:
 def plausibility_notes(values: Mapping[str, float], given: SpecimenOptions) -> tuple[str, ...]:
     """Return a question for each value that the user gave and that is implausible: most likely its unit is wrong."""
     names = set(read_settings(given.settings))
-    if given.pre_stretch is not None or given.elongation is not None:
+    if given.stretch_flags:
         names.add("delta")
     return tuple(
         note
@@ -242,10 +248,7 @@ def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: Act
     The tactor is free unless a parameter of the membrane is given, or `on_membrane`.
     """
     values = read_settings(options.settings)
-    given = [
-        f"--{name}" for name in ("pre-stretch", "elongation") if getattr(options, name.replace("-", "_")) is not None
-    ]
-    given += [f"--set {name}" for name in ("delta",) if name in values]
+    given = options.stretch_flags + ["--set delta"] * ("delta" in values)
     if len(given) > 1:
         raise UsageError(f"the pre-stretch is given twice, by {' and '.join(given)}; leave one out")
     if options.pre_stretch is not None:

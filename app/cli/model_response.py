@@ -73,7 +73,7 @@ DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250
 CURVE_HZ = "1:250:250"
 POINTS = 2001
 RUNS_FOLDER = Path("runs")
-"""Whose laboratory file names the threshold where `--threshold` does not."""
+"""Folder whose laboratory file names the threshold if `--threshold` does not."""
 
 
 @command("--frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv")

@@ -53,7 +53,7 @@ def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) 
     """Bring the index of a folder of runs up to date, with a progress bar on a terminal, and yield its catalogue.
 
     Raises:
-        UsageError: the index cannot be read or written, here or by the caller.
+        UsageError: the index cannot be read or written, by this function or within the block.
     """
     catalogue = Catalogue(folder)
     try:

@@ -264,11 +264,7 @@ def _choose_shapes(study: Study, options: ShapeOptions) -> ShapeChoice:
 def _check_overlap(base: Study, options: StudyCommand) -> None:
     """Raise UsageError for a value of a varied parameter: it would have no effect."""
     given = {f"--set {name}": name for name in read_settings(options.specimen.settings)}
-    given |= {
-        f"--{o}": "delta"
-        for o in ("pre-stretch", "elongation")
-        if getattr(options.specimen, o.replace("-", "_")) is not None
-    }
+    given |= dict.fromkeys(options.specimen.stretch_flags, "delta")
     for source, name in given.items():
         if name in base.vary:
             raise UsageError(f"{name} is varied by the study; leave out {source}")

@@ -134,7 +134,7 @@ def append_entry(
 
 
 def read_entries(folder: Path) -> tuple[list[AuditEntry], list[str]]:
-    """Return the lines of an audit trail, and what is wrong with the chain, as sentences.
+    """Return the lines of an audit trail, and the faults of the chain as sentences.
 
     Raises:
         AuditError: there is none, or it cannot be read.
@@ -215,7 +215,7 @@ def _parse(line: bytes) -> AuditEntry | None:
 
 
 def _last_line(path: Path) -> tuple[AuditEntry | None, bytes, bool]:
-    """Return the last entry, what follows it without being one, and whether the file lacks an end of line.
+    """Return the last entry, the bytes behind it that are no entry, and whether the file lacks an end of line.
 
     Raises:
         AuditError: the last complete line is damaged.

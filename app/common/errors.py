@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """What a command returns to the shell."""
+    """Exit code of a command."""
 
     DONE = 0
     FAILED = 1

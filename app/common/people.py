@@ -32,7 +32,7 @@ def operator_path() -> Path:
 
 
 def remembered_conditions(now: datetime | None = None) -> RunConditions:
-    """Return what was stated today; its operator is empty if none was stated today or the file is damaged."""
+    """Return the conditions stated today; their operator is empty if none was stated today or the file is damaged."""
     today = f"{now or datetime.now():%Y-%m-%d}"
     try:
         record = read_json_file(operator_path())
@@ -48,7 +48,7 @@ def remembered_conditions(now: datetime | None = None) -> RunConditions:
 
 
 def remember_typed_conditions(name: str | None, temperature: str | None, humidity: str | None) -> None:
-    """Remember until midnight what is not None; temperature and humidity with their units.
+    """Remember until midnight the arguments that are not None; temperature and humidity with their units.
 
     Raises:
         UsageError: a value cannot be used.
@@ -90,7 +90,7 @@ def remember_conditions(
 
 
 def current_conditions() -> RunConditions:
-    """Return what was stated today; the operator defaults to the computer's login name."""
+    """Return the conditions stated today; the operator defaults to the computer's login name."""
     found = remembered_conditions()
     return found if found.operator else replace(found, operator=login_name(), operator_origin=LOGIN)
 

@@ -19,7 +19,7 @@ MAX_POINT_ROWS = 12
 
 @dataclass(frozen=True, slots=True)
 class ResultSummary:
-    """What a result card shows of a run.
+    """Contents of the result card of a run.
 
     Attributes:
         reason: how the run ended, for the reasons of the verdict.

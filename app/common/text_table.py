@@ -35,7 +35,7 @@ class Column:
 
     @property
     def cells(self) -> list[CellValue]:
-        """Return plain values: numbers and texts, None for what is not finite."""
+        """Return plain values: numbers and texts, None for values that are not finite."""
         return [_cell_value(value) for value in self.values]
 
     @property

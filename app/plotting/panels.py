@@ -98,7 +98,7 @@ LEGEND_IN = 0.2
 """Height of a row of the legend above all panels."""
 LEGEND_COLUMNS = 4
 FLAGGED = ", flagged"
-"""What the legend adds to the label of points that no fit may use."""
+"""Addition to the label of points that no fit may use."""
 STRIP_SHARE = 0.27
 """Share of a panel's height that the residual strip takes."""
 

@@ -154,7 +154,7 @@ def _draw_points(axes: Any, figure: Figure, state: ModelState, grid: Array, fact
 
 
 def _draw_comparisons(axes: Any, figure: Figure, factor: float) -> None:
-    """Draw what a figure has to compare with, and set the limits of y."""
+    """Draw levels and spans to compare with, and set the limits of y."""
     for level in figure.levels:
         axes.axhline(factor * level, color="tab:green", lw=0.8)
     for span, color in zip(figure.spans, _curve_colors(len(figure.spans)), strict=True):

@@ -24,7 +24,7 @@ from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies import PaperFigure, skin_figures
 
 SectionContents = Mapping[str, tuple[str, Callable[[], Iterable[Block]]]]
-"""Title of each section by its name, and what makes its blocks."""
+"""Title of each section by its name, and the function that makes its blocks."""
 
 LINE_STYLES = ("-", "--", "-.", ":")
 SHORT_SECTIONS = ("skin", "uncertainties")
@@ -46,7 +46,7 @@ def build_report(
     full: bool = True,
     laboratory: Laboratory | None = None,
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
-    """Build the report of a specimen from all its runs in a folder and below; return also what its pictures need.
+    """Build the report of a specimen from all its runs in a folder and below; return also model and runs for its pictures.
 
     It is two pages long, or `full`, with everything it rests on in an appendix. The laboratory's own sections, order, header and
     footer are added; the first page is always the one to sign.

@@ -24,7 +24,7 @@ GAP_IN = 0.75
 
 @dataclass(frozen=True, slots=True)
 class Drawings:
-    """What was drawn: of each plot of a report, by its place among them, and of each run."""
+    """Drawings of the plots of a report, in their order, and of its runs by name."""
 
     plots: tuple[tuple[VectorDrawing, ...], ...]
     """Several drawings of one plot where its rows need more than a page."""

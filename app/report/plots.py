@@ -39,7 +39,7 @@ def response_figure(
 
 
 def threshold_caption(threshold: PerceptionThreshold) -> str:
-    """Return what the dashed line and the shade of a response are."""
+    """Return the meaning of the dashed line and of the shade of a response."""
     return f"Dashed: threshold of perception, {threshold.description}. Shaded: uncomfortable ({UNCOMFORTABLE_SOURCE})."
 
 

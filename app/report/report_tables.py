@@ -85,7 +85,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Itera
 
 
 def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
-    """Yield what was identified, and what the identification rests on and lacks."""
+    """Yield the result of the identification, its basis, and the parameters that it leaves open."""
     found = specimen.identification
     if found is None:
         yield Paragraph(f"Nothing is identified: {specimen.problem}.", "bad")

@@ -32,7 +32,7 @@ class InstrumentRecord:
 
 @dataclass(frozen=True, slots=True)
 class ReportRun:
-    """One run of a report: its summary in the catalogue, and what a report reads from its file besides."""
+    """One run of a report: its summary in the catalogue, and further contents of its file."""
 
     path: Path
     summary: RunSummary
@@ -46,7 +46,7 @@ class ReportRun:
     figures: tuple[Figure, ...] = ()
     """Of its protocol, with a title."""
     result: ResultSummary | None = None
-    """What the result card shows of it; None if its file could not be used."""
+    """Contents of its result card; None if its file could not be used."""
     sha256: str = ""
     problem: str = ""
     """Why its file could not be used."""

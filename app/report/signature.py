@@ -9,7 +9,7 @@ from app.common import UsageError, truncate_text
 from protocols.base import write_atomic
 
 NAMESPACE = "tactor-bench-report"
-"""What the signature is for: one for another purpose does not verify."""
+"""Purpose of the signature: a signature for another purpose does not verify."""
 SUFFIX = ".sig"
 
 

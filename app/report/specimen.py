@@ -39,7 +39,7 @@ from model.studies import EstimateSet, UncertaintyBand, linear_band
 from protocols.base import ModelFunction, ModelState
 
 Effects = Mapping[str, float]
-"""What the beam model leaves out, by name."""
+"""Effects that the beam model leaves out, by name."""
 CurveFunction = Callable[[Tactor, Membrane, Effects], Array]
 
 NO_EFFECTS: Effects = {

@@ -73,7 +73,7 @@ class LabelCommand:
 
 
 def _read_names(path: Path | None) -> list[str]:
-    """Return the names of a list: of each line what precedes the first comma or semicolon; blank and `#` lines are skipped."""
+    """Return the names of a list: of each line the text before the first comma or semicolon; blank and `#` lines are skipped."""
     if path is None:
         return []
     try:
