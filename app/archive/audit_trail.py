@@ -12,10 +12,10 @@ from app.common import (
     AuditError,
     Progress,
     append_entry,
+    audited_hash,
     current_conditions,
     read_entries,
 )
-from protocols.base import file_hash
 
 AUDITED_SUFFIXES = (".h5", ".calibrations.json", ".campaign.json", ".notes.json", ".specimen.toml", ".certificate.json")
 """Files that are recorded when an audit trail begins, and looked for when it is verified."""
@@ -103,9 +103,6 @@ def _present_files(folder: Path, progress: Progress, named: Mapping[str, str] | 
     found = {}
     for done, name in enumerate(sorted(names), 1):
         progress.raise_if_cancelled()
-        try:
-            found[name] = file_hash(folder / name)
-        except OSError as error:
-            found[name] = f"unreadable: {error.strerror or error}"
+        found[name] = audited_hash(folder / name)
         progress.update(done / len(names), f"hashing {done} of {len(names)}")
     return found

@@ -3,6 +3,7 @@ from .audit_chain import MIN_HEAD_LENGTH as MIN_HEAD_LENGTH
 from .audit_chain import AuditEntry as AuditEntry
 from .audit_chain import AuditError as AuditError
 from .audit_chain import append_entry as append_entry
+from .audit_chain import audited_hash as audited_hash
 from .audit_chain import read_entries as read_entries
 from .audit_chain import record_audit as record_audit
 from .errors import ExitCode as ExitCode

@@ -80,13 +80,14 @@ def record_audit(action: str, *paths: Path, subject: str = "", **details: Any) -
     if not paths or (folder := audited_folder(paths[0])) is None:
         return
     try:
-        hashes = {path.absolute().relative_to(folder).as_posix(): _hash_of(path) for path in paths}
+        hashes = {path.absolute().relative_to(folder).as_posix(): audited_hash(path) for path in paths}
         append_entry(folder, action, subject or paths[0].name, current_conditions().operator, hashes, details)
     except (AuditError, OSError, ValueError) as error:
         log.warning("%s of %s is missing in the audit trail: %s", action, paths[0], error)
 
 
-def _hash_of(path: Path) -> str:
+def audited_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or why it cannot be read."""
     try:
         return file_hash(path)
     except OSError as error:

@@ -108,14 +108,8 @@ class ConsoleObserver:
             self._progress.update(self._task, description=text, left="")
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
-        text = Text.assemble(
-            *(
-                visible_text(part, multiline=True)
-                if isinstance(part, str)
-                else (visible_text(part[0], multiline=True), part[1])
-                for part in parts
-            )
-        )
+        styled = ((part, "") if isinstance(part, str) else part for part in parts)
+        text = Text.assemble(*((visible_text(words, multiline=True), style) for words, style in styled))
         self._progress.console.print(text, soft_wrap=True)
 
 
