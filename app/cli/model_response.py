@@ -148,25 +148,16 @@ class StepTopic(Topic):
         t, skin, n = specimen.acting_tactor, specimen.skin, choice.n
         volts, hz = read_number(self.voltage, VOLTAGE), read_number(self.frequency, PERIODIC_FREQUENCY_SPEC)
         amplitude, offset = self.drive.read()
-        threshold, tolerance = (
-            read_number(self.threshold, THRESHOLD_SPEC),
-            read_number(self.tolerance, TOLERANCE_SPEC),
-        )
+        threshold = read_number(self.threshold, THRESHOLD_SPEC)
+        tolerance = read_number(self.tolerance, TOLERANCE_SPEC)
         stepped = step_latency(t, volts, threshold, tolerance, skin, n)
         begun = sine_latency(t, hz, amplitude, offset, threshold, tolerance, skin, n=n)
         where, felt = describe_specimen(specimen), f"time to {1e6 * threshold:g} µm"
+        drive = f"{2 * amplitude:g} V peak to peak around {offset:g} V at the amplifier's input"
+        titles = f"Step of {volts:g} V on the specimen, {where}", f"Onset of a sine of {hz:g} Hz, {drive}"
         tables = (
-            _latency_table(
-                "step", f"Step of {volts:g} V on the specimen, {where}", "final deflection", felt, stepped, tolerance
-            ),
-            _latency_table(
-                "sine_onset",
-                f"Onset of a sine of {hz:g} Hz, {2 * amplitude:g} V peak to peak around {offset:g} V at the amplifier's input",
-                "amplitude of the fundamental",
-                felt,
-                begun,
-                tolerance,
-            ),
+            _latency_table("step", titles[0], "final deflection", felt, stepped, tolerance),
+            _latency_table("sine_onset", titles[1], "amplitude of the fundamental", felt, begun, tolerance),
         )
         longest = max(stepped.settling_s or 0.02, begun.settling_s or 0.02)
         duration = 1.5 * longest if self.duration is None else read_number(self.duration, DURATION)

@@ -29,6 +29,7 @@ from protocols.signals import dwell_peak
 
 FULL_DRIVE_TOLERANCE = 0.02
 """Relative difference from the largest drive up to which a drive counts as full."""
+MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio")
 
 
 def figure_of_merit(name: str, value: float, standard_error: float) -> EstimatedQuantity:
@@ -113,11 +114,7 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
 def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
     """Return natural and damped frequency and damping ratio, free, from the newest run that has them."""
     for run in reversed([each for each in runs if each.identifiable]):
-        found = [
-            e
-            for e in run.summary.record.estimates
-            if e.name in ("natural_frequency", "damped_frequency", "damping_ratio")
-        ]
+        found = [e for e in run.summary.record.estimates if e.name in MODE_NAMES]
         if found and all(
             getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None
             for each in run.observations
@@ -144,9 +141,7 @@ def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list
         if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
             peak = dwell_peak(run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at])
             if peak is not None:
-                shared = float(
-                    np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
-                )
+                shared = np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
                 error = float(np.hypot(peak.height_error, shared * peak.height))
                 found["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", peak.height, error)
     return list(found.values())
