@@ -42,6 +42,9 @@ from protocols.base import (
 from protocols.commissioning import OutputVerdict
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
+INSTRUMENT_ROLES = ("generator", "supply", "card")
+"""Roles of devices that a bench file names."""
+
 
 @command("example: tactor-bench check --bench bench1.toml --set level_v='50 mV'")
 class CheckCommand(ProtocolOptions):
@@ -250,7 +253,7 @@ class DevicesCommand(DiscoveryOptions):
         Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
         for note in notes:
             print_message(note)
-        if any(one.role in ("generator", "supply", "card") for one in found):
+        if any(one.role in INSTRUMENT_ROLES for one in found):
             asked = "".join(f" --host {host}" for host in self.hosts) + (f" --server {self.server}" * bool(self.server))
             print_message(
                 f"Next: tactor-bench bench new bench1.toml{asked}, then tactor-bench commission --bench bench1.toml"
@@ -277,7 +280,7 @@ class NewBenchCommand(DiscoveryOptions):
             raise UsageError(f"{self.file} cannot be written: {error.strerror or error}") from None
         for note in notes:
             print_message(note)
-        have = [f"{one.role} {one.identity}" for one in found if one.role in ("generator", "supply", "card")]
+        have = [f"{one.role} {one.identity}" for one in found if one.role in INSTRUMENT_ROLES]
         print_message(
             f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it"
         )

@@ -1,6 +1,6 @@
 """Result cards of a report: verdict, quantities or points, and hints of every run, as the window shows them; tables of results."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, Table, outcome_severity
 from app.report.document import Block, Paragraph, Tone
@@ -17,31 +17,26 @@ HEADINGS = ("quantity", "value")
 TONES: dict[Severity, Tone] = {Severity.ERROR: "bad"}
 
 
-def result_cards(runs: Sequence[ReportRun]) -> list[Block]:
-    """Return the result of each run that can be read, in the order of the runs."""
-    blocks: list[Block] = []
+def result_cards(runs: Sequence[ReportRun]) -> Iterator[Block]:
+    """Yield the result of each run that can be read, in the order of the runs."""
     for run in runs:
         if run.result is not None:
-            blocks += _card(run, run.result)
-    return blocks
+            yield from _card(run, run.result)
 
 
-def result_tables(runs: Sequence[ReportRun], section: str) -> list[Block]:
-    """Return the tables of a section that protocols make of their newest run with a result."""
+def result_tables(runs: Sequence[ReportRun], section: str) -> Iterator[Block]:
+    """Yield the tables of a section that protocols make of their newest run with a result."""
     newest = {run.summary.protocol: run for run in runs if run.result is not None and not run.without_result}
-    blocks: list[Block] = []
     for protocol, run in newest.items():
         try:
             tables = tuple(aspects_of(protocol).result_tables(run.name, run.summary.figures))
         except RunReadError as error:  # of a laboratory's protocol
-            blocks.append(Paragraph(f"{error}.", "bad"))
+            yield Paragraph(f"{error}.", "bad")
             continue
-        blocks += [
-            Table.of_rows(table.title, table.columns, [tuple(map(_typeset, row)) for row in table.rows], table.note)
-            for table in tables
-            if table.section == section
-        ]
-    return blocks
+        for table in tables:
+            if table.section == section:
+                rows = [tuple(map(_typeset, row)) for row in table.rows]
+                yield Table.of_rows(table.title, table.columns, rows, table.note)
 
 
 def _typeset(cell: str | RunFigure) -> str:
@@ -53,18 +48,17 @@ def _typeset(cell: str | RunFigure) -> str:
     return typeset_measurement(cell.value, cell.total, cell.unit)
 
 
-def _card(run: ReportRun, result: ResultSummary) -> list[Block]:
+def _card(run: ReportRun, result: ResultSummary) -> Iterator[Block]:
     outcome = result.verdict.outcome
     marks = ", SIMULATED" * result.simulated + ", IMPORTED" * run.imported
     title = f"{run.summary.protocol}, {run.name}: {OUTCOME_SYMBOLS[outcome]} {outcome.upper()}{marks}"
     tone = TONES.get(outcome_severity(outcome), "plain")
-    remarks: list[Block] = [Paragraph(f"Hint: {hint}.") for hint in result.hints]
+    if listed := result.quantities or result.points[:MAX_POINT_ROWS]:
+        more = len(result.points) - len(listed)
+        note = f"{NOISE_NOTE} {more} more points are in the file." if result.points and more > 0 else NOISE_NOTE
+        yield Table.of_rows(title, HEADINGS if result.quantities else result.point_names, listed, note)
+    else:
+        yield Paragraph(title, tone)
     if outcome is not Outcome.GOOD:
-        remarks.insert(0, Paragraph(f"{result.verdict.describe(result.reason)}.", tone))
-    listed = result.quantities or result.points[:MAX_POINT_ROWS]
-    if not listed:
-        return [Paragraph(title, tone), *remarks]
-    more = len(result.points) - len(listed)
-    note = f"{NOISE_NOTE} {more} more points are in the file." if result.points and more > 0 else NOISE_NOTE
-    headings = HEADINGS if result.quantities else result.point_names
-    return [Table.of_rows(title, headings, listed, note), *remarks]
+        yield Paragraph(f"{result.verdict.describe(result.reason)}.", tone)
+    yield from (Paragraph(f"Hint: {hint}.") for hint in result.hints)
