@@ -300,7 +300,7 @@ class FaultsCommand:
         return print_answer(FAULT_DESCRIPTIONS, lines, self.json)
 
 
-BENCH_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "Bench files.",
     "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
     {

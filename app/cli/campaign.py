@@ -310,7 +310,7 @@ def _item_text(state: ItemState) -> str:
     return "\n".join(lines)
 
 
-CAMPAIGN_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "All measurements of one specimen, each after what it is based on. Their status is read from the run "
     "files; a campaign can be stopped, killed and resumed at any time.",
     "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",

@@ -333,7 +333,7 @@ def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
     return CommandResult("calibration diff", {}, (table,))
 
 
-CALIBRATION_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "Accepted estimates of a specimen: consecutive versions, one of them active.",
     "example: tactor-bench calibration show T7",
     {

@@ -34,14 +34,11 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "measure the properties that the driver assumes of the source, with high voltage off",
     ),
     "devices": ("bench:DevicesCommand", "list the connected VISA instruments, NI cards and serial ports"),
-    "bench": ("bench:BENCH_COMMANDS", "write a first bench file"),
+    "bench": ("bench:VERBS", "write a first bench file"),
     "faults": ("bench:FaultsCommand", "list the faults that can be injected into a simulated bench"),
-    "campaign": (
-        "campaign:CAMPAIGN_COMMANDS",
-        "the measurements of one specimen in their order: new, status, run, resume ...",
-    ),
+    "campaign": ("campaign:VERBS", "the measurements of one specimen in their order: new, status, run, resume ..."),
     "model": (
-        "model:MODEL_COMMANDS",
+        "model:VERBS",
         "compute model quantities: parameters, modes, statics, frequency response, step, membrane, convergence",
     ),
     "study": ("study:StudyCommand", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
@@ -64,13 +61,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "a golden specimen over time: drift of the bench, or of the specimen",
     ),
     "certificate": (
-        "laboratory.certificates:CERTIFICATE_COMMANDS",
+        "laboratory.certificates:VERBS",
         "calibration certificates of the instruments and when each is due: add, list, show",
     ),
-    "audit": (
-        "laboratory.audit:AUDIT_COMMANDS",
-        "audit trail of a folder, detects any later change: start, verify, show, head",
-    ),
+    "audit": ("laboratory.audit:VERBS", "audit trail of a folder, detects any later change: start, verify, show, head"),
     "backup": (
         "laboratory.backup:BackupCommand",
         "copy new and changed runs to a second folder, verified by their hashes",
@@ -93,14 +87,8 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "resume": ("run:ResumeCommand", "resume a run that was stopped or crashed, or measure some of its points again"),
     "identify": ("identify:IdentifyCommand", "parameters of a specimen from its runs, with errors"),
     "compare": ("compare:CompareCommand", "compare the points of two runs of one protocol"),
-    "calibration": (
-        "identify:CALIBRATION_COMMANDS",
-        "the accepted estimates of a specimen: accept, show, diff, use another version",
-    ),
-    "specimen": (
-        "specimen.commands:SPECIMEN_COMMANDS",
-        "the sheet of a specimen, dimensions and masses: new, set, show, check",
-    ),
+    "calibration": ("identify:VERBS", "the accepted estimates of a specimen: accept, show, diff, use another version"),
+    "specimen": ("specimen.commands:VERBS", "the sheet of a specimen, dimensions and masses: new, set, show, check"),
     "label": ("specimen.label:LabelCommand", "labels of specimens to print, with a QR code for a barcode scanner"),
     "report": ("report:ReportCommand", "the report of a specimen: PDF and HTML"),
 }

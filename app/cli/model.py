@@ -236,7 +236,7 @@ class ConvergenceTopic(Topic):
         )
 
 
-MODEL_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "Quantities of the model, for any parameters.",
     "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
     {

@@ -96,7 +96,7 @@ class HeadAuditCommand(_AuditOptions):
         return print_answer(head, [str(head["head"])], self.json)
 
 
-AUDIT_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "Audit trail: once begun in a folder, every run, acceptance, rejection, note, check, edit and deletion appends a line to audit.jsonl with who, when, why "
     "and the hashes of the files; each line has the hash of the one before it. A hash that is kept elsewhere, such as on a report, proves "
     "everything up to it.",

@@ -151,7 +151,7 @@ def one_line(values: tuple[float, ...]) -> str:
     return f"{values[0]:.7g}" if values and len(set(values)) == 1 else ", ".join(f"{value:.7g}" for value in values)
 
 
-CERTIFICATE_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "Calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside the runs. A run warns from 30 days before the due "
     "date of an instrument that it uses, by serial number, and flags every point after it.",
     "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",

@@ -158,7 +158,7 @@ class CheckSheetCommand:
         return ExitCode.FAILED if questions else ExitCode.DONE
 
 
-SPECIMEN_COMMANDS = CommandGroup(
+VERBS = CommandGroup(
     "Specimen sheets: dimensions and masses of a specimen, each with standard uncertainty, instrument and date, in a commented TOML "
     "file beside its runs. They enter every fit with their uncertainties; what a sheet does not have is the paper's Table I with the "
     "uncertainties of ruler and caliper.",
