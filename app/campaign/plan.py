@@ -138,6 +138,8 @@ def read_record(path: Path) -> dict[str, Any]:
             raise ValueError(f"there are two items '{item['name']}'")
         if missing := [need for need in item.get("needs", ()) if need not in before]:
             raise ValueError(f"{item['name']} needs '{missing[0]}', which is not an earlier item")
+        if "prepare" not in item or any("choices" not in prompt for prompt in item["prepare"]):
+            raise ValueError(f"{item['name']} has no list 'prepare' of prompts, each with its 'choices'")
         before.add(item["name"])
     return record
 

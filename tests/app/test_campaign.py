@@ -249,6 +249,18 @@ def test_a_file_that_is_no_campaign_is_a_sentence(text: str, tmp_path: Path) -> 
         Campaign.open(tmp_path, "T1")
 
 
+@pytest.mark.parametrize("lost", ["prepare", "choices"])
+def test_a_campaign_file_without_prompts_of_an_item_names_the_item(lost: str, tmp_path: Path) -> None:
+    Campaign.create(tmp_path, "T1", True, PAPER_ITEMS)
+    path = campaign_path(tmp_path, "T1")
+    record = json.loads(path.read_text("utf-8"))
+    item = next(item for item in record["items"] if item["prepare"])
+    del (item if lost == "prepare" else item["prepare"][0])[lost]
+    path.write_text(json.dumps(record))
+    with pytest.raises(CampaignError, match=f"{item['name']}.*{lost}"):
+        Campaign.open(tmp_path, "T1")
+
+
 def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
     campaign = Campaign.create(tmp_path, "T1", True, QUICK)
     with laboratory() as lab:
