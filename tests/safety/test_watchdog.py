@@ -170,7 +170,7 @@ def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(t
         bench.play(Sine(100, 2.5, 2.5, 2000))
         wait(bench.at_rest)  # the test does not beat any more
         assert_safe_voltage(bench.bench.report())
-        wait(lambda: "the thread that reads the card said nothing" in log(tmp_path))
+        wait(lambda: "the thread that reads the card" in log(tmp_path))
         with pytest.raises(BenchError, match=r"^the watchdog\b.*\bsource\b.*\bthread\b"):
             bench.watchdog.raise_for_status()
         pieces = len(bench.bench.history.entries())
@@ -210,7 +210,7 @@ def test_a_watchdog_that_was_killed_or_hangs_is_noticed(tmp_path: Path, monkeypa
         bench.watchdog.raise_for_status()
         with monkeypatch.context() as impatient:
             impatient.setattr("drivers.watchdog.client.WATCHDOG_SILENCE_S", -1.0)
-            with pytest.raises(BenchError, match="the watchdog has said nothing for"):
+            with pytest.raises(BenchError, match=r"^the watchdog\b.*\b\d+\.\d s\b"):
                 bench.watchdog.raise_for_status()
         watchdog.kill()
         wait(lambda: bench.watchdog._ended)
