@@ -9,8 +9,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 MAX_NESTING = 40
 """Lists and objects within each other in a JSON or TOML text; the program's own have six."""
 MAX_JSON_BYTES = 20_000_000
@@ -117,8 +115,8 @@ def to_jsonable(value: Any) -> Any:
             return [to_jsonable(item) for item in value]
         case Enum():
             return to_jsonable(value.value)
-        case np.generic() | np.ndarray():
-            return to_jsonable(value.tolist())
+    if hasattr(value, "tolist"):  # of numpy, which is not imported here: the command line starts without it
+        return to_jsonable(value.tolist())
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_jsonable(getattr(value, field.name)) for field in fields(value)}
     return str(value)
