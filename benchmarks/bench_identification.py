@@ -26,7 +26,7 @@ from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import amplifier_response
 from model.skin_model import skin
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 
 
 def typical_s(call: Callable[[], object], repeats: int) -> float:

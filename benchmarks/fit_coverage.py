@@ -22,7 +22,7 @@ from model.identification.observations import ObservationSet, observed_values
 from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
 from model.identification.paper_chain_errors import linearized_errors
 from model.parameters import Membrane, Tactor
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 
 TRUTH = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 N = 20

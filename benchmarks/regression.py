@@ -52,7 +52,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from protocols.signals import fit_sine
 from protocols.signals.swept_response import estimate_swept_response
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 from tests.helpers.run_files import SCALES, finished_run, initial_record
 from tests.helpers.sampled import march
 

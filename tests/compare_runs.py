@@ -29,7 +29,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-RENAMED: dict[str, str] = {"wanted": "target_relative_uncertainty"}
+RENAMED: dict[str, str] = {
+    "wanted": "target_relative_uncertainty",
+    "what was driven before the runs": "drive before the runs",
+}
 """Names that the changelog announces, old to new: keys, columns, HDF5 names and whole text values of the recording before."""
 
 VOLATILE = {

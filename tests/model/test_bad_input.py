@@ -24,8 +24,8 @@ from model.studies.parameter_study import Study
 from model.studies.sensitivity import sobol_indices_of
 from model.studies.shape_function_convergence import convergence
 from model.studies.uncertainty import EstimateSet, linear_band
+from tests.helpers.model.sweep_response import sweep_response
 from tests.helpers.sampled import model_curve
-from tests.helpers.sweep_response import sweep_response
 
 T, M = Tactor(), Membrane()
 ONE = EstimateSet(("k2",), (7e-3,), np.array([[1e-10]]))

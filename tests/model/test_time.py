@@ -9,8 +9,8 @@ from model.response.harmonic_response import frequency_response, tactor_modal_fo
 from model.response.latency import sine_latency, step_latency, step_response
 from model.response.statics import voltage_gain
 from model.skin_model import Skin, skin
+from tests.helpers.model.sweep_response import chirp_response, sweep_response
 from tests.helpers.sampled import march
-from tests.helpers.sweep_response import chirp_response, sweep_response
 
 ON = skin(Membrane(), 0.01)
 

@@ -266,11 +266,6 @@ class CampaignPage(QStackedWidget):
         for pane in (self.board.header, self.start_pane):
             pane.message_label.show_message(text, is_error=True)
 
-    def _show_start(self) -> None:
-        if not self._busy:
-            self.controller.find_campaigns(self._location()[0])
-            self._show_part(self.start_pane)
-
     def _choose_campaign_file(self) -> None:
         folder, _ = self._location()
         choose_files(
@@ -290,7 +285,13 @@ class CampaignPage(QStackedWidget):
         self.board.review_requested.connect(self._read_review)
         self.start_pane.create_requested.connect(self.create_campaign)
         self.start_pane.open_requested.connect(self.open)
-        header_actions = {"add": self._show_add, "new": self._show_start, "open": self._choose_campaign_file}
+
+        def show_start() -> None:
+            if not self._busy:
+                self.controller.find_campaigns(self._location()[0])
+                self._show_part(self.start_pane)
+
+        header_actions = {"add": self._show_add, "new": show_start, "open": self._choose_campaign_file}
         self.board.header.action_requested.connect(lambda action: header_actions[action]())
         self.board.action_requested.connect(self.perform_action)
         self.board.item_list.item_moved.connect(

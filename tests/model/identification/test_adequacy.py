@@ -20,7 +20,7 @@ from model.identification.observations import (
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import frequency_response
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 
 
 def judged(world: World, seed: int = 1, drives_v: tuple[float, ...] = (2.5,)) -> Adequacy:

@@ -20,7 +20,7 @@ from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.modes import natural_frequencies
-from tests.helpers.redrawn import resample, resampled_errors
+from tests.helpers.model.redrawn import resample, resampled_errors
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 PERFECT = perfect(World(), Noise(), ())

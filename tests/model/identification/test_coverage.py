@@ -7,7 +7,7 @@ from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import MassResonanceObservation, ObservationSet
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 CAMPAIGNS = 25

@@ -30,7 +30,7 @@ from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance
 from model.skin_model import skin
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 
 PERFECT = perfect(World(), Noise(), SHARED)
 FEW = ObservationSet(tuple(r for r in PERFECT.runs if r.label in ("mfc", "steps", "free")))

@@ -23,7 +23,7 @@ from model.identification import (
 from model.identification.experiment_design import ExpectedPrecision
 from model.identification.observations import observed_values, with_observed_values
 from model.identification.residuals import LeastSquaresProblem
-from tests.helpers.redrawn import resample
+from tests.helpers.model.redrawn import resample
 
 PAPER = Tactor()
 LINES_HZ = np.arange(26.0, 526, 2)

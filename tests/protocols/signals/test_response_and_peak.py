@@ -16,9 +16,9 @@ from protocols.signals.peak import SpectralPeak, low_pass, response_peak, spectr
 from protocols.signals.periodic_response import estimate_periodic_response
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import CORRECTED_VARIANCE, estimate_swept_response
+from tests.helpers.model.sweep_response import sweep_response as exact_sweep
 from tests.helpers.multisine import Multisine
 from tests.helpers.sampled import march
-from tests.helpers.sweep_response import sweep_response as exact_sweep
 
 RATE = 5000.0
 N = 3
