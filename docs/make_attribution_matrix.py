@@ -30,7 +30,7 @@ HEAD = """# The attribution matrix
 
 Written by `python docs/make_attribution_matrix.py`. Every campaign is made by `tests/helpers/laboratory.py`: finite elements for the beam, its own membrane, amplifier and
 law of each departure, nothing of which the fit uses; with the noise of the paper's laboratory (0.3 % and 0.2 um of a dwell point, 0.5 % of a static one, 0.3 Hz of a
-resonance) and errors of laser, amplifier, delay, weights and added masses drawn anew. Each has exactly one departure. The joint fit has Table I held as if exact (`--sheet none`),
+resonance) and errors of laser, amplifier, delay, weights and added masses drawn anew. Each has exactly one departure. The joint fit has Table I held as exact (`--sheet none`),
 judges it, and names a cause.
 
 - **all runs**: loads on both sides, nine added masses, voltage steps, seven dwells on and off the membrane, one repeated, and the sag.

@@ -192,12 +192,15 @@ def current_name(stored: str) -> str:
 
 
 def current_column(stored: str, columns: Container[str]) -> str:
-    """Return the name of a column of points, or of a parameter, that a file of any version stores beside others of its kind."""
-    if stored == "wanted" and "settle_tolerance" in columns:
-        return "target_relative_uncertainty"
+    """Return the present name of a column of points that a file of any version stores beside others."""
     if stored in ("resonance", "resonance_errors") and "damping" in columns:
         return stored.replace("resonance", "natural_frequency")
     return "peak_frequency" if stored == "peak" and "peak_response" in columns else stored
+
+
+def current_parameter(stored: str, parameters: Container[str]) -> str:
+    """Return the present name of a protocol's parameter that a file of any version stores beside others."""
+    return "target_relative_uncertainty" if stored == "wanted" and "settle_tolerance" in parameters else stored
 
 
 def shown_unit(unit: str, name: str = "") -> ShownUnit:

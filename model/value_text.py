@@ -19,7 +19,7 @@ def format_with_uncertainty(
     text = f"{value:{sign}.{digits}g}"
     if standard_error > 0 and math.isfinite(standard_error):
         places = max(1 - math.floor(math.log10(standard_error)), 0)
-        text = f"{value:{sign}.{places}f} {format_uncertainty(standard_error, places=places)}"
+        text = f"{value:{sign}z.{places}f} {format_uncertainty(standard_error, places=places)}"
     return text if unit == "1" else f"{text} {unit}".rstrip()
 
 

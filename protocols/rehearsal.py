@@ -52,6 +52,7 @@ def _text(value: Any) -> str:
 
 
 BYTES_PER_SCAN = 4
+"""Of drive and displacement, 16 bits each; further channels are not counted."""
 FILE_OVERHEAD_BYTES = 200_000
 
 

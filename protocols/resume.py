@@ -180,7 +180,7 @@ def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tup
     words += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
     if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
         return words, None
-    question = f"{words}. More than errors explain: was the sensor or the specimen moved? Continue, or stop?"
+    question = f"{words}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
     return words, Prompt("drifted", question, choices=("go on", "stop"))
 
 

@@ -130,7 +130,7 @@ def identify(
         robust: a Cauchy loss, which is robust against outliers, instead of least squares.
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
         sheet: specimen sheet with dimensions and masses; default: the one beside the runs, or else the paper's Table I with the
-            uncertainties of ruler and caliper; "none" holds them at Table I as if exact.
+            uncertainties of ruler and caliper; "none" holds them at Table I as exact.
         plain: the beam model alone; otherwise creep, hysteresis and the other usual nonidealities are fitted with it, and where
             the model is not adequate the likeliest causes are added in turn (`found.steps`).
 

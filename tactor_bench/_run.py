@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Generic, TypeVar, overload
+from typing import ClassVar, Generic, TypeVar, cast, overload
 
 import numpy as np
 
@@ -60,7 +60,9 @@ class Fact(Generic[S, T]):
     def __init__(self, read: Callable[[S], T]) -> None:
         self._read = read
 
-    def __get__(self, owner: object, kind: type | None = None) -> T:
+    def __get__(self, owner: object | None, kind: type | None = None) -> T:
+        if owner is None:
+            return cast(T, self)  # of the class, as documentation reads it
         return self._read(getattr(owner, self.source))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from app.common import UndoHistory
-from model import current_column
+from model import current_parameter
 from protocols import PAPER_CAMPAIGN, PROTOCOLS
 from protocols.base import Prompt, read_json_file, visible_values, write_atomic
 from protocols.runfile import folded_name, safe_name
@@ -97,8 +97,9 @@ class CampaignItem:
         settings, varied = record.get("settings", {}), record.get("varied", "")
         if settings or varied:  # files of earlier versions may have former names
             known = PROTOCOLS[record["protocol"]].model_fields if record["protocol"] in PROTOCOLS else ()
-            settings = {current_column(name, known): value for name, value in settings.items()}
-            varied = current_column(varied, known)
+            present = {name: name if name in known else current_parameter(name, known) for name in (*settings, varied)}
+            settings = {present[name]: value for name, value in settings.items()}
+            varied = present[varied]
         return cls(**{**record, **lists, "prepare": prepare, "settings": settings, "varied": varied})
 
 

@@ -14,9 +14,10 @@ PAPER_MASS_KG = FIX_PAPER_MASS.values["mass_kg"]
 
 
 def with_specimen_mass(prompts: Iterable[Prompt], folder: Path, specimen: str) -> tuple[Prompt, ...]:
-    """Return setup prompts in which that for the paper's mass names the mass of this specimen.
+    """Return setup prompts in which the prompt for the paper's mass names the mass of this specimen.
 
-    The mass is taken from the specimen sheet. Without one, it is 7.73 g divided by the moving share of the active calibration. Without both, the prompts are unchanged.
+    The mass is taken from the specimen sheet. Without one, it is 7.73 g divided by the moving share of the active calibration.
+    Without both, the prompts are unchanged.
     """
     return tuple(_adapted(prompts, folder, specimen))
 

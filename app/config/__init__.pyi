@@ -15,14 +15,8 @@ from .bench_tables import BackupTable as BackupTable
 from .bench_tables import CardTable as CardTable
 from .bench_tables import ChannelTable as ChannelTable
 from .bench_tables import EnvironmentTable as EnvironmentTable
-from .bench_tables import GeneratorTable as GeneratorTable
-from .bench_tables import LevelsTable as LevelsTable
 from .bench_tables import MeterTable as MeterTable
 from .bench_tables import SensorTable as SensorTable
-from .bench_tables import SourceTable as SourceTable
-from .bench_tables import SpecimenTable as SpecimenTable
-from .bench_tables import SupplyTable as SupplyTable
-from .bench_tables import WatchdogTable as WatchdogTable
 from .certificate import ROLES as ROLES
 from .certificate import WARNING_DAYS as WARNING_DAYS
 from .certificate import Certificate as Certificate

@@ -201,8 +201,8 @@ def _run_values(
 
     for entry in entries:
         for each in entry.figures:
-            margin = each.frequency_hz
-            figure = _over(each, threshold.marked_label, scale(margin)) if margin else each
+            hz = each.frequency_hz
+            figure = _over(each, threshold.marked_label, scale(hz)) if hz else each
             yield FleetValue(
                 figure.name,
                 figure.value,

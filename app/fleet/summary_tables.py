@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.common import Column, Table
+from app.common import Column, Table, pluralize
 from app.fleet.catalogue_values import Fleet, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import VALUES_PER_FALSE_ALARM
 from app.fleet.drift import DriftCause, GoldenChart
@@ -52,7 +52,7 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
             Column("specimens", None, [r.spread.count for r in rows], format_spec="d"),
             Column("shown_mean", None, [r.shown(r.spread.mean) for r in rows], "mean"),
             Column("shown_sd", None, [r.shown(r.spread.sd) for r in rows], "spread (1 sd)"),
-            Column("shown_error", None, [r.shown(r.spread.mean_uncertainty) for r in rows], "of it measurement"),
+            Column("shown_error", None, [r.shown(r.spread.mean_uncertainty) for r in rows], "of it by measurement"),
             Column("outliers", None, [", ".join(r.outliers) for r in rows]),
             *_capability_columns([r.capability for r in rows]),
             Column("mean", None, [r.spread.mean for r in rows], displayed=False),
@@ -133,7 +133,7 @@ def fleet_notes(fleet: Fleet, selections: Sequence[FleetSelection]) -> list[str]
             notes.append(f"{selection.label}: trend {format_trend(selection, trend)} in 30 days over all values")
         if selection.left_out:
             notes.append(
-                f"{selection.label}: {selection.left_out} values of other protocols or drives are not compared"
+                f"{selection.label}: {pluralize(selection.left_out, 'value')} of other protocols or drives left out"
             )
     if fleet.left_out:
         notes.append(f"{fleet.left_out} values of {'real' if fleet.simulated else 'simulated'} runs are left out")

@@ -204,7 +204,7 @@ def _in_millimetres(error: ParameterError) -> str:
 
 
 def _number(name: str, field: str, text: str) -> float:
-    """Return a number in SI; without a unit it is in the sheet's."""
+    """Return a number in SI; a number without a unit is in the unit of the sheet."""
     factor, unit = sheet_unit(name)
     return _quantity(text, unit or "1", field) / factor
 

@@ -35,7 +35,7 @@ class SheetError(ValueError):
 
 
 def load_sheet(folder: Path | None, specimen: str) -> SpecimenSheet:
-    """Return the sheet of a specimen; without a file, Table I's.
+    """Return the sheet of a specimen; without a file, the sheet of Table I.
 
     Raises:
         SheetError: the file cannot be read, or is of another specimen.

@@ -36,7 +36,7 @@ from protocols.runfile import Run
 
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
-"""A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as if exact."""
+"""A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as exact."""
 
 NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
 """Parameters of the fit that the beam model does not have."""

@@ -174,7 +174,7 @@ def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[E
                     "",
                     [(found[n].value - known[n][0]) / known[n][1] for n in names],
                     "moved (uncertainties)",
-                    format_spec="+.1f",
+                    format_spec="+z.1f",
                 ),
                 Column("known_value", "", [known[n][0] for n in names], displayed=False),
                 Column("known_uncertainty", "", [known[n][1] for n in names], displayed=False),

@@ -3,7 +3,7 @@
 All lengths are in points unless named otherwise.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from html import escape
@@ -55,9 +55,6 @@ RED, GREY = "#C00018", "#444444"
 TONE_STYLES = {"plain": ("#000000", ""), "good": ("#006030", "-Bold"), "bad": ("#B00018", "-Bold"), "small": (GREY, "")}
 REST_OF_FOOTER = "footer"
 """Footer behind the page number, drawn last, when the number of pages is known."""
-
-Decoration = Callable[[Any, Any], None]
-"""Draws on a canvas before the text of a page."""
 
 
 @cache

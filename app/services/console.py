@@ -49,7 +49,7 @@ class ConsoleObserver:
 
     def __init__(self, console: Console, key_help: str = "", simulated: bool = True) -> None:
         """`key_help` names the keys of a run and is printed at its start; `simulated` holds until a bench opens."""
-        self._console, self._key_help = console, key_help
+        self._key_help = key_help
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=None),

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from app.common import UnitError, UsageError, read_value, unit_of
 from app.config import MAX_SPEED, BenchConfig, ConfigError, load_bench, validation_messages
-from model import current_column
+from model import current_parameter
 from protocols import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
 from protocols.base import Protocol
 
@@ -79,9 +79,11 @@ def build_protocol(kind: type[Protocol], values: Mapping[str, Any]) -> Protocol:
     read: dict[str, Any] = {}
     wrong: list[str] = []
     for given, value in values.items():
-        key = given if given in kind.model_fields else current_column(given, kind.model_fields)
+        key = given if given in kind.model_fields else current_parameter(given, kind.model_fields)
         if key not in kind.model_fields:
             raise UsageError(f"{kind.name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
+        if key in read:
+            raise UsageError(f"{kind.name}: {key} is given twice, once by its former name; give it once")
         try:
             read[key] = read_value(kind, key, value)
         except UnitError as error:

@@ -252,7 +252,7 @@ class Session:
         after_takeover_s = min(quiet_s, now_s - self._takeover_seen_s)
         if quiet_s <= HUNG_S and after_takeover_s <= HUNG_AFTER_TAKEOVER_S:
             return
-        self.abandoned = True
+        self.abandoned = True  # before the events below: their observers ask for it
         hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
         said = f" The watchdog reports: {outcome}." if outcome else ""
         bench.watchdog.log(f"the program could not measure rest: {hangs}.{said}")
@@ -408,6 +408,7 @@ class Session:
                 self._events.publish(self._control.external_events.get_nowait())
 
     def _abandon(self, reason: str) -> None:
+        """Give the bench up: who waits for `finished` finds the state and the reason already published."""
         self.abandoned = True
         self._fail(reason)
         self.finished.set()

@@ -7,7 +7,7 @@ from drivers.bench.watchdog_interface import Watchdog
 
 
 def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, predicted_rest_s: float) -> str:
-    """Return the statement for the log of a run; empty without information.
+    """Return the statement for the log of a run; empty if nothing can be stated.
 
     Args:
         amplifier: with the source.

@@ -7,6 +7,8 @@ from pathlib import Path
 
 LOG_NAME = "watchdog.log"
 REPORTED_MARK = "the lines above were shown at the next start"
+FORMER_MARK = "the lines above were told at the next start"
+"""Logs of earlier versions have it."""
 
 
 def append_line(folder: Path, message: str) -> None:
@@ -25,7 +27,7 @@ def take_unreported_lines(folder: Path) -> list[str]:
         lines = (folder / LOG_NAME).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
-    reported = max((i for i, line in enumerate(lines) if line.endswith(REPORTED_MARK)), default=-1)
+    reported = max((i for i, line in enumerate(lines) if line.endswith((REPORTED_MARK, FORMER_MARK))), default=-1)
     new = [line for line in lines[reported + 1 :] if line.strip()]
     if new:
         append_line(folder, REPORTED_MARK)

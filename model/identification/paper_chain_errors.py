@@ -18,15 +18,13 @@ from model.identification.parameters import default_values, elongation_parameter
 def linearized_errors(
     observations: observed.ObservationSet, options: chain.PaperChainOptions, result: chain.PaperChainResult
 ) -> tuple[tuple[EstimatedQuantity, ...], Array]:
-    """Estimates with standard errors, and their covariance (E, E), of what `identify_by_paper_chain` found; SI.
+    """Estimates with standard errors, and their covariance (E, E), of the result of `identify_by_paper_chain`; SI.
 
     Raises:
-        ParameterError: the method neglects damping; its equations differ from the model's, so use `resampled_errors`.
+        ParameterError: the method neglects damping; its equations differ from the model's.
     """
     if options.damping != "counted":
-        raise ParameterError(
-            "errors by derivatives need damping counted: repeat the paper's literal chain on redrawn data instead"
-        )
+        raise ParameterError("errors by derivatives need damping counted: set damping to 'counted'")
     line = ("c_s_0", "c_s_delta")
     names = tuple(n for n in result.values if n not in line)
     base = default_values(result.tactor, result.membrane, options.contact_length) | result.values

@@ -1,6 +1,6 @@
 """Response to a square wave with RC edges at the amplifier's input, with all its harmonics.
 
-The wearable device is driven by an astable multivibrator (paper, Sec. II): a square wave of some duty cycle whose edges are of an RC
+The wearable device is driven by an astable multivibrator (paper, Sec. II): a square wave of some duty cycle with the edges of an RC
 circuit. Each half is an exponential, and the amplifier's two slopes meet where it crosses rest, so that the Fourier
 series of the voltage on the specimen is a sum of integrals in closed form.
 """

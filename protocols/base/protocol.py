@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from drivers import Drive
-from model import current_column
+from model import current_parameter
 from protocols.base.aspects import Aspects, AspectsOfModule
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
@@ -81,7 +81,10 @@ class Protocol(BaseModel, ABC):
         if not isinstance(values, dict):
             return values
         known = cls.model_fields
-        return {name if name in known else current_column(name, known): value for name, value in values.items()}
+        present = [name if name in known else current_parameter(name, known) for name in values]
+        if doubled := [name for name in present if present.count(name) > 1]:
+            raise ValueError(f"{doubled[0]} is given twice, once by its former name; give it once")
+        return dict(zip(present, values.values(), strict=True))
 
     @property
     def meters(self) -> tuple[str, ...]:

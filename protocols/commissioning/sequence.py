@@ -102,7 +102,13 @@ class Commissioned:
 
 
 class Commissioning:
-    """Exercises the source of a bench, with high voltage off; the arguments are those of `commission_bench`."""
+    """Exercises the source of a bench, with high voltage off.
+
+    Args:
+        bench: see `Bench.exercised`.
+        clock: bench time.
+        messages, progress, second_client, check_stop: as in `commission_bench`.
+    """
 
     def __init__(
         self,
@@ -291,7 +297,7 @@ class Commissioning:
         return self._record("Stop from the largest drive", drive, stop_after_s=STOP_AFTER_S, timed_stop=True)
 
     def _with_remarks(self, largest: Evaluation | None, check: CheckedOutput) -> CheckedOutput:
-        """Return a check with what the Stop of the largest drive and NI's driver add to it."""
+        """Return a check with remarks on the Stop of the largest drive and on NI's driver."""
         if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
             check = with_jump_at_stop(check, largest)
         return with_rewrites_held_back(check) if self._bench.amplifier.holds_rewrites_back else check

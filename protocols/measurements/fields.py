@@ -40,7 +40,7 @@ def modal_columns(mode: ModalFit | DecayFit | None) -> dict[str, float]:
 
 
 def check_sample_rate(sample_rate_hz: float, needed_hz: float, purpose: str) -> None:
-    """Raise ValueError for a sample rate that is too low `for` or `to` a purpose, which the message names."""
+    """Raise ValueError for a sample rate that is too low; `purpose` continues the message, e.g. `for loops at 250 Hz`."""
     if sample_rate_hz < needed_hz:
         raise ValueError(
             f"sample_rate_hz of {sample_rate_hz:g} Hz is too low {purpose}; at least {needed_hz:g} Hz is needed"

@@ -1,6 +1,6 @@
 """Square dwell: response to a square wave beside the response to a sine, at one frequency after the other.
 
-A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle, whose edges are of an
+A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle and the edges of an
 RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for the same time and more; both swing by
 the same volts. Displacement over drive, fundamental by fundamental, is the same under both where the tactor is linear and the duty is 0.5: else
 the amplifier's two slopes add to the square wave's fundamental.

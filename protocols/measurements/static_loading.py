@@ -68,7 +68,7 @@ MAX_ERROR_MG = {
     "M2": (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 16.0, 30.0, 80.0, 160.0, 300.0),
     "M3": (10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 50.0, 100.0, 250.0, 500.0, 1000.0),
 }
-"""Largest admissible error of a weight in use, by class and nominal mass."""
+"""Maximum permissible error of a weight by class and nominal mass (OIML R 111-1, Table 1)."""
 
 assert set(get_args(WeightClass)) == {*MAX_ERROR_MG, "own"}
 

@@ -2,7 +2,7 @@
 
 import math
 import socket
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -157,12 +157,12 @@ class Run(Closeable):
 
     def points(self) -> dict[str, Array]:
         """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
-        return self._stored_points(self._point_columns)
+        return self._stored_points()
 
-    def _stored_points(self, names: Collection[str]) -> dict[str, Array]:
+    def _stored_points(self) -> dict[str, Array]:
         datasets = self._point_columns
         length = min((data.shape[0] for data in datasets.values()), default=0)
-        columns = {name: np.asarray(data[:length]) for name, data in datasets.items() if name in names}
+        columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
         columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
         return columns
 
@@ -210,7 +210,7 @@ class Run(Closeable):
         Raises:
             RunReadError: a field is damaged.
         """
-        entry, points = self._entry, self._stored_points((ENTRY_COLUMN, *LARGEST_POINT_COLUMNS))
+        entry, points = self._entry, self._stored_points()
         plotted = subgroup(entry, "points")
         status, reason = RunStatus(self._text("status")), self._text("reason")
         return RunRecord(

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any, Self
 
 from drivers import LaserSensor
-from model import AmplifierMap, current_column
+from model import AmplifierMap, current_parameter
 from protocols.base import (
     EstimatedQuantity,
     ReferenceModel,
@@ -180,7 +180,7 @@ def decode_record(text: str) -> RunRecord:
 
 def current_parameters(stored: Mapping[str, Any]) -> dict[str, Any]:
     """Return all parameters of a run under their present names."""
-    return {current_column(name, stored): value for name, value in stored.items()}
+    return {current_parameter(name, stored): value for name, value in stored.items()}
 
 
 def _numbers(plain: Mapping[str, Any], *texts: str) -> dict[str, Any]:

@@ -140,7 +140,7 @@ def change_notes(run: Path, **changes: Any) -> Notes:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold the lock of a sidecar, which ends with its process; the lock file is removed."""
+    """Hold the lock of a sidecar, which ends with its process; the lock file is removed. A share without locks has none."""
     from filelock import FileLock, Timeout  # slow to import, and reading needs none
 
     lock = FileLock(path.with_name(f".{path.name}.lock"), LOCK_TIMEOUT_S)
@@ -148,6 +148,8 @@ def _locked(path: Path) -> Iterator[None]:
         lock.acquire()
     except Timeout:
         raise NotesError(f"the notes {path} are locked by another program for more than {LOCK_TIMEOUT_S:g} s") from None
+    except OSError:
+        pass  # a file system without locks; where the folder cannot be written, the writing fails
     try:
         yield
     finally:

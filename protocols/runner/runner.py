@@ -51,7 +51,6 @@ STATED_WAIT_S = 2.0
 
 WAITING_TEXT = "This source can only wait for the end of its drive: at rest in {:.1f} s"
 
-
 SECOND_RATE_SHARE = 0.87
 """Second rate divided by the run's; no small ratio of integers, at which a folded line could stay in its place."""
 
@@ -264,7 +263,8 @@ def tell_folded_lines(
 ) -> tuple[InterferenceLine, ...]:
     """Return the lines with the true frequencies of those that a second rate shows to be folded.
 
-    Nothing is commanded: the displacement is read, for `duration_s`.
+    The card is read once more after the run, when rest is confirmed: a folded line has another frequency at another rate. Nothing is
+    commanded; the displacement is read for `duration_s`.
 
     Raises:
         BenchError: the card cannot be read at the second rate, or the displacement is not valid.

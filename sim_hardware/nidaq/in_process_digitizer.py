@@ -17,7 +17,9 @@ AHEAD_SCANS = 20_000
 
 
 class ReadAhead:
-    """Reads the blocks of an acquisition in order.
+    """Reads the blocks of an acquisition in order; several are computed together, as the calls on a short block cost as much as their work.
+
+    Blocks computed ahead are provisional: a change of drive, set-up, laser view or faults discards them, and they are computed anew.
 
     Args:
         acquisition: of the simulated card.
@@ -54,7 +56,7 @@ class ReadAhead:
         return self._computed[:, begin : begin + count].copy()
 
     def close(self) -> None:
-        """Discard what was not read."""
+        """Discard the blocks that were computed ahead and not read."""
         self._acquisition.discard_ahead()
 
 

@@ -16,7 +16,7 @@ HUM_HARMONICS = {1: 1.0, 2: 0.3, 3: 0.5, 5: 0.2}
 
 @dataclass(frozen=True, slots=True)
 class Nonidealities:
-    """What lies beyond the model; 0 leaves it out.
+    """Effects outside the model, to test whether a measurement detects them; the defaults leave all of them out.
 
     Attributes:
         creep_per_decade: what a step of voltage or weight gains per decade of time, as a share of the step; none at the

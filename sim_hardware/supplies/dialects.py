@@ -163,12 +163,15 @@ def _e364xa(m: SimulatedScpiSupply) -> Sequence[wires.ScpiCommand]:
 
 def _without_channel_list(command: wires.ScpiCommand) -> wires.ScpiCommand:
     def checked(action: Callable[[wires.Arguments], Any] | None) -> Callable[[wires.Arguments], Any] | None:
+        if action is None:
+            return None
+
         def run(arguments: wires.Arguments) -> Any:
             if any("@" in argument for argument in arguments):
                 raise wires.ScpiError(-108)
-            return action(arguments) if action else None
+            return action(arguments)
 
-        return run if action else None
+        return run
 
     return wires.ScpiCommand(command.pattern, checked(command.set), checked(command.query))
 

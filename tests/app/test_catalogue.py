@@ -1,5 +1,6 @@
 """Run catalogue: lists the files of the folder, whatever happens to the files or the index."""
 
+import errno
 import hashlib
 import json
 import math
@@ -333,6 +334,17 @@ def test_a_sidecar_gives_no_orders_to_a_terminal(folder: Path) -> None:
     entry = read_run_summary(path, path.name)
     assert entry is not None
     assert entry.specimen == r"T7\x1b[2J\n"
+
+
+def test_notes_are_written_on_a_share_without_locks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOTSUP, "Operation not supported")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    path = next(folder.glob("*_T7_*.h5"))
+    assert change_notes(path, note="on a share").note == "on a share"
+    assert read_notes(notes_path(path)).note == "on a share"
+    assert not list(folder.glob(".*.lock"))
 
 
 def test_a_run_file_is_not_touched_after_its_end(folder: Path, tmp_path: Path) -> None:

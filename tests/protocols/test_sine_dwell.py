@@ -1,5 +1,6 @@
 """Sine dwell on a simulated bench with known parameters."""
 
+import json
 import re
 import threading
 from dataclasses import replace
@@ -13,6 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from app.common import UsageError
+from app.session import build_protocol
 from drivers import LevelAction, Sine
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
@@ -270,6 +273,18 @@ def test_a_former_name_of_a_parameter_is_read_as_the_present_one() -> None:
         "settle_tolerance": 0.005,
     }
     assert RunRecord.from_json('{"parameters": {"wanted": 0.01}}').parameters == {"wanted": 0.01}, "another protocol's"
+    own = {"resonance": 1.0, "damping": 0.1, "peak": 2.0, "peak_response": 3.0}
+    assert RunRecord.from_json(json.dumps({"parameters": own})).parameters == own, (
+        "former names of columns are no parameters'"
+    )
+
+
+def test_a_parameter_by_its_former_and_its_present_name_is_refused() -> None:
+    twice = {"wanted": 0.01, "target_relative_uncertainty": 0.02}
+    with pytest.raises(ValidationError, match=r"target_relative_uncertainty.*twice"):
+        SineDwell.model_validate(twice)
+    with pytest.raises(UsageError, match=r"target_relative_uncertainty.*twice"):
+        build_protocol(SineDwell, twice)
 
 
 @pytest.mark.deep

@@ -37,6 +37,12 @@ def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
     assert take_unreported_lines(tmp_path) == []
 
 
+def test_lines_that_an_earlier_version_has_told_are_not_told_again(tmp_path: Path) -> None:
+    mark = "2026-11-21T09:16:02.000Z  the lines above were told at the next start"
+    (tmp_path / LOG_NAME).write_text(f"2026-11-21T09:15:02.000Z  the source was brought to rest\n{mark}\n")
+    assert take_unreported_lines(tmp_path) == []
+
+
 def test_what_it_wrote_is_told_although_the_bench_cannot_be_opened(tmp_path: Path) -> None:
     written = "The source could NOT be brought to rest"
     (tmp_path / LOG_NAME).write_text(f"2026-11-21T09:15:02.000Z  {written}\n")

@@ -256,7 +256,7 @@ def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> Im
 
 
 def _meanings(kind: TableKind, column: TableColumn) -> list[ImportColumn]:
-    """Return the quantities that an ambiguous name may mean; those of the column's unit if there are any."""
+    """Return the quantities that an ambiguous name may mean; only quantities in the column's unit if there are any."""
     meant = kind.ambiguous.get(normalize_name(column.name), ())
     return _of_dimension([slot for slot in kind.columns if slot.name in meant], column)
 

@@ -30,7 +30,7 @@ from app.archive.importing.universal_file import is_universal_file, read_univers
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, record_audit, usage_errors
 from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
-from model import current_column
+from model import current_parameter
 from protocols import PROTOCOLS
 from protocols.base import TableImportError
 from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
@@ -39,7 +39,7 @@ READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""
 MAX_FILE_BYTES = 400_000_000
 POINTS_SUFFIX, ABOUT_SUFFIX, SERIES_MARK = "_points.csv", "_about.csv", "_series-"
-"""Ends of the names of tables that an export writes side by side, and the mark in those of its series."""
+"""Ends of the names of tables that an export writes side by side, and the mark in the names of tables of series."""
 
 
 def import_files(
@@ -213,7 +213,7 @@ def _import_options(
     settings = _settings(kind, options.settings, kinds)
     known = PROTOCOLS[kind.protocol].model_fields
     prefix = "parameter_"
-    stored = {current_column(n.removeprefix(prefix), known): about[n] for n in about if n.startswith(prefix)}
+    stored = {current_parameter(n.removeprefix(prefix), known): about[n] for n in about if n.startswith(prefix)}
     settings |= {name: stored[name] for name in known if name in stored and name not in settings}
     start = about.get("start_time")
     return replace(

@@ -25,7 +25,7 @@ class AddCertificateCommand:
 
     dcc: Path | None = argument("digital calibration certificate, version 3", nargs="?", metavar="DCC.xml")
     role: str = option(", ".join(ROLES), metavar="INSTRUMENT")
-    number: str = option("of the certificate (default: from the DCC; also for the options below)")
+    number: str = option("number of the certificate (default: from the DCC, as for the following options)")
     laboratory: str = option("that calibrated", metavar="NAME")
     date: str = option("of the calibration", metavar="YYYY-MM-DD")
     due: str = option("last day on which the calibration holds", metavar="YYYY-MM-DD")

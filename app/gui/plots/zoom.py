@@ -54,10 +54,9 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
         elif not self.zoomed:
             bounds = self.childrenBoundingRect(items=items)
             linear = ((bounds.left(), bounds.right()), (bounds.top(), bounds.bottom()))
+            # Ranges of a logarithmic axis are already coordinates of the view, logarithms of the values.
             x, y = (self._extent(axis) if self.log[axis] else linear[axis] for axis in (0, 1))
-            self._as_user(
-                lambda: self.setRange(xRange=x, yRange=y, padding=padding), zooms=False
-            )  # they are coordinates
+            self._as_user(lambda: self.setRange(xRange=x, yRange=y, padding=padding), zooms=False)
 
     def set_log(self, x: bool, y: bool) -> None:
         """Make the axes logarithmic or linear; the whole range is shown again."""

@@ -170,7 +170,7 @@ def make_labelled_grid(
     stretch: Mapping[int, int] | None = None,
     wrap: bool = False,
 ) -> QGridLayout:
-    """Return a grid of editors in the second column, each with its label, from top to bottom; `wrap`: long labels have lines."""
+    """Return a grid of editors in the second column, each with its label, from top to bottom; `wrap`: long labels are wrapped."""
     fields = grid(spacing=spacing, stretch=stretch)
     for at, (text, editor) in enumerate(editors.items()):
         label = make_label(text, wrap=wrap)
