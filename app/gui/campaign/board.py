@@ -17,7 +17,6 @@ from app.gui.widgets import (
     ElidedLabel,
     SheetButton,
     StatusLine,
-    WindowTheme,
     add_actions,
     column,
     configure,
@@ -171,14 +170,14 @@ class CampaignBoard(QWidget):
     review_requested = Signal()
     """The details show another run, which is to be read."""
 
-    def __init__(self, live: LivePane, theme: WindowTheme) -> None:
+    def __init__(self, live: LivePane) -> None:
         super().__init__()
         self.summary: CampaignSummary | None = None
         self.step: NextStep | None = None
         self._estimates: CampaignEstimates | None = None
         self._busy = False
         self.header, self.step_pane = CampaignHeader(), NextStepPane()
-        self.item_list, self._details, self.live_pane = CampaignList(theme), ItemDetailsPane(theme), live
+        self.item_list, self._details, self.live_pane = CampaignList(), ItemDetailsPane(), live
         self.setFocusProxy(self.item_list)
         self._details_outdated = False
         self._details_timer = QTimer(self, singleShot=True, interval=DETAILS_DELAY_MS)

@@ -25,7 +25,6 @@ from app.gui.widgets import (
     BackgroundWorker,
     ProgressRow,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     make_choice,
@@ -136,7 +135,6 @@ class LaboratoryPage(QWidget):
 
     Args:
         folder: returns the folder of the runs.
-        theme: first theme.
         index: path of the catalogue; None for the usual one.
     """
 
@@ -144,9 +142,9 @@ class LaboratoryPage(QWidget):
     run_open_requested = Signal(object)
     """Path of a run to open."""
 
-    def __init__(self, folder: Callable[[], Path], theme: WindowTheme, index: Path | None = None) -> None:
+    def __init__(self, folder: Callable[[], Path], index: Path | None = None) -> None:
         super().__init__()
-        self._folder, self._index, self._theme = folder, index, theme
+        self._folder, self._index = folder, index
         self._worker = BackgroundWorker("laboratory", self)
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
@@ -190,22 +188,22 @@ class LaboratoryPage(QWidget):
     @cached_property
     def fleet(self) -> FleetPane:
         """The specimens, created if necessary."""
-        return self._add(FleetPane(self._theme, self._worker, partial(self._say, SPECIMENS)))
+        return self._add(FleetPane(self._worker, partial(self._say, SPECIMENS)))
 
     @cached_property
     def chart(self) -> ChartPane:
         """The control charts, created if necessary."""
-        return self._add(ChartPane(self._theme, self._worker, partial(self._say, CHART)))
+        return self._add(ChartPane(self._worker, partial(self._say, CHART)))
 
     @cached_property
     def certificates(self) -> CertificatesPane:
         """The certificates, created if necessary."""
-        return self._add(CertificatesPane(self._theme))
+        return self._add(CertificatesPane())
 
     @cached_property
     def audit(self) -> AuditPane:
         """The audit trail, created if necessary."""
-        return self._add(AuditPane(self._theme, self.reload))
+        return self._add(AuditPane(self.reload))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state; the folder is read again after a run."""

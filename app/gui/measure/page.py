@@ -1,4 +1,4 @@
-"""Measure page: run panel on the left; response, live traces and log on the right."""
+"""Measure page: run panel on the left; response and live traces on the right."""
 
 import json
 import time
@@ -10,7 +10,7 @@ from app.common import UndoHistory
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane
-from app.gui.widgets import LogPane, WindowTheme, add_actions, configure
+from app.gui.widgets import add_actions, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -35,7 +35,6 @@ class MeasurePage(QSplitter):
         amplifier: AmplifierMap,
         bench: BenchGetter,
         presets: PresetStore,
-        theme: WindowTheme,
     ) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier)
@@ -43,16 +42,14 @@ class MeasurePage(QSplitter):
         self._state: WindowState | None = None
         self._request: CurveRequest | None = None
         self._curve_started, self._last_poll_s = False, 0.0
-        self.run_panel = RunPanel(protocol, bench, presets, theme)
-        self.live_pane = LivePane(feed, amplifier, theme)
-        self.log = LogPane(theme)
-        self.live_pane.add_widget(self.log, 2)
+        self.run_panel = RunPanel(protocol, bench, presets)
+        self.live_pane = LivePane(feed, amplifier)
         configure(self, "measure/columns", childrenCollapsible=False, focusPolicy=Qt.FocusPolicy.ClickFocus)
         for part, stretch in ((self.run_panel, 0), (self.live_pane, 1)):
             self.addWidget(part)
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([350, 900])
-        self.live_pane.setSizes([290, 210, 96])
+        self.live_pane.setSizes([380, 250])
         self.live_pane.setObjectName("measure/rows")
         self.run_panel.setMinimumSize(300, 440)
         self.live_pane.setMinimumWidth(460)
@@ -67,7 +64,6 @@ class MeasurePage(QSplitter):
         if view.busy and (self._state is None or view.points is not self._state.points or not self._state.busy):
             self._estimator.submit(view.points, self._active_model)
         self._state = view
-        self.log.set_state(view)
 
     def start_model_curve(self) -> None:
         """Compute the model curve from now on; its numerics take a while to import."""

@@ -17,7 +17,6 @@ from app.gui.widgets import (
     BackgroundWorker,
     ProtocolForm,
     SheetButton,
-    WindowTheme,
     column,
     configure,
     make_button,
@@ -69,7 +68,6 @@ class RunPanel(QWidget):
         protocol: Protocol,
         bench: BenchGetter,
         presets: PresetStore,
-        theme: WindowTheme,
     ) -> None:
         super().__init__()
         self._bench = bench
@@ -95,7 +93,7 @@ class RunPanel(QWidget):
         )
         self.rehearsal_label = make_label(name="measure.rehearsal")
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
-        self.estimates_panel, self.result_card = EstimatesPanel(theme), ResultCard(theme)
+        self.estimates_panel, self.result_card = EstimatesPanel(), ResultCard()
         self.run_button = make_button(
             f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})", self.run_pressed.emit, "go", name="measure.run"
         )

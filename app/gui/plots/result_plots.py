@@ -13,7 +13,6 @@ from app.gui.plots.base import PlotBase
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
-from app.gui.widgets import WindowTheme
 from app.live import ModelCurves
 from protocols.base import Protocol, RunEnded, Series
 from protocols.runfile import point_columns
@@ -28,10 +27,9 @@ class ResultPlots(QStackedWidget):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme = theme
-        self.response = ResponsePlot(theme)
+        self.response = ResponsePlot()
         self.response.repeat_requested.connect(self.repeat_requested)
         self.addWidget(self.response)
         self._plot_of_points: ResponsePlot | PointsPlot = self.response
@@ -42,7 +40,7 @@ class ResultPlots(QStackedWidget):
     @cached_property
     def points(self) -> PointsPlot:
         """The plot of points that are not amplitudes over frequency."""
-        plot = PointsPlot(self._theme)
+        plot = PointsPlot()
         plot.repeat_requested.connect(self.repeat_requested)
         self.addWidget(plot)
         if self._model_curve is not None:
@@ -54,7 +52,7 @@ class ResultPlots(QStackedWidget):
         """The plot of the curves that entries return in addition to points."""
         from app.gui.plots.curves_plot import CurvesPlot
 
-        plot = CurvesPlot(self._theme)
+        plot = CurvesPlot()
         plot.points_button.clicked.connect(lambda: self._show_points(points=True))
         self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
         self.response.curves_button.clicked.connect(lambda: self._show_points(points=False))
@@ -68,7 +66,7 @@ class ResultPlots(QStackedWidget):
         """The table of checks of a protocol that passes or fails."""
         from app.gui.plots.check_table import CheckTable
 
-        table = CheckTable(self._theme)
+        table = CheckTable()
         self.addWidget(table)
         return table
 

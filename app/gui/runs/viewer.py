@@ -11,8 +11,7 @@ from app.gui.runs.trace_plot import TracePlot
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
-    LogPane,
-    WindowTheme,
+    LogView,
     column,
     configure,
     make_label,
@@ -30,13 +29,13 @@ MIN_PLOT_WIDTH = 400
 class RunViewer(QWidget):
     """Shows a finished run as the Measure page showed it."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.run: LoadedRun | None = None
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
-        self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
-        self.card = ResultCard(theme, "run.card", ("next", "report"), scrolls=True)
+        self.plots, self.trace_plot, self.log = ResultPlots(), TracePlot(), LogView()
+        self.card = ResultCard("run.card", ("next", "report"), scrolls=True)
         self.back_button = configure(QPushButton("← Back  (Esc)"), "run.back")
         self.explore_button = configure(QPushButton("Show in Explore  (E)"), "run.explore")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))

@@ -67,7 +67,10 @@ class ActionInfo:
 
 SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
     "": {
-        "escape": ("Esc", "Stop: go to rest and end the run; otherwise one step back"),
+        "escape": (
+            "Esc",
+            "During a run stop: go to rest and end it; otherwise close what lies on top, or one step back",
+        ),
         "stop": ("F12", "Stop: go to rest and end the run"),
         "run": ("F5 Ctrl+R", "Run the protocol or item that is shown"),
         "pause": ("F8", "Pause at rest, or resume"),
@@ -77,11 +80,12 @@ SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
         "page.runs": ("Ctrl+4", "Page Runs"),
         "page.bench": ("Ctrl+5", "Page Bench"),
         "page.laboratory": ("Ctrl+6", "Page Laboratory"),
-        "answer": ("Return Enter", "Answer the prompt above the pages"),
+        "answer": ("Return Enter", "Answer the prompt over the page"),
         "acknowledge": ("F4", "Acknowledge or dismiss a message"),
         "palette": ("Ctrl+K", "Find a command, protocol, run or setting, or close the list"),
         "specimen": ("F7", "Specimen sheet: dimensions and masses, or close it"),
         "identification": ("Shift+F7", "Identification: parameters, uncertainty budget and acceptance, or close it"),
+        "log": ("Ctrl+J", "Log, or close it"),
         "settings": ("Ctrl+,", "Settings, or close them"),
         "reconnect": ("F6", "Connect to the bench again"),
         "faults.toggle": ("F9", "Speed, prompts and faults of the simulated bench, or close the list"),

@@ -1,0 +1,60 @@
+"""Message card: a sentence, its details, and the buttons that mend it or answer it."""
+
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtWidgets import QPushButton, QWidget
+
+from app.gui.face import draw_icon, set_length, tokens
+from app.gui.widgets import SELECTABLE, STRETCH, Overlay, column, make_label, row
+
+
+class MessageIcon(QWidget):
+    """An icon of 28 px in the colour of a token."""
+
+    def __init__(self, icon: str, color: str) -> None:
+        super().__init__()
+        self._icon, self._color = icon, color
+        set_length(self, 28, 28)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        draw_icon(painter, self._icon, QRectF(self.rect()).adjusted(1, 1, -1, -1), getattr(tokens(), self._color))
+        painter.end()
+
+
+class MessageCard(Overlay):
+    """Hidden while its message is empty.
+
+    Args:
+        name: object name.
+        icon: of the message.
+        color: token of the colour of icon and edge.
+        buttons: below the message.
+        closable: whether Esc closes it when no run goes on.
+    """
+
+    def __init__(self, name: str, icon: str, color: str, *buttons: QPushButton, closable: bool = True) -> None:
+        self.buttons = list(buttons)
+        self.message_label = make_label(kind="heading", name=f"{name}.message", textInteractionFlags=SELECTABLE)
+        self.detail_label = make_label(name=f"{name}.detail", textInteractionFlags=SELECTABLE, visible=False)
+        content = QWidget()
+        super().__init__(name, content, edge=color, closable=closable)
+        texts = column(self.message_label, self.detail_label, spacing=4)
+        column(
+            row(MessageIcon(icon, color), (texts, 1), spacing=16),
+            row(44, *buttons, STRETCH, spacing=12),
+            parent=content,
+            margins=(20, 16, 20, 16),
+            spacing=12,
+        )
+
+    def show_message(self, text: str, detail: str = "") -> None:
+        """Show a message and its details; an empty message hides the card."""
+        if (text, detail) != (self.message_label.text(), self.detail_label.text()):
+            self.message_label.setText(text)
+            self.detail_label.setText(detail)
+        self.detail_label.setVisible(bool(detail))
+        if not text:
+            self.dismiss()
+        elif self.isHidden():
+            self.open()

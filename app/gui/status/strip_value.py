@@ -1,0 +1,65 @@
+"""Strip: what it shows of the bench."""
+
+from dataclasses import dataclass
+
+from app.common import OUTCOME_SYMBOLS, format_duration
+from app.session import BenchState, WindowState
+from protocols.base import Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class RunLine:
+    """The run in two lines, with the share that is done, 0 to 1; `outcome` is that of the last run, None during one."""
+
+    title: str
+    note: str
+    fraction: float = 0.0
+    outcome: Outcome | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StripView:
+    """What is shown of the bench."""
+
+    state: BenchState
+    danger: bool
+    measured: str
+    caption: str
+    age_s: float
+    aim: str
+    act: str
+    run: RunLine
+
+    @property
+    def present(self) -> bool:
+        """Whether the volts are present."""
+        return self.age_s <= 0.5
+
+
+def strip_view(view: WindowState, streamed_s: float = 0.0) -> StripView:
+    """Return what is shown of a state."""
+    danger = view.bench_state in (BenchState.UNSAFE, BenchState.DRIVE_LOST)
+    progress = view.progress
+    outcome = None if view.outcome is None else view.outcome.verdict.outcome
+    if progress is None:
+        run = RunLine(view.bench_name, "no run yet" if view.connected else "")
+    elif view.busy:
+        left = format_duration(progress.remaining_at(streamed_s))
+        note = f"{progress.done} of {progress.entries} points, {left} left" if progress.entries else "begins"
+        run = RunLine(progress.title, note, progress.fraction_at(streamed_s))
+    else:
+        fraction = progress.done / max(progress.entries, 1)
+        ended = "" if outcome is None else f"{OUTCOME_SYMBOLS[outcome]} {outcome}"
+        run = RunLine(
+            progress.title, f"{ended}, {progress.done} of {progress.entries} points".strip(", "), fraction, outcome
+        )
+    return StripView(
+        view.bench_state,
+        danger,
+        view.voltage_text,
+        view.voltage_note,
+        0.1,
+        "" if view.bench_state in (BenchState.CONNECTING, BenchState.NO_BENCH) else "rest, 0 V",
+        "Switch the high voltage OFF at the amplifier" if danger else "",
+        run,
+    )
