@@ -84,7 +84,7 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
     from app.campaign.plan import PAPER_ITEMS, CampaignItem, campaign_path
     from app.config.bench_file import load_bench
     from app.gui.application import qt_application
-    from app.gui.widgets.theme import DARK, LIGHT
+    from app.gui.face import DARK, LIGHT
     from protocols.base import Prompt, PromptAnswered, PromptShown
     from protocols.measurements.sine_dwell import SineDwell
     from tests.helpers.main_window import Bench, until, whole_window
@@ -103,7 +103,7 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
         campaign, weight = window.tabs.campaign, Prompt("place-weight", WEIGHT, {"mass_kg": 0.2})
         for at, (state, pages) in enumerate(STATES.items()):
             theme = (LIGHT, DARK)[at % 2]
-            window.theme.set_colors(theme)
+            window.set_appearance("dark" if theme is DARK else "light")
             if state in ("finished", "stopped"):
                 bench.at_a_point = lambda _, stops=state == "stopped": bench.session.stop() if stops else None
                 window.tabs.setCurrentIndex(0)

@@ -3,7 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import Item, column, make_button, make_label, make_line_edit, row, shortcut_label
+from app.gui.widgets import STRETCH, Item, column, make_button, make_label, make_line_edit, row, shortcut_label
 
 
 class SearchCover(QWidget):
@@ -32,8 +32,8 @@ class SearchCover(QWidget):
 
     def _lay_out(self, content: QWidget, *buttons: Item) -> None:
         close = make_button(shortcut_label("Close", self._name), self.closed.emit, name=f"{self._name}.close")
-        head = row(make_label(self._heading, "heading", wrap=False), (self.search, 1), *buttons, close, spacing=14)
-        column(head, (content, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
+        head = row(make_label(self._heading, "heading", wrap=False), STRETCH, *buttons, close, spacing=8)
+        column(head, self.search, (content, 1), parent=self, margins=(16, 12, 16, 12), spacing=8)
 
     def _matches(self, text: str) -> bool:
         """Return whether every word of the search occurs in a text."""

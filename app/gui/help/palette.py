@@ -8,6 +8,7 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QListWidget, QListWidgetItem
 
+from app.gui.face import set_length
 from app.gui.help.cover import SearchCover
 from app.gui.widgets import configure
 
@@ -39,6 +40,7 @@ class CommandPalette(SearchCover):
         )
         self._entries: tuple[PaletteEntry, ...] = ()
         self.list = configure(QListWidget(), "palette.list", accessibleName="found", focusPolicy=Qt.FocusPolicy.NoFocus)
+        set_length(self.list, height=360)
         self.search.returnPressed.connect(self.choose_selected)
         self.search.installEventFilter(self)
         self.list.itemClicked.connect(lambda _: self.choose_selected())

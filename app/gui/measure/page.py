@@ -4,13 +4,15 @@ import json
 import time
 
 from PySide6.QtCore import QObject, QSettings, Qt, QTimer
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QWidget
 
 from app.common import UndoHistory
+from app.gui.face import class_of, px
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane
-from app.gui.widgets import add_actions, configure
+from app.gui.widgets import add_actions, configure, row
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -22,7 +24,7 @@ CALIBRATION_POLL_S = 1.0
 """Interval at which the specimen's calibration is checked."""
 
 
-class MeasurePage(QSplitter):
+class MeasurePage(QWidget):
     """One page of the window."""
 
     title = "Measure"
@@ -36,7 +38,7 @@ class MeasurePage(QSplitter):
         bench: BenchGetter,
         presets: PresetStore,
     ) -> None:
-        super().__init__(Qt.Orientation.Horizontal)
+        super().__init__()
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier)
         self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
         self._state: WindowState | None = None
@@ -44,18 +46,17 @@ class MeasurePage(QSplitter):
         self._curve_started, self._last_poll_s = False, 0.0
         self.run_panel = RunPanel(protocol, bench, presets)
         self.live_pane = LivePane(feed, amplifier)
-        configure(self, "measure/columns", childrenCollapsible=False, focusPolicy=Qt.FocusPolicy.ClickFocus)
-        for part, stretch in ((self.run_panel, 0), (self.live_pane, 1)):
-            self.addWidget(part)
-            self.setStretchFactor(self.indexOf(part), stretch)
-        self.setSizes([350, 900])
+        configure(self, "measure", focusPolicy=Qt.FocusPolicy.ClickFocus)
+        row(self.run_panel, (self.live_pane, 1), parent=self, spacing=0)
         self.live_pane.setSizes([380, 250])
         self.live_pane.setObjectName("measure/rows")
-        self.run_panel.setMinimumSize(300, 440)
-        self.live_pane.setMinimumWidth(460)
         self.run_panel.changed.connect(self._update_request)
         self.history = FormHistory(self.run_panel, self)
         self._update_request()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.run_panel.setFixedWidth(px(class_of(self).left))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""

@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
 from app.common import UsageError, format_bytes, pluralize, remember_conditions, remembered_conditions
+from app.gui.face import set_length
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.results import ResultCard
@@ -95,8 +96,9 @@ class RunPanel(QWidget):
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.estimates_panel, self.result_card = EstimatesPanel(), ResultCard()
         self.run_button = make_button(
-            f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})", self.run_pressed.emit, "go", name="measure.run"
+            f"Run   {ACTIONS['run'].shortcut}", self.run_pressed.emit, "go", name="measure.run"
         )
+        set_length(self.run_button, height=44)
         self.preset_button = PresetButton(presets, lambda: self.protocol)
         self._browse = configure(
             QToolButton(),
@@ -284,7 +286,7 @@ class RunPanel(QWidget):
             (self._content_area, 1),
             self.run_button,
             parent=self,
-            margins=(0, 2, 0, 0),
+            margins=(12, 8, 12, 8),
             spacing=8,
         )
 

@@ -286,7 +286,8 @@ class MainWindow(QMainWindow):
         self.rail.fit()
 
     def _fit_least_size(self) -> None:
-        self.setMinimumSize(px(LEAST_WINDOW.width()), px(LEAST_WINDOW.height()))
+        least = QSize(px(LEAST_WINDOW.width()), px(LEAST_WINDOW.height()))
+        self.setMinimumSize(least.boundedTo(self.screen().availableSize() - FRAME_SIZE))
 
     def _problem_facts(self) -> "tuple[ProblemFacts, RecentErrors]":
         from app.archive import ProblemFacts  # imports HDF5, which a background thread has loaded
@@ -383,6 +384,8 @@ class MainWindow(QMainWindow):
         self.rail.help_requested.connect(self.central.show_shortcuts)
         self.tabs.page_selected.connect(self.rail.select)
         self.rail.select(self.tabs.currentIndex())
+        for drawer in self._faults:
+            drawer.faults_changed.connect(self.ribbon.show_faults)
         self.ribbon.clicked.connect(lambda _=False: self._toggle_faults())
         self.status_line.log_requested.connect(self.toggle_log)
         self._key_bursts = KeyBurstFilter(self)

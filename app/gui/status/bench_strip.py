@@ -30,7 +30,7 @@ from app.gui.status.ribbon import draw_hatch
 from app.gui.status.session_controller import SessionController
 from app.gui.status.strip_value import RunLine, StripView, strip_view
 from app.gui.widgets import configure
-from app.session import BenchState, WindowState
+from app.session import WindowState
 
 REPAINT_S = 0.2
 """Interval at which the age of the measured volts and the time left are painted anew."""
@@ -81,7 +81,7 @@ def look_of(view: StripView) -> Look:
     return Look(look.word, "danger", "red", "red", hazard=True) if view.danger else look
 
 
-def stops_by_escape(state: BenchState) -> bool:
+def stops_by_escape(state: str) -> bool:
     """Whether Esc is STOP: from arming until rest is measured. Otherwise it closes what lies on top."""
     return str(state) in ("arming", "live", "pausing", "paused", "hv off", "drive lost", "going to rest")
 
@@ -198,8 +198,8 @@ class BenchStrip(QWidget):
 
     def _refresh(self) -> None:
         assert self._state is not None
-        self._painted_s = time.monotonic()
-        self.show_view(strip_view(self._state, self._controller.adapter.feed.streamed_s), self._state)
+        self._painted_s, adapter = time.monotonic(), self._controller.adapter
+        self.show_view(strip_view(self._state, adapter.feed.streamed_s, adapter.session.bench), self._state)
 
     def show_view(self, view: StripView, state: WindowState) -> None:
         """Show what is known of the bench."""
@@ -298,7 +298,8 @@ class BenchStrip(QWidget):
         if narrow and not act and self.view.run.fraction and self.view.run.outcome is None:
             points, _, rest = run.note.partition(", ")
             titles, notes = (points.removesuffix(" points"),), (rest,)
-        severity = _title_color(run, ink)
+        plain = bool(act) or look_of(self.view).tint in ("amber", "red")
+        severity = ink if plain else _title_color(run, ink)
         self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, VALUE_PX, SEMIBOLD, severity)
         self._draw_line(painter, QRectF(left, px(27), width, px(18)), notes, LABEL_PX, REGULAR, faint)
         if run.fraction and run.outcome is None and not act:

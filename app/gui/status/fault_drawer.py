@@ -1,6 +1,6 @@
 """Drawer of the simulated bench (F9): its speed, who answers its prompts, and a switch for every fault."""
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QCheckBox, QFrame, QSizePolicy, QWidget
 
@@ -116,6 +116,9 @@ class FaultDrawer(Overlay):
         controls: shown above the list; None for none.
     """
 
+    faults_changed = Signal(int)
+    """Number of active faults."""
+
     def __init__(self, plan: FaultPlan, parent: QWidget, controls: SimulationControls | None = None) -> None:
         content = QWidget()
         super().__init__("faults.drawer", content, Place.RIGHT)
@@ -183,6 +186,7 @@ class FaultDrawer(Overlay):
         self.active_faults = active
         self._show_message("")
         self.count_label.setText(f"{pluralize(len(active), 'fault')} on" if active else "")
+        self.faults_changed.emit(len(active))
 
     def _on_error(self, error: Exception) -> None:
         self._show_message(str(error))

@@ -56,6 +56,11 @@ class Notices(QObject):
         add_actions(window, {"acknowledge": self._on_dismiss, "reconnect": self._on_reconnect})
         self._update_answer()
 
+    @property
+    def accepts_input(self) -> bool:
+        """Whether the prompt has been visible long enough to be read."""
+        return self.prompt.accepts_input
+
     def set_state(self, view: WindowState) -> None:
         """Show the messages of a window state."""
         self._no_bench = not view.connected and bool(view.problem)

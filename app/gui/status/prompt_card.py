@@ -22,13 +22,19 @@ from app.gui.widgets import (
     row,
     set_style_kind,
 )
-from protocols.base import PromptShown
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, PromptShown
 
 INPUT_GUARD_S = 0.5
 """An answer is ignored for this long after a question appeared: it was meant for something else."""
 
 LANDED_UM = 2.0
 """Least change of the sensor's value when a weight is placed or taken off."""
+
+ACTS = {
+    DISABLE_HIGH_VOLTAGE.action: "Switch the high voltage OFF",
+    ENABLE_HIGH_VOLTAGE.action: "Switch the high voltage ON",
+}
+"""Acts of prompts whose text does not begin with it; the whole text stands below."""
 
 ACT_LENGTH = 44
 """Largest number of characters of an act in the large size; longer ones are shown in the size of headings."""
@@ -82,8 +88,8 @@ class PromptCard(Overlay):
         self.buttons: list[QPushButton] = []
         self.head = PromptHead("hand", "Your turn")
         self.drawing = SetupDrawing()
-        self.message_label = make_label(kind="act", name="prompt.message")
-        self.detail_label = make_label(kind="large", name="prompt.detail")
+        self.message_label = make_label(kind="act", name="notices.prompt.message")
+        self.detail_label = make_label(kind="large", name="notices.prompt.detail")
         self.laser_label = make_label(kind="present", wrap=False, name="prompt.laser")
         self.laser_note = make_label(kind="note", wrap=False, name="prompt.laser-note")
         self.again_label = make_label(kind="caution", name="prompt.again", visible=False)
@@ -133,7 +139,7 @@ class PromptCard(Overlay):
             self.dismiss()
             return True
         prompt = event.prompt
-        act, detail = _split(prompt.text)
+        act, detail = (ACTS[prompt.action], prompt.text) if prompt.action in ACTS else _split(prompt.text)
         self.message_label.setText(act)
         set_style_kind(self.message_label, "act" if len(act) <= ACT_LENGTH else "heading")
         self.detail_label.setText(detail)

@@ -4,6 +4,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton
 
+from app.common import pluralize
 from app.gui.face import (
     BOLD,
     CLASS_S,
@@ -40,6 +41,7 @@ class BenchRibbon(QAbstractButton):
         super().__init__()
         self._bench, self._simulated, self._simulation = bench, simulated, simulation
         self._shown: tuple[float | None, AnsweredBy] | None = None
+        self.fault_count = 0
         name = "SIMULATED: computed, not measured" if simulated else f"{bench}, real bench"
         configure(
             self,
@@ -56,6 +58,11 @@ class BenchRibbon(QAbstractButton):
             if shown != self._shown:
                 self._shown = shown
                 self.update()
+
+    def show_faults(self, count: int) -> None:
+        """Show how many faults are injected: what is broken stays in sight."""
+        self.fault_count = count
+        self.update()
 
     def sizeHint(self) -> QSize:
         return QSize(px(300), px(26))
@@ -78,7 +85,7 @@ class BenchRibbon(QAbstractButton):
         left = self._draw_text(painter, px(12), "SIMULATED", bold)
         small = class_of(self) is CLASS_S
         right = self._draw_key(painter, "F9")
-        texts = ["Faults"]
+        texts = [f"{pluralize(self.fault_count, 'fault')} on" if self.fault_count else "Faults"]
         if self._simulation is not None:
             speed = self._simulation.speed
             texts += [

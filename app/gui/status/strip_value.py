@@ -1,10 +1,14 @@
 """Strip: what it shows of the bench."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from app.common import OUTCOME_SYMBOLS, format_duration
-from app.session import BenchState, WindowState
+from app.session import BenchState, WindowState, real_duration_s
 from protocols.base import Outcome
+
+if TYPE_CHECKING:
+    from drivers import Bench
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +25,7 @@ class RunLine:
 class StripView:
     """What is shown of the bench."""
 
-    state: BenchState
+    state: str
     danger: bool
     measured: str
     caption: str
@@ -36,7 +40,7 @@ class StripView:
         return self.age_s <= 0.5
 
 
-def strip_view(view: WindowState, streamed_s: float = 0.0) -> StripView:
+def strip_view(view: WindowState, streamed_s: float = 0.0, bench: "Bench | None" = None) -> StripView:
     """Return what is shown of a state."""
     danger = view.bench_state in (BenchState.UNSAFE, BenchState.DRIVE_LOST)
     progress = view.progress
@@ -44,9 +48,10 @@ def strip_view(view: WindowState, streamed_s: float = 0.0) -> StripView:
     if progress is None:
         run = RunLine(view.bench_name, "no run yet" if view.connected else "")
     elif view.busy:
-        left = format_duration(progress.remaining_at(streamed_s))
+        left = format_duration(real_duration_s(progress.remaining_at(streamed_s), bench))
         note = f"{progress.done} of {progress.entries} points, {left} left" if progress.entries else "begins"
-        run = RunLine(progress.title, note, progress.fraction_at(streamed_s))
+        title = f"{progress.title} · {progress.label}" if progress.label else progress.title
+        run = RunLine(title, note, progress.fraction_at(streamed_s))
     else:
         fraction = progress.done / max(progress.entries, 1)
         ended = "" if outcome is None else f"{OUTCOME_SYMBOLS[outcome]} {outcome}"
@@ -54,7 +59,7 @@ def strip_view(view: WindowState, streamed_s: float = 0.0) -> StripView:
             progress.title, f"{ended}, {progress.done} of {progress.entries} points".strip(", "), fraction, outcome
         )
     return StripView(
-        view.bench_state,
+        "pausing" if view.pause_requested and view.bench_state is BenchState.LIVE else view.bench_state,
         danger,
         view.voltage_text,
         view.voltage_note,

@@ -162,9 +162,9 @@ class UnsafeCard(Overlay):
     ) -> None:
         content = QWidget()
         super().__init__("notices.unsafe", content, width=880, edge="red_line", closable=False, washed=True)
-        self.message_label = make_label(HEADING, "act", name="unsafe.message")
+        self.message_label = make_label(HEADING, "act", name="notices.unsafe.message")
         self.message_label.setProperty("tone", "bad")
-        self.detail_label = make_label(kind="large", name="unsafe.detail", textInteractionFlags=SELECTABLE)
+        self.detail_label = make_label(kind="large", name="notices.unsafe.detail", textInteractionFlags=SELECTABLE)
         self.scale = InputScale(amplifier)
         self.measured_label = make_label(name="unsafe.measured")
         self.buttons = [

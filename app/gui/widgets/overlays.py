@@ -63,7 +63,7 @@ class Overlay(QFrame):
         self.setVisible(False)
         self._area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
         self._area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        hidden = content.isHidden()
+        hidden = content.testAttribute(Qt.WidgetAttribute.WA_WState_ExplicitShowHide) and content.isHidden()
         self._area.setWidget(content)  # which shows it
         content.setHidden(hidden)
         content.setAutoFillBackground(False)
@@ -81,9 +81,7 @@ class Overlay(QFrame):
             self._previous_focus = QApplication.focusWidget()
         self.show()
         self.raise_()
-        host = self.parentWidget()
-        if isinstance(host, OverlayHost):
-            host.place_overlay(self)
+        self._place()
         if focus is not None:
             focus.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
@@ -100,9 +98,14 @@ class Overlay(QFrame):
 
     def height_in(self, width: int) -> int:
         """Return the height that the content needs at a width."""
-        inner, content = width - 2 * px(RIM), self.content
+        around, content = 2 * (px(RIM) + 1), self.content
+        inner = width - around
+        for each in (content, *content.findChildren(QWidget)):
+            each.ensurePolished()  # its paddings are the style sheet's
+        if (layout := content.layout()) is not None:
+            layout.invalidate()
         high = content.heightForWidth(inner) if content.hasHeightForWidth() else content.sizeHint().height()
-        return max(high, content.minimumSizeHint().height()) + 2 * px(RIM)
+        return max(high, content.minimumSizeHint().height()) + around
 
     def geometry_in(self, page: QRect) -> QRect:
         """Return where the overlay lies on a page."""
@@ -116,12 +119,18 @@ class Overlay(QFrame):
                 return QRect(left - px(RIM), page.height() - height, page.width() - left + px(RIM), height)
             case Place.HINT:
                 width = min(px(self._width), page.width() - left - px(EDGE_GAP))
-                height = min(self.height_in(width), page.height() // 2)
+                height = self._limit(self.height_in(width), page.height() // 2)
                 return QRect(left, page.height() - height - px(8), width, height)
             case _:
                 width = min(px(self._width), page.width() - 2 * px(EDGE_GAP))
-                height = min(self.height_in(width), page.height() - px(TOP_GAP) - px(8))
+                height = self._limit(self.height_in(width), page.height() - px(TOP_GAP) - px(8))
                 return QRect((page.width() - width) // 2, px(TOP_GAP) - px(RIM), width, height)
+
+    def _limit(self, needed: int, most: int) -> int:
+        """Return the height of a card; without a scroll bar, which would take width and so make the content higher, if it fits."""
+        policy = Qt.ScrollBarPolicy
+        self._area.setVerticalScrollBarPolicy(policy.ScrollBarAsNeeded if needed > most else policy.ScrollBarAlwaysOff)
+        return min(needed, most)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -135,10 +144,13 @@ class Overlay(QFrame):
             layout.setContentsMargins(*(side + is_card for side in sides))
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        host = self.parentWidget()
-        if event.type() == QEvent.Type.LayoutRequest and isinstance(host, OverlayHost) and not self.isHidden():
-            host.place_overlay(self)
+        if event.type() == QEvent.Type.LayoutRequest and not self.isHidden():
+            self._place()
         return False
+
+    def _place(self) -> None:
+        if isinstance(host := self.parentWidget(), OverlayHost):
+            host.place_overlay(self)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors, rim = tokens(), px(RIM)
