@@ -3,7 +3,7 @@
 import json
 import time
 
-from PySide6.QtCore import QObject, QSettings, Qt, QTimer
+from PySide6.QtCore import QObject, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QWidget
 
@@ -12,7 +12,7 @@ from app.gui.face import class_of, px
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane
-from app.gui.widgets import add_actions, configure, row
+from app.gui.widgets import add_actions, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -47,7 +47,8 @@ class MeasurePage(QWidget):
         self.run_panel = RunPanel(protocol, bench, presets)
         self.live_pane = LivePane(feed, amplifier)
         configure(self, "measure", focusPolicy=Qt.FocusPolicy.ClickFocus)
-        row(self.run_panel, (self.live_pane, 1), parent=self, spacing=0)
+        for part in (self.run_panel, self.live_pane):
+            part.setParent(self)
         self.live_pane.setSizes([380, 250])
         self.live_pane.setObjectName("measure/rows")
         self.run_panel.changed.connect(self._update_request)
@@ -56,7 +57,13 @@ class MeasurePage(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.run_panel.setFixedWidth(px(class_of(self).left))
+        left = px(class_of(self).left)  # never the width that its texts would like
+        self.run_panel.setGeometry(0, 0, left, self.height())
+        self.live_pane.setGeometry(left, 0, self.width() - left, self.height())
+
+    def minimumSizeHint(self) -> QSize:
+        plots, panel = self.live_pane.minimumSizeHint(), self.run_panel.minimumSizeHint()
+        return QSize(px(class_of(self).left) + plots.width(), max(plots.height(), panel.height()))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
