@@ -61,7 +61,7 @@ class CommissioningPanel(QWidget):
         self.progress_bar = make_progress_bar(PROGRESS_STEPS, 8, "bench.commission.bar")
         self.stop_button = make_button("Stop", stop, "stop", name="bench.commission.stop", minimumHeight=36)
         self.confirm_button = make_button(
-            "High voltage is off   (Enter)", self._confirm, name="bench.commission.confirm", minimumHeight=36
+            "High voltage is off", self._confirm, name="bench.commission.confirm", key="Enter"
         )
         self.prompt = make_panel(
             make_label(

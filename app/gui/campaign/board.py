@@ -13,6 +13,7 @@ from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.plots import LivePane
 from app.gui.widgets import (
+    ACTIONS,
     STRETCH,
     ElidedLabel,
     SheetButton,
@@ -27,7 +28,6 @@ from app.gui.widgets import (
     make_splitter,
     row,
     set_style_kind,
-    shortcut_label,
     tooltip,
     update_actions,
 )
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
 
 
 ACTION_BUTTON_LABELS = {
-    "accept": "Accept   (Enter)",
-    "reject": shortcut_label("Reject", "campaign.item.reject"),
-    "run": shortcut_label("Run", "run"),
-    "run without hands": shortcut_label("Run all measurements without manual steps", "campaign.queue"),
-    "halt the queue": shortcut_label("Only this one", "campaign.queue"),
+    "accept": ("Accept", "Enter"),
+    "reject": ("Reject", ACTIONS["campaign.item.reject"].shortcut),
+    "run": ("Run", ACTIONS["run"].shortcut),
+    "run without hands": ("Run all measurements without manual steps", ACTIONS["campaign.queue"].shortcut),
+    "halt the queue": ("Only this one", ACTIONS["campaign.queue"].shortcut),
 }
-"""Text of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
+"""Text and key of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
 
 
 STEP_HEIGHT_LINES = 9
@@ -69,8 +69,10 @@ class NextStepPane(QFrame):
             make_label(kind=kind, name=f"campaign.{kind}") for kind in ("step", "step-why", "step-detail")
         )
         self.buttons = {
-            action: make_button(text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", visible=False)
-            for action, text in ACTION_BUTTON_LABELS.items()
+            action: make_button(
+                text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", key=key, visible=False
+            )
+            for action, (text, key) in ACTION_BUTTON_LABELS.items()
         }
         text = column(self.heading, self.reason, self.detail, STRETCH, spacing=4)
         self.setFixedHeight(STEP_HEIGHT_LINES * self.fontMetrics().lineSpacing())  # the list below never moves
@@ -91,7 +93,7 @@ class NextStepPane(QFrame):
             set_style_kind(button, "go" if first else "")
             runs = what.startswith("run")
             if what == "run":
-                button.setText(ACTION_BUTTON_LABELS[what] if first else shortcut_label("Run the next", "run"))
+                button.setText("Run" if first else "Run the next")
             button.setEnabled(not (runs and blocked_reason))
             button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
 

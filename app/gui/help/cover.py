@@ -3,7 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import STRETCH, Item, column, make_button, make_label, make_line_edit, row, shortcut_label
+from app.gui.widgets import ACTIONS, STRETCH, Item, column, make_button, make_label, make_line_edit, row
 
 
 class SearchCover(QWidget):
@@ -31,7 +31,7 @@ class SearchCover(QWidget):
         self.search.setFocus()
 
     def _lay_out(self, content: QWidget, *buttons: Item) -> None:
-        close = make_button(shortcut_label("Close", self._name), self.closed.emit, name=f"{self._name}.close")
+        close = make_button("Close", self.closed.emit, name=f"{self._name}.close", key=ACTIONS[self._name].shortcut)
         head = row(make_label(self._heading, "heading", wrap=False), STRETCH, *buttons, close, spacing=8)
         column(head, self.search, (content, 1), parent=self, margins=(16, 12, 16, 12), spacing=8)
 

@@ -96,7 +96,7 @@ class RunPanel(QWidget):
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.estimates_panel, self.result_card = EstimatesPanel(), ResultCard()
         self.run_button = make_button(
-            f"Run   {ACTIONS['run'].shortcut}", self.run_pressed.emit, "go", name="measure.run"
+            "Run", self.run_pressed.emit, "go", name="measure.run", key=ACTIONS["run"].shortcut
         )
         set_length(self.run_button, height=44)
         self.preset_button = PresetButton(presets, lambda: self.protocol)

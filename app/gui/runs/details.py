@@ -27,7 +27,6 @@ from app.gui.widgets import (
     make_scroll_area,
     row,
     set_style_kind,
-    shortcut_label,
     tooltip,
 )
 from protocols import PROTOCOLS
@@ -80,8 +79,7 @@ class RunDetailsPane(QWidget):
         self.progress_row = ProgressRow()
         self.plot = configure(_LowComparePlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
-        hint = shortcut_label("good, second try", "runs.notes")
-        self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText=hint)
+        self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText="good, second try")
         self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
         self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
         self.tags_edit.editingFinished.connect(self._save_notes)

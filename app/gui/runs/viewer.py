@@ -18,6 +18,7 @@ from app.gui.widgets import (
     make_scroll_area,
     make_splitter,
     row,
+    show_key,
 )
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Outcome, RunEnded, RunStatus
@@ -36,8 +37,10 @@ class RunViewer(QWidget):
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(), TracePlot(), LogView()
         self.card = ResultCard("run.card", ("next", "report"), scrolls=True)
-        self.back_button = configure(QPushButton("← Back  (Esc)"), "run.back")
-        self.explore_button = configure(QPushButton("Show in Explore  (E)"), "run.explore")
+        self.back_button = configure(QPushButton("Back"), "run.back")
+        self.explore_button = configure(QPushButton("Show in Explore"), "run.explore")
+        show_key(self.back_button, "Esc")
+        show_key(self.explore_button, "E")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)

@@ -12,6 +12,7 @@ from app.archive import Catalogue, RunFilter, RunState, RunSummary
 from app.common import Severity, pluralize
 from app.gui.specimen.budget_plot import BudgetPlot
 from app.gui.widgets import (
+    ACTIONS,
     SELECTABLE,
     BackgroundWorker,
     StatusLine,
@@ -28,7 +29,6 @@ from app.gui.widgets import (
     make_toggle,
     row,
     set_tone,
-    shortcut_label,
 )
 from app.identification import (
     ADEQUACY_TEXT,
@@ -404,7 +404,9 @@ class IdentificationPage(QWidget):
             spacing=8,
         )
         area = make_scroll_area(self._content, focusPolicy=Qt.FocusPolicy.NoFocus)
-        close = make_button(shortcut_label("Close", "identification"), self.closed.emit, name="identification.close")
+        close = make_button(
+            "Close", self.closed.emit, name="identification.close", key=ACTIONS["identification"].shortcut
+        )
         column(
             row(self.heading, self.simulated_label, None, self.runs_button, self.identify_button, close, spacing=8),
             self.run_list,

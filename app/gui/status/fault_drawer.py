@@ -129,10 +129,11 @@ class FaultDrawer(Overlay):
         self.count_label = make_label(wrap=False, name="faults.count")
         self.message_label = make_label(kind="fault", name="faults.message", visible=False)
         self.clear_button = make_button(
-            "All faults off   Shift F9",
+            "All faults off",
             lambda: self._switch_fault("", active=False),
             name="faults.clear",
             tip=tooltip("faults.clear"),
+            key="Shift+F9",
         )
         short = {name: text for group in GROUPS.values() for name, text in group.items()}
         self.fault_boxes = {
@@ -213,7 +214,7 @@ class FaultDrawer(Overlay):
             box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
         faults = make_scroll_area(*rows, STRETCH, spacing=0, focusPolicy=Qt.FocusPolicy.NoFocus)
         faults.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        close = make_button("Close   F9", self.toggle, name="faults.close")
+        close = make_button("Close", self.toggle, name="faults.close", key="F9")
         above = [] if self.controls is None else [row((self.controls, 1), margins=(16, 16, 16, 12))]
         column(
             _HatchedHead(title, self.count_label),

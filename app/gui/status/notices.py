@@ -37,16 +37,16 @@ class Notices(QObject):
             "notices.closing",
             "question",
             "amber_text",
-            make_button("Go to rest and close   Enter", self._on_close_confirmed, "go", name="closing.confirm"),
-            make_button("Keep the window   F4", self.cancel_closing, "main", name="closing.cancel"),
+            make_button("Go to rest and close", self._on_close_confirmed, "go", name="closing.confirm", key="Enter"),
+            make_button("Keep the window", self.cancel_closing, "main", name="closing.cancel", key="F4"),
         )
         self.prompt = PromptCard(controller.answer_prompt)
         self.problem = MessageCard(
             "notices.problem",
             "danger",
             "red_line",
-            make_button("Connect again   F6", self._on_reconnect, "go", name="problem.reconnect"),
-            make_button("Dismiss   F4", controller.acknowledge, "main", name="problem.dismiss"),
+            make_button("Connect again", self._on_reconnect, "go", name="problem.reconnect", key="F6"),
+            make_button("Dismiss", controller.acknowledge, "main", name="problem.dismiss", key="F4"),
         )
         for card in (self.problem, self.unsafe, self.closing, self.prompt):
             host.add_overlay(card)
@@ -82,7 +82,7 @@ class Notices(QObject):
         """Ask once whether to close the window."""
         if self.closing.isHidden():
             self.closing.show_message(RUN_ACTIVE_TEXT if view.busy else UNSAFE_TEXT)
-            self.closing.buttons[0].setText("Go to rest and close   Enter" if view.busy else "Close   Enter")
+            self.closing.buttons[0].setText("Go to rest and close" if view.busy else "Close")
             self._asked_at_s = time.monotonic()
         self._update_answer()
 
@@ -101,7 +101,7 @@ class Notices(QObject):
     def show_unsafe_exit(self) -> None:
         """Request the acknowledgement with which the window closes although rest was not confirmed."""
         self.closing.show_message("")
-        self.unsafe.buttons[0].setText("I have switched it off: close   F4")
+        self.unsafe.buttons[0].setText("I have switched it off: close")
         self._update_answer()
 
     def _update_answer(self) -> None:

@@ -194,10 +194,11 @@ class PromptCard(Overlay):
     def _add_answer(self, choice: str, key: str) -> None:
         is_first = key == "Enter"
         button = make_button(
-            f"{choice[:1].upper()}{choice[1:]}   {key}",
+            f"{choice[:1].upper()}{choice[1:]}",
             partial(self._answer, choice),
-            "go" if is_first else "",
+            "go" if is_first else "main",
             name=f"answer.{choice}",
+            key=key,
         )
         self._answer_row.insertWidget(self._answer_row.count() - 1, button)
         button.show()  # in a card that is seen already it would only be shown later, and Enter be off until then

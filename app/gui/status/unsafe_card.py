@@ -126,7 +126,7 @@ class InputScale(QWidget):
         rest = f"{amplifier.rest_v:.3f} is rest"
         used = float(px(20))
         if self._volts is not None:
-            low = self._volts[0]
+            low = round(self._volts[0], 3) + 0.0
             painter.setBrush(QColor(colors.red_line))
             painter.setPen(Qt.PenStyle.NoPen)
             at = place(low)
@@ -136,7 +136,7 @@ class InputScale(QWidget):
             painter.setPen(QColor(colors.red_text))
             painter.setFont(text_font(LABEL_PX, SEMIBOLD))
             specimen = float(amplifier.specimen_v([low])[0])
-            text = f"{low:.3f} now, about {specimen:+.0f} V".replace("-", "−").replace("+", "+")
+            text = f"{low:.3f} now, about {specimen:+.0f} V".replace("-", "−")
             left_of = min(max(at - px(8), px(2)), self.width() / 2)
             painter.drawText(below.adjusted(left_of, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, text)
             used = left_of + painter.fontMetrics().horizontalAdvance(text) + px(12)
@@ -168,8 +168,8 @@ class UnsafeCard(Overlay):
         self.scale = InputScale(amplifier)
         self.measured_label = make_label(name="unsafe.measured")
         self.buttons = [
-            make_button("I have switched it off   F4", acknowledge, "go", name="unsafe.acknowledge"),
-            make_button("Measure rest again   F6", measure_again, "main", name="unsafe.measure"),
+            make_button("I have switched it off", acknowledge, "go", name="unsafe.acknowledge", key="F4"),
+            make_button("Measure rest again", measure_again, "main", name="unsafe.measure", key="F6"),
         ]
         for button in self.buttons:
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -217,7 +217,7 @@ class UnsafeCard(Overlay):
         seen = (
             "nothing is measured"
             if volts is None
-            else f"lowest {volts[0]:.3f} V, highest {volts[1]:.3f} V".replace("-", "−")
+            else "lowest {:.3f} V, highest {:.3f} V".format(*(round(each, 3) + 0.0 for each in volts)).replace("-", "−")
         )
         text = f"Measured by the card\n{seen}\nMend after step 2 what the message names"
         if text != self.measured_label.text():

@@ -5,7 +5,6 @@ from .actions import actions_of as actions_of
 from .actions import add_action as add_action
 from .actions import add_actions as add_actions
 from .actions import name_button as name_button
-from .actions import shortcut_label as shortcut_label
 from .actions import shortcuts_by_group as shortcuts_by_group
 from .actions import tooltip as tooltip
 from .actions import update_actions as update_actions
@@ -19,6 +18,7 @@ from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow
 from .form import ProtocolForm as ProtocolForm
 from .garbage_collection import collect_garbage_here as collect_garbage_here
+from .key_caps import show_key as show_key
 from .labels import ElidedLabel as ElidedLabel
 from .labels import StatusLine as StatusLine
 from .layouts import SELECTABLE as SELECTABLE

@@ -11,6 +11,7 @@ from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcutEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QWidget
 from shiboken6 import isValid
 
+from app.gui.widgets.key_caps import show_key
 from app.session import WindowState
 
 GLOBAL_GROUP = "Everywhere"
@@ -345,14 +346,10 @@ def tooltip(action_id: str, text: str = "") -> str:
     return f"{text or TOOLTIPS.get(action_id, info.text)}: {' or '.join(info.shortcuts)}"
 
 
-def shortcut_label(text: str, action_id: str) -> str:
-    """Return the text of a button with the shortcut of an action."""
-    return f"{text}   ({ACTIONS[action_id].shortcut})"
-
-
 def name_button(button: QAbstractButton, action_id: str, text: str) -> None:
-    """Name the shortcut of an action on a button and in its tooltip."""
-    button.setText(shortcut_label(text, action_id))
+    """Show the shortcut of an action on a button and in its tooltip."""
+    button.setText(text)
+    show_key(button, ACTIONS[action_id].shortcut)
     button.setToolTip(tooltip(action_id))
 
 

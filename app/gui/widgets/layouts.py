@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 
 from app.common import Severity
 from app.gui.face import KINDS, font_of_kind, px, set_margins
+from app.gui.widgets.key_caps import show_key
 
 B = TypeVar("B", bound=QBoxLayout)
 W = TypeVar("W", bound=QWidget)
@@ -121,13 +122,21 @@ def make_label(text: str = "", kind: str = "", wrap: bool = True, name: str = ""
 
 
 def make_button(
-    text: str, on_click: Callable[[], object], kind: str = "", tip: str = "", name: str = "", **properties: object
+    text: str,
+    on_click: Callable[[], object],
+    kind: str = "",
+    tip: str = "",
+    name: str = "",
+    key: str = "",
+    **properties: object,
 ) -> QPushButton:
-    """Return a button that calls `on_click`, styled as `kind` of the style sheet."""
+    """Return a button that calls `on_click`, styled as `kind` of the style sheet, with the cap of its `key`."""
     if kind:
         properties["kind"] = kind
     button = configure(QPushButton(text), name, toolTip=tip, **properties)
     button.clicked.connect(lambda _checked=False: on_click())
+    if key:
+        show_key(button, key)
     return button
 
 

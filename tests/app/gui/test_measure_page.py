@@ -177,7 +177,11 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message
     stage.window.adapter.mailbox.show(21, WEIGHT)
     stage.happen(PromptShown(21, WEIGHT))
     prompt = stage.window.notices.prompt
-    assert [b.text() for b in prompt.buttons] == ["Done   Enter", "Repeat the last   R", "Skip   S"]
+    assert [(b.text(), b.property("cap")) for b in prompt.buttons] == [
+        ("Done", "Enter"),
+        ("Repeat the last", "R"),
+        ("Skip", "S"),
+    ]
     assert prompt.drawing.isVisible()
     until(lambda: stage.window.notices.accepts_input, "for the guard")
     stage.press(key)
