@@ -98,6 +98,8 @@ class SessionAdapter:
         self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
+        self.on_event: Callable[[], object] = lambda: None
+        """Called in any thread when an event waits for the window."""
         self.session = self._new_session()
 
     def reconnect(self) -> bool:
@@ -136,6 +138,7 @@ class SessionAdapter:
             self.events.publish(event)
         finally:
             self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
+            self.on_event()
 
     def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)

@@ -94,6 +94,11 @@ class ExplorePage(QSplitter):
         """Take the keyboard focus."""
         self.setFocus()
 
+    @property
+    def moves(self) -> bool:
+        """Whether a motion is shown, which is drawn in every frame."""
+        return self.shape_plot.isVisible()
+
     def tick(self) -> None:
         """Update the page; called at every tick while it is visible."""
         if self.model.requested is None:

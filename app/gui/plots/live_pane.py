@@ -111,6 +111,7 @@ class LivePane(QSplitter):
             curves_first=self._running is not None,
         )
         self.time_plot.show_simulated(view.simulated)
+        self.time_plot.is_calm = not view.busy
 
     def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model's curve under the points."""

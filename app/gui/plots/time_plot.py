@@ -31,6 +31,9 @@ LEAST_MOTION = 1e-4
 
 INITIAL_RANGE_UM = 100.0
 
+CALM_S = 0.2
+"""Interval between two redraws at rest."""
+
 HELD_AFTER_S = 1.0
 """Traces without a new sample for this long are drawn in grey, with their age."""
 
@@ -47,6 +50,8 @@ class TimePlot(TracePlotBase):
     def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
         super().__init__()
         self._feed, self._rest_v = feed, amplifier.rest_v
+        self.is_calm = False
+        """Whether nothing is driven: a few redraws a second are enough."""
         self.frames = 0
         """Number of redraws."""
         self._range: tuple[float, float] | None = None
@@ -100,8 +105,10 @@ class TimePlot(TracePlotBase):
         self._spans.button(min(max(index, 0), len(SPANS) - 1)).setChecked(True)
 
     def tick(self) -> None:
-        """Take new samples and scroll towards them."""
+        """Take new samples and scroll towards them; at rest a few times a second."""
         now = time.monotonic()
+        if self.is_calm and now - self._last_tick_s < CALM_S:
+            return
         elapsed, self._last_tick_s = now - self._last_tick_s, now
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QByteArray, QEvent, QSettings, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QByteArray, QEvent, QSettings, QSize, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit, QMainWindow, QWidget
 
@@ -28,6 +28,7 @@ from app.gui.face import (
     tokens_for,
 )
 from app.gui.remote import RemoteController
+from app.gui.shell.heartbeat import Heartbeat
 from app.gui.shell.menus import MainMenus
 from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE, TITLES
 from app.gui.shell.page_stack import CentralStack
@@ -64,7 +65,6 @@ if TYPE_CHECKING:
     from app.archive import ProblemFacts
     from app.gui.help import Setting
 
-FRAME_MS = 16
 FRAME_SIZE = QSize(4, 32)
 """Of the frame that a desktop draws around a window."""
 
@@ -151,9 +151,8 @@ class MainWindow(QMainWindow):
         self._restore(form)
         self._show_state()
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._apply_style)
-        self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self.tick)
-        self._timer.start()
+        self.heartbeat = Heartbeat(self, self.tick, self._is_moving)
+        adapter.on_event = self.heartbeat.wake
         QTimer.singleShot(HIDDEN_CONNECT_DELAY_MS, self, self._start_connecting)
 
     # -- commands ---------------------------------------------------------------------------------------
@@ -249,6 +248,16 @@ class MainWindow(QMainWindow):
         if self.controller.closing and self.controller.released:
             self._close_if_acknowledged()
 
+    def _is_moving(self) -> bool:
+        """Whether every frame is drawn: in a run, until the bench is connected, and where a page shows a motion."""
+        page = self.tabs.created_pages.get(self.tabs.currentIndex())
+        return (
+            self.state.busy
+            or self.controller.closing
+            or self.state.bench_state is BenchState.CONNECTING
+            or bool(getattr(page, "moves", False))
+        )
+
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
         if not self._connect_started:
@@ -309,12 +318,13 @@ class MainWindow(QMainWindow):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._key_bursts.watch()
+        self.heartbeat.watch()
         if self.focusWidget() is None:  # otherwise the ribbon, the first in the order of Tab, would take the keyboard
             self.central.setFocus()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
-            self._timer.stop()
+            self.heartbeat.stop()
             self._save()
             for part in (self.tabs, self.central, self.notifier, self.remote, *self._faults):
                 part.shutdown()

@@ -17,7 +17,8 @@ from PySide6.QtWidgets import QApplication
 from app.config.bench_file import BenchConfig, load_bench
 from app.gui.application import qt_application
 from app.gui.face import install_fonts
-from app.gui.shell.main_window import FRAME_MS, InitialForm, MainWindow
+from app.gui.shell.heartbeat import FRAME_MS
+from app.gui.shell.main_window import InitialForm, MainWindow
 from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningFrame, ListeningSession, OpenPage, OpenStage, Stage, end
