@@ -274,7 +274,7 @@ class RunPanel(QWidget):
             self.estimates_panel,
             self.result_card,
             STRETCH,
-            margins=(0, 0, 8, 0),
+            margins=(4, 0, 4, 0),
             spacing=8,
             focusPolicy=Qt.FocusPolicy.NoFocus,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
@@ -286,7 +286,7 @@ class RunPanel(QWidget):
             (self._content_area, 1),
             self.run_button,
             parent=self,
-            margins=(12, 8, 12, 8),
+            margins=(8, 8, 8, 8),
             spacing=8,
         )
 
