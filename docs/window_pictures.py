@@ -125,11 +125,11 @@ class Studio:
         for suffix, size in SIZES.items():
             self.window.resize(*size)
             for appearance, shade in (("light", ""), ("dark", "-dark")):
-                self.window.set_appearance(appearance)
+                self.window.look.set_appearance(appearance)
                 self.settle()
                 self._save(self._pictures / f"{name}{suffix}{shade}.png", size)
         self.window.resize(*SIZES[""])
-        self.window.set_appearance("light")
+        self.window.look.set_appearance("light")
 
     def close(self) -> None:
         self.window.close_session(force=True)

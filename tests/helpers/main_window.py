@@ -15,9 +15,10 @@ from PySide6.QtWidgets import QApplication, QLabel, QMainWindow, QWidget
 from app.config.bench_file import BenchConfig
 from app.gui.campaign import CampaignController
 from app.gui.shell.main_window import InitialForm, MainWindow
-from app.gui.status.bench_strip import look_of
+from app.gui.status.bench_strip import LOOKS, look_of
 from app.gui.widgets import Told, collect_garbage_here
 from app.live.session_link import SessionAdapter
+from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect
 from app.session.session import SessionEvent
 from protocols.base import PointMeasured, Protocol
@@ -179,8 +180,13 @@ def tells_what_to_do_by_hand(window: Any) -> bool:
     """Whether the card of the unsafe state is visible, whole, and has every act of the safety text."""
     card = find(window, "notices.unsafe")
     texts = " ".join(label.text() for label in card.findChildren(QLabel) if label.isVisible())
-    acts = ("specimen", "high voltage OFF at the amplifier", "display reads 0 V", "touch neither the specimen", "cable")
+    acts = ("specimen", "high voltage OFF", "display reads 0 V", "touch neither the specimen", "cable")
     return bool(card.isVisible() and all(act in texts for act in acts))
+
+
+def word(state: BenchState) -> str:
+    """The word of a state on the sign."""
+    return LOOKS[str(state)].word
 
 
 def sign(window: Any) -> str:

@@ -106,7 +106,7 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
         campaign, weight = window.tabs.campaign, Prompt("place-weight", WEIGHT, {"mass_kg": 0.2})
         for at, (state, pages) in enumerate(STATES.items()):
             theme = (LIGHT, DARK)[at % 2]
-            window.set_appearance("dark" if theme is DARK else "light")
+            window.look.set_appearance("dark" if theme is DARK else "light")
             if state in ("finished", "stopped"):
                 bench.at_a_point = lambda _, stops=state == "stopped": bench.session.stop() if stops else None
                 window.tabs.setCurrentIndex(0)

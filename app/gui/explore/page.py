@@ -51,7 +51,7 @@ class ExplorePage(QSplitter):
         fit: fits the model to the overlaid runs; without it there is no such button.
     """
 
-    title = "Explore"
+    title, moves = "Explore", True
     runs_wanted = Signal()
     """The user wants to choose runs from the list of the page Runs."""
 
@@ -93,11 +93,6 @@ class ExplorePage(QSplitter):
     def activate(self) -> None:
         """Take the keyboard focus."""
         self.setFocus()
-
-    @property
-    def moves(self) -> bool:
-        """Whether a motion is shown, which is drawn in every frame."""
-        return self.shape_plot.isVisible()
 
     def tick(self) -> None:
         """Update the page; called at every tick while it is visible."""

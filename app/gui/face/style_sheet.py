@@ -93,6 +93,7 @@ QScrollBar::add-page, QScrollBar::sub-page { background: transparent; }
 
 QFrame[kind="panel"] { background: $surface; border: 1px solid $line; border-radius: 8px; }
 QFrame[kind="band"] { background: $window; border: none; border-top: 1px solid $line; border-bottom: 1px solid $line; }
+QFrame[kind="attention"] { background: $amber; border: none; border-top-left-radius: 9px; border-top-right-radius: 9px; }
 QLabel[on="amber"] { color: black; }
 QLabel[on="violet"] { color: white; }
 QFrame[kind="rule"] { background: $line; border: none; }

@@ -9,8 +9,8 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QListWidget, QListWidgetItem
 
 from app.gui.face import set_length
-from app.gui.help.cover import SearchCover
-from app.gui.widgets import configure
+from app.gui.help.cover import SearchOverlay
+from app.gui.widgets import Place, configure
 
 MAX_SHOWN = 200
 ENTRY_ROLE = Qt.ItemDataRole.UserRole
@@ -28,7 +28,7 @@ class PaletteEntry:
     """Shortcut, or what distinguishes entries of the same text."""
 
 
-class CommandPalette(SearchCover):
+class CommandPalette(SearchOverlay):
     """Lists what matches the search; up and down select while the keyboard stays in the search."""
 
     def __init__(self) -> None:
@@ -37,6 +37,7 @@ class CommandPalette(SearchCover):
             "Go to",
             "What to do: words of a command, protocol, run or setting",
             "search commands, protocols, runs and settings",
+            Place.TOP,
         )
         self._entries: tuple[PaletteEntry, ...] = ()
         self.list = configure(QListWidget(), "palette.list", accessibleName="found", focusPolicy=Qt.FocusPolicy.NoFocus)
@@ -60,7 +61,7 @@ class CommandPalette(SearchCover):
         """Close the palette and perform the selected entry."""
         item = self.list.currentItem()
         if item is not None:
-            self.closed.emit()
+            self.leave()
             item.data(ENTRY_ROLE).choose()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.help.cover import SearchCover
+from app.gui.help.cover import SearchOverlay
 from app.gui.widgets import STRETCH, make_label, make_panel, make_scroll_area
 
 
@@ -18,7 +18,7 @@ class Setting:
     description: str
 
 
-class SettingsPage(SearchCover):
+class SettingsPage(SearchOverlay):
     """Settings apply immediately; the search hides those that do not match."""
 
     def __init__(self, settings: Sequence[Setting]) -> None:

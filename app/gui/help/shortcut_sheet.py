@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.help.concepts import CONCEPTS
-from app.gui.help.cover import SearchCover
+from app.gui.help.cover import SearchOverlay
 from app.gui.widgets import (
     STRETCH,
     ActionInfo,
@@ -22,7 +22,7 @@ from app.gui.widgets import (
 )
 
 
-class ShortcutSheet(SearchCover):
+class ShortcutSheet(SearchOverlay):
     """Lists the shortcuts by group; filled whenever it is opened."""
 
     welcome_requested = Signal()

@@ -7,28 +7,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QByteArray, QEvent, QSettings, QSize, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent, QShowEvent
+from PySide6.QtCore import QByteArray, QEvent, QSettings, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit, QMainWindow, QWidget
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
 from app.gui.face import (
     APPEARANCES,
-    LEAST_WINDOW,
     MENU_HEIGHT,
     TEXT_SIZES,
     SizeClass,
     class_of,
-    install_fonts,
-    px,
-    rescale,
     set_length,
-    style_sheet,
-    tokens_for,
 )
 from app.gui.remote import RemoteController
 from app.gui.shell.heartbeat import Heartbeat
+from app.gui.shell.look import FRAME_SIZE, WindowLook
 from app.gui.shell.menus import MainMenus
 from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE, TITLES
 from app.gui.shell.page_stack import CentralStack
@@ -64,9 +59,6 @@ from protocols.base import Protocol
 if TYPE_CHECKING:
     from app.archive import ProblemFacts
     from app.gui.help import Setting
-
-FRAME_SIZE = QSize(4, 32)
-"""Of the frame that a desktop draws around a window."""
 
 ERROR_TEXT = "The program made an error. Ctrl+F1 saves a problem report for its developers."
 
@@ -130,10 +122,7 @@ class MainWindow(QMainWindow):
             ),
             self,
         )
-        self.appearance = str(settings.value("window/appearance", "system"))
-        self.text_size = str(settings.value("window/text-size", "automatic"))
-        install_fonts(TEXT_SIZES.get(self.text_size, 0))
-        self._apply_style()
+        self.look = WindowLook(self, settings)
         self.ribbon = BenchRibbon(config.name, config.simulated, adapter.simulation)
         self.strip = BenchStrip(self.controller)
         settable = adapter.simulation
@@ -150,7 +139,6 @@ class MainWindow(QMainWindow):
         self._build(config.name)
         self._restore(form)
         self._show_state()
-        QGuiApplication.styleHints().colorSchemeChanged.connect(self._apply_style)
         self.heartbeat = Heartbeat(self, self.tick, self._is_moving)
         adapter.on_event = self.heartbeat.wake
         QTimer.singleShot(HIDDEN_CONNECT_DELAY_MS, self, self._start_connecting)
@@ -273,31 +261,6 @@ class MainWindow(QMainWindow):
             self.tabs.run_in_background(lambda: self.adapter.publish(unreported_watchdog_messages(folder)))
             self.tabs.preload_pages()  # while the bench connects, so that no page has to be waited for
 
-    def _apply_style(self) -> None:
-        colors = tokens_for(self.appearance)
-        QApplication.setPalette(colors.palette())
-        self.setStyleSheet(style_sheet(colors))
-
-    def set_appearance(self, appearance: str) -> None:
-        """Choose the theme, one of `APPEARANCES`, now and for later starts."""
-        self.appearance = appearance
-        self._settings.setValue("window/appearance", appearance)
-        self._apply_style()
-
-    def set_text_size(self, choice: str) -> None:
-        """Choose the text size, one of `TEXT_SIZES`, now and for later starts."""
-        self.text_size = choice
-        self._settings.setValue("window/text-size", choice)
-        install_fonts(TEXT_SIZES[choice])
-        rescale(self)
-        self.setStyleSheet(self.styleSheet())  # widgets with a style do not follow the application's font by themselves
-        self._fit_least_size()
-        self.rail.fit()
-
-    def _fit_least_size(self) -> None:
-        least = QSize(px(LEAST_WINDOW.width()), px(LEAST_WINDOW.height()))
-        self.setMinimumSize(least.boundedTo(self.screen().availableSize() - FRAME_SIZE))
-
     def _problem_facts(self) -> "tuple[ProblemFacts, RecentErrors]":
         from app.archive import ProblemFacts  # imports HDF5, which a background thread has loaded
 
@@ -379,11 +342,10 @@ class MainWindow(QMainWindow):
     # -- building ------------------------------------------------------------------------------------------------------
 
     def _build(self, bench: str) -> None:
-        self._fit_least_size()
         self.setWindowTitle(f"Tactor Bench – {bench}")
         for overlay in (*self._faults, self.log):
             self.central.add_overlay(overlay)
-        self.menus = MainMenus(self, self.central, self.set_appearance)
+        self.menus = MainMenus(self, self.central, self.look.set_appearance)
         menu_line, content = QWidget(), QWidget()
         row(self.menus.bar, (self.ribbon, 1), parent=menu_line, spacing=0)
         set_length(menu_line, height=MENU_HEIGHT)
@@ -394,6 +356,7 @@ class MainWindow(QMainWindow):
         self.rail.help_requested.connect(self.central.show_shortcuts)
         self.tabs.page_selected.connect(self.rail.select)
         self.rail.select(self.tabs.currentIndex())
+        self.look.text_size_changed.connect(self.rail.fit)
         for drawer in self._faults:
             drawer.faults_changed.connect(self.ribbon.show_faults)
         self.ribbon.clicked.connect(lambda _=False: self._toggle_faults())
@@ -465,12 +428,12 @@ def _make_settings(window: MainWindow) -> "list[Setting]":
     panel, notifier = window.measure_page.run_panel, window.notifier
     choices = ((text, name) for name, text in APPEARANCES.items())
     appearance = make_combo("settings.appearance", "", choices)
-    appearance.setCurrentIndex(max(appearance.findData(window.appearance), 0))
-    appearance.currentIndexChanged.connect(lambda _: window.set_appearance(appearance.currentData()))
+    appearance.setCurrentIndex(max(appearance.findData(window.look.appearance), 0))
+    appearance.currentIndexChanged.connect(lambda _: window.look.set_appearance(appearance.currentData()))
     sizes = ((f"{name} %" if name.isdigit() else "by the screen", name) for name in TEXT_SIZES)
     text_size = make_combo("settings.text-size", "", sizes)
-    text_size.setCurrentIndex(max(text_size.findData(window.text_size), 0))
-    text_size.currentIndexChanged.connect(lambda _: window.set_text_size(text_size.currentData()))
+    text_size.setCurrentIndex(max(text_size.findData(window.look.text_size), 0))
+    text_size.currentIndexChanged.connect(lambda _: window.look.set_text_size(text_size.currentData()))
     fields = []
     for name, edit in (("folder", panel.folder_edit), ("specimen", panel.specimen_edit)):
         copy = configure(QLineEdit(edit.text()), f"settings.{name}")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from PySide6.QtCore import QEvent, QObject, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QWidget
 from shiboken6 import isValid
 
@@ -15,7 +15,7 @@ from app.gui import specimen as specimen_pages
 from app.gui.help import FirstRunHint, ShortcutSheet, TutorialBand, WelcomePage
 from app.gui.shell.page_host import BENCH, MEASURE, TITLES
 from app.gui.shell.tabs import MainTabs
-from app.gui.widgets import Overlay, OverlayHost, Place, add_actions, choose_files, shortcuts_by_group
+from app.gui.widgets import OverlayHost, add_actions, choose_files, shortcuts_by_group
 
 if TYPE_CHECKING:
     from app.archive import ProblemFacts
@@ -23,21 +23,6 @@ if TYPE_CHECKING:
     from app.session import WindowState
 
 W = TypeVar("W", bound=QWidget)
-
-
-class _Follower(QObject):
-    """Shows and hides a card with its content."""
-
-    def __init__(self, content: QWidget, card: Overlay) -> None:
-        super().__init__(content)
-        self._card = card
-
-    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShowToParent:
-            self._card.open()
-        elif event.type() == QEvent.Type.HideToParent:
-            self._card.hide()
-        return False
 
 
 class CentralStack(OverlayHost):
@@ -53,11 +38,8 @@ class CentralStack(OverlayHost):
         self.tutorial = TutorialBand()
         self.stack.addWidget(tabs)
         self._add_cover(self.welcome)
-        self._drawers: dict[QWidget, Overlay] = {}
-        """Overlays of help, settings and palette, by their content."""
-        self._add_drawer(self.shortcut_sheet)
-        for content in (self.hint, self.tutorial):
-            self._add_hint(content)
+        for overlay in (self.shortcut_sheet, self.hint, self.tutorial):
+            self.add_overlay(overlay)
         self._previous_focus: QWidget | None = None
         tabs.sheets.pressed.connect(self.show_specimen)
         tabs.identification_requested.connect(self.show_identification)
@@ -66,7 +48,11 @@ class CentralStack(OverlayHost):
         self.welcome.closed.connect(lambda: self.select_page(MEASURE))
         self.welcome.tutorial_requested.connect(self.start_tutorial)
         self.welcome.setup_button.clicked.connect(lambda: self.select_page(BENCH))
-        self.welcome.browse_button.clicked.connect(self._choose_bench_file)
+        self.welcome.browse_button.clicked.connect(
+            lambda: choose_files(
+                self, "Open a bench file", lambda paths: self.bench_chosen.emit(str(paths[0])), "Bench files (*.toml)"
+            )
+        )
         self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple
         """Returns what the command palette offers."""
         self.settings: Callable[[], Sequence[help_pages.Setting]] = tuple
@@ -79,7 +65,7 @@ class CentralStack(OverlayHost):
             "settings": ("settings_page", self.show_settings),
             "specimen": ("specimen_page", self.show_specimen),
             "identification": ("identification_page", self.show_identification),
-            "problem": ("problem_page", self.show_problem),
+            "problem": ("problem_page", lambda: self._show_cover(self.problem_page).activate()),
         }
         add_actions(
             self,
@@ -92,18 +78,19 @@ class CentralStack(OverlayHost):
     @cached_property
     def command_palette(self) -> help_pages.CommandPalette:
         """The command palette; created when first used."""
-        return self._add_drawer(help_pages.CommandPalette(), Place.TOP)
+        return self.add_overlay(help_pages.CommandPalette())
 
     @cached_property
     def settings_page(self) -> help_pages.SettingsPage:
         """The settings page; created when first used."""
-        return self._add_drawer(help_pages.SettingsPage(self.settings()))
+        return self.add_overlay(help_pages.SettingsPage(self.settings()))
 
     @cached_property
     def specimen_page(self) -> specimen_pages.SpecimenPage:
         """The page with the sheet of a specimen; created when first used."""
         page = self._add_cover(specimen_pages.SpecimenPage())
-        page.saved.connect(self._on_sheet_saved)
+        page.saved.connect(self.tabs.sheets.update)
+        page.saved.connect(lambda: [each.outdate() for each in self._made("identification_page")])
         return page
 
     @cached_property
@@ -117,10 +104,6 @@ class CentralStack(OverlayHost):
             self.show_pages()
         else:
             show()
-
-    def show_problem(self) -> None:
-        """Show the page that saves a problem report."""
-        self._show_cover(self.problem_page).activate()
 
     def show_specimen(self) -> None:
         """Show the sheet of the specimen of the visible page."""
@@ -137,32 +120,18 @@ class CentralStack(OverlayHost):
 
     def shutdown(self) -> None:
         """Stop background threads; files that are being written are finished."""
-        for name in ("specimen_page", "identification_page", "problem_page"):
-            if name in self.__dict__:
-                getattr(self, name).shutdown()
+        for page in self._made("specimen_page", "identification_page", "problem_page"):
+            page.shutdown()
 
-    def _on_sheet_saved(self) -> None:
-        self.tabs.sheets.update()
-        if "identification_page" in self.__dict__:
-            self.identification_page.outdate()
+    def _made(self, *names: str) -> list[Any]:
+        """Return those of the covers that have been created."""
+        return [self.__dict__[name] for name in names if name in self.__dict__]
 
     def _add_cover(self, cover: W) -> W:
         cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)  # it does not enlarge the window
         self.stack.addWidget(cover)
         cover.closed.connect(self.show_pages)  # type: ignore[attr-defined]
         return cover
-
-    def _add_drawer(self, content: W, place: Place = Place.RIGHT) -> W:
-        overlay = self.add_overlay(Overlay(f"drawer.{type(content).__name__}", content, place))
-        self._drawers[content] = overlay
-        content.closed.connect(self.show_pages)  # type: ignore[attr-defined]
-        return content
-
-    def _add_hint(self, content: QWidget) -> None:
-        """Let a card be as visible as its content."""
-        overlay = self.add_overlay(Overlay(f"hint.{content.objectName()}", content, Place.HINT, closable=False))
-        content.installEventFilter(_Follower(content, overlay))
-        overlay.setVisible(not content.isHidden())
 
     def start_tutorial(self, name: str) -> None:
         """Show a tutorial over the pages."""
@@ -178,26 +147,29 @@ class CentralStack(OverlayHost):
         """Show the command palette."""
         entries = list(self.palette_entries())
         palette = self.command_palette
-        self._open_drawer(palette)
+        self._open_search(palette)
         palette.show_entries(entries)
 
     def show_settings(self, search: str = "") -> None:
         """Show the settings that match a search."""
         page = self.settings_page
-        self._open_drawer(page)
+        self._open_search(page)
         page.search_for(search)
+
+    @property
+    def _searches(self) -> list[help_pages.SearchOverlay]:
+        """Help, settings or palette, if they are open."""
+        return [each for each in self.opened if isinstance(each, help_pages.SearchOverlay)]
 
     @property
     def is_covered(self) -> bool:
         """Whether the pages are covered, or a drawer of this class lies over them."""
-        return self.stack.currentWidget() is not self.tabs or any(
-            not each.isHidden() for each in self._drawers.values()
-        )
+        return self.stack.currentWidget() is not self.tabs or bool(self._searches)
 
     def show_shortcuts(self) -> None:
         """Show the shortcuts of the visible page."""
         title = getattr(self.stack.currentWidget(), "title", "") or self.tabs.title
-        self._open_drawer(self.shortcut_sheet)
+        self._open_search(self.shortcut_sheet)
         self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [title]))
 
     def show_welcome(self) -> None:
@@ -208,8 +180,8 @@ class CentralStack(OverlayHost):
         """Show the pages and return whether something lay over them."""
         if not self.is_covered:
             return False
-        for drawer in self._drawers.values():
-            drawer.dismiss()
+        for each in self._searches:
+            each.dismiss()
         if self.stack.currentWidget() is self.tabs:
             return True
         self.stack.setCurrentWidget(self.tabs)
@@ -225,15 +197,14 @@ class CentralStack(OverlayHost):
         if not self.close_topmost() and not self.show_pages():
             self.tabs.go_back()
 
-    def _open_drawer(self, content: QWidget) -> None:
-        for each in self._drawers:
-            if each is not content:
-                self._drawers[each].dismiss()
-        self._drawers[content].open()
+    def _open_search(self, overlay: help_pages.SearchOverlay) -> None:
+        for each in self._searches:
+            each.dismiss()
+        overlay.open()
 
     def _show_cover(self, widget: W) -> W:
-        for drawer in self._drawers.values():
-            drawer.dismiss()
+        for each in self._searches:
+            each.dismiss()
         if self.stack.currentWidget() is self.tabs:
             self._previous_focus = QApplication.focusWidget()
         self.stack.setCurrentWidget(widget)
@@ -243,8 +214,3 @@ class CentralStack(OverlayHost):
         """Show a page, whatever lies over the pages, and give it the focus."""
         self.show_pages()
         self.tabs.select_page(index)
-
-    def _choose_bench_file(self) -> None:
-        choose_files(
-            self, "Open a bench file", lambda paths: self.bench_chosen.emit(str(paths[0])), "Bench files (*.toml)"
-        )

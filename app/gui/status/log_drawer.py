@@ -20,6 +20,8 @@ class LogDrawer(Overlay):
     """Opened with Ctrl+J; right of the left column, so that Run stays free."""
 
     def __init__(self) -> None:
+        content = QWidget()
+        super().__init__("log.drawer", content, Place.BOTTOM)
         self.view = LogView()
         self._messages: tuple[LogLine, ...] = ()
         self._written_count = 0
@@ -29,9 +31,7 @@ class LogDrawer(Overlay):
             )
             for name, (title, _) in FILTERS.items()
         }
-        close = make_button("Close", self._on_close, "link", name="log.close")
-        content = QWidget()
-        super().__init__("log.drawer", content, Place.BOTTOM)
+        close = make_button("Close", self.leave, "link", name="log.close")
         head = row(make_label("Log", "heading", wrap=False), *self.filter_buttons.values(), None, close, spacing=8)
         column(head, (self.view, 1), parent=content, margins=(12, 8, 12, 8), spacing=8)
         for button in self.filter_buttons.values():
@@ -50,7 +50,3 @@ class LogDrawer(Overlay):
         self._written_count, self._messages = view.message_count, view.messages
         shown = set(map(id, self._shown))
         self.view.append_messages(line for line in view.messages[-new:] if id(line) in shown)
-
-    def _on_close(self) -> None:
-        self.dismiss()
-        self.closed.emit()

@@ -1,25 +1,8 @@
 """Message card: a sentence, its details, and the buttons that mend it or answer it."""
 
-from PySide6.QtCore import QRectF
-from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.face import draw_icon, set_length, tokens
-from app.gui.widgets import SELECTABLE, STRETCH, Overlay, column, make_label, row
-
-
-class MessageIcon(QWidget):
-    """An icon of 28 px in the colour of a token."""
-
-    def __init__(self, icon: str, color: str) -> None:
-        super().__init__()
-        self._icon, self._color = icon, color
-        set_length(self, 28, 28)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        draw_icon(painter, self._icon, QRectF(self.rect()).adjusted(1, 1, -1, -1), getattr(tokens(), self._color))
-        painter.end()
+from app.gui.widgets import SELECTABLE, STRETCH, IconView, Overlay, column, make_label, row
 
 
 class MessageCard(Overlay):
@@ -41,7 +24,7 @@ class MessageCard(Overlay):
         super().__init__(name, content, edge=color, closable=closable)
         texts = column(self.message_label, self.detail_label, spacing=4)
         column(
-            row(MessageIcon(icon, color), (texts, 1), spacing=16),
+            row(IconView(28, icon, color), (texts, 1), spacing=16),
             row(44, *buttons, STRETCH, spacing=12),
             parent=content,
             margins=(20, 16, 20, 16),

@@ -7,16 +7,17 @@ from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 
-from app.gui.face import draw_icon, px, set_length, tokens
 from app.gui.status.setup_drawing import SetupDrawing
 from app.gui.widgets import (
     STRETCH,
     ActionInfo,
+    IconView,
     Overlay,
     add_action,
     column,
+    configure,
     make_button,
     make_label,
     row,
@@ -31,43 +32,13 @@ LANDED_UM = 2.0
 """Least change of the sensor's value when a weight is placed or taken off."""
 
 ACTS = {
-    DISABLE_HIGH_VOLTAGE.action: "Switch the high voltage OFF",
-    ENABLE_HIGH_VOLTAGE.action: "Switch the high voltage ON",
+    DISABLE_HIGH_VOLTAGE.action: "Switch high voltage OFF",
+    ENABLE_HIGH_VOLTAGE.action: "Switch high voltage ON",
 }
 """Acts of prompts whose text does not begin with it; the whole text stands below."""
 
 ACT_LENGTH = 44
 """Largest number of characters of an act in the large size; longer ones are shown in the size of headings."""
-
-
-class PromptHead(QWidget):
-    """Amber head of a question: a hand, the title, and at the right what it belongs to."""
-
-    def __init__(self, icon: str, title: str) -> None:
-        super().__init__()
-        self._icon = icon
-        self.title_label = make_label(title, "heading", wrap=False, name="prompt.head")
-        self.note_label = make_label(wrap=False, name="prompt.note")
-        for label in (self.title_label, self.note_label):
-            label.setProperty("on", "amber")
-        place = QWidget()
-        set_length(place, 20, 20)
-        row(place, self.title_label, STRETCH, self.note_label, parent=self, margins=(16, 0, 16, 0), spacing=8)
-        set_length(self, height=40)
-
-    def paintEvent(self, _event: object) -> None:
-        from PySide6.QtCore import QRectF
-        from PySide6.QtGui import QColor, QPainter, QPainterPath
-
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        path, radius = QPainterPath(), px(9)
-        path.addRoundedRect(QRectF(self.rect()).adjusted(0, 0, 0, radius), radius, radius)
-        painter.setClipRect(self.rect())
-        painter.fillPath(path, QColor(tokens().amber))
-        side = px(20)
-        draw_icon(painter, self._icon, QRectF(px(16), (self.height() - side) / 2, side, side), "#000000")
-        painter.end()
 
 
 class PromptCard(Overlay):
@@ -86,7 +57,22 @@ class PromptCard(Overlay):
         self._laser_at_start_um: float | None = None
         self._asked_again = self._simulated = False
         self.buttons: list[QPushButton] = []
-        self.head = PromptHead("hand", "Your turn")
+        self.head = configure(QFrame(), "prompt.head", kind="attention")
+        title, self.note_label = (
+            make_label("Your turn", "heading", wrap=False),
+            make_label(wrap=False, name="prompt.note"),
+        )
+        for label in (title, self.note_label):
+            label.setProperty("on", "amber")
+        row(
+            IconView(20, "hand", "#000000"),
+            title,
+            STRETCH,
+            self.note_label,
+            parent=self.head,
+            margins=(16, 10, 16, 10),
+            spacing=8,
+        )
         self.drawing = SetupDrawing()
         self.message_label = make_label(kind="act", name="notices.prompt.message")
         self.detail_label = make_label(kind="large", name="notices.prompt.detail")
@@ -144,7 +130,7 @@ class PromptCard(Overlay):
         set_style_kind(self.message_label, "act" if len(act) <= ACT_LENGTH else "heading")
         self.detail_label.setText(detail)
         self.detail_label.setVisible(bool(detail))
-        self.head.note_label.setText(note)
+        self.note_label.setText(note)
         for at, choice in enumerate(prompt.choices):
             self._add_answer(choice, "Enter" if at == 0 else choice[0].upper())
         self.drawing.setVisible(self.drawing.show_prompt(prompt))

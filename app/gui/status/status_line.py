@@ -20,45 +20,33 @@ from app.gui.face import (
     text_font,
     tokens,
 )
-from app.gui.widgets import ACTIONS, ElidedLabel, configure, make_button, make_label, row, set_tone, tooltip
+from app.gui.widgets import (
+    ACTIONS,
+    ElidedLabel,
+    IconView,
+    configure,
+    make_button,
+    make_label,
+    over,
+    row,
+    set_tone,
+    tooltip,
+)
 from app.session import InstrumentStatus, Lamp, LogLine, WindowState
 
 UNDO_MS = 10_000
 """How long an action can be taken back from the status line."""
 
 MARKS = {
-    Severity.INFO: "",
-    Severity.SUCCESS: "good",
-    Severity.WARNING: "warning",
-    Severity.ERROR: "error",
+    Severity.INFO: ("", ""),
+    Severity.SUCCESS: ("good", "green"),
+    Severity.WARNING: ("warning", "amber"),
+    Severity.ERROR: ("error", "red_line"),
 }
+"""Icon and token of its colour, by severity."""
 LAMP_ICONS = {Lamp.WAITING: "waiting", Lamp.READY: "good", Lamp.SUSPECT: "warning", Lamp.MISSING: "error"}
 SHORT_ROLES = {"generator": "Gen", "amplifier": "Amp", "card": "Card", "sensor": "Laser"}
 """Names of lamps in a small window."""
-
-
-class MarkIcon(QWidget):
-    """A mark of 16 px: a tick in a disc, a triangle or an octagon; nothing for a plain event."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._severity = Severity.INFO
-        set_length(self, 16, 16)
-
-    def show_severity(self, severity: Severity) -> None:
-        """Show the mark of a severity."""
-        self._severity = severity
-        self.setVisible(bool(MARKS[severity]))
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        colors = tokens()
-        color = {Severity.SUCCESS: colors.green, Severity.WARNING: colors.amber}.get(self._severity, colors.red_line)
-        ground = "#000000" if self._severity is Severity.WARNING else _over(color)
-        if MARKS[self._severity]:
-            painter = QPainter(self)
-            draw_icon(painter, MARKS[self._severity], QRectF(self.rect()).adjusted(1, 1, -1, -1), color, ground)
-            painter.end()
 
 
 class InstrumentLamp(QWidget):
@@ -93,8 +81,7 @@ class InstrumentLamp(QWidget):
         painter = QPainter(self)
         side = px(14)
         color = colors.lamp_color(lamp)
-        ground = "#000000" if lamp is Lamp.SUSPECT else _over(color)
-        draw_icon(painter, LAMP_ICONS[lamp], QRectF(1, (self.height() - side) / 2, side, side), color, ground)
+        draw_icon(painter, LAMP_ICONS[lamp], QRectF(1, (self.height() - side) / 2, side, side), color, over(color))
         usual = lamp in (Lamp.READY, Lamp.WAITING)
         painter.setFont(text_font(LABEL_PX, REGULAR if usual else SEMIBOLD))
         painter.setPen(QColor(colors.text2 if usual else colors.text))
@@ -102,11 +89,6 @@ class InstrumentLamp(QWidget):
         flags = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
         painter.drawText(QRectF(left, 0, self.width() - left, self.height()), flags, self.text)
         painter.end()
-
-
-def _over(color: str) -> str:
-    """Return black or white, whichever is told apart better on a colour."""
-    return "#000000" if QColor(color).lightnessF() > 0.6 else "#ffffff"
 
 
 class WindowStatusLine(QWidget):
@@ -121,7 +103,7 @@ class WindowStatusLine(QWidget):
         self._undo: Callable[[], object] | None = None
         self._severity, self._seen_count = Severity.INFO, 0
         self.time_label = make_label(kind="note", wrap=False, name="status.time")
-        self.mark = MarkIcon()
+        self.mark = IconView(16)
         self.mark.hide()
         self.label = configure(ElidedLabel(), "status.event")
         self.label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
@@ -174,7 +156,8 @@ class WindowStatusLine(QWidget):
             return
         self._severity, self._undo = line.severity, undo
         self.time_label.setText(f"{line.time:%H:%M:%S}" if line.text else "")
-        self.mark.show_severity(line.severity)
+        self.mark.show_icon(*MARKS[line.severity])
+        self.mark.setVisible(bool(MARKS[line.severity][0]))
         self.label.setText(typeset(" ".join(line.text.split())))
         self.label.setToolTip(line.text)
         set_tone(self.label, line.severity)

@@ -14,7 +14,7 @@ from model import AmplifierMap
 
 HEADING = "High voltage may be on the specimen"
 ACTS = (
-    ("Switch the high voltage OFF at the amplifier", "At the amplifier itself. Do it now; the program cannot."),
+    ("Switch the amplifier’s high voltage OFF", "At the amplifier itself. Do it now; the program cannot."),
     ("Wait until the amplifier’s display reads 0 V", "Only the display tells; waiting alone does not."),
     ("Until then, touch neither the specimen nor the cables", "Nor the generator’s cable: plugging it may drive the amplifier."),
 )  # fmt: skip

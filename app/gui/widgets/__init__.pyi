@@ -18,6 +18,8 @@ from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow
 from .form import ProtocolForm as ProtocolForm
 from .garbage_collection import collect_garbage_here as collect_garbage_here
+from .icon_view import IconView as IconView
+from .icon_view import over as over
 from .key_caps import show_key as show_key
 from .labels import ElidedLabel as ElidedLabel
 from .labels import StatusLine as StatusLine

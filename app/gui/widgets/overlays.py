@@ -1,6 +1,7 @@
 """Overlays: cards and drawers that lie over the page, in no layout, so that nothing moves when one is opened."""
 
 from enum import Enum
+from typing import TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
@@ -17,6 +18,9 @@ TOP_GAP, EDGE_GAP = 24, 16
 DRAWER_WIDTH = 432
 LOG_SHARE = 0.4
 """Of the page's height."""
+
+
+Added = TypeVar("Added", bound="Overlay")
 
 
 class Place(Enum):
@@ -95,6 +99,11 @@ class Overlay(QFrame):
         previous, self._previous_focus = self._previous_focus, None
         if inside and previous is not None and isValid(previous):
             previous.setFocus()
+
+    def leave(self) -> None:
+        """Close the overlay for the user."""
+        self.dismiss()
+        self.closed.emit()
 
     def height_in(self, width: int) -> int:
         """Return the height that the content needs at a width."""
@@ -199,7 +208,7 @@ class OverlayHost(QWidget):
         page.setParent(self)
         self._wash = _Wash(self)
 
-    def add_overlay(self, overlay: Overlay) -> Overlay:
+    def add_overlay(self, overlay: Added) -> Added:
         """Take an overlay; it stays hidden until it is opened."""
         overlay.setParent(self)
         overlay.hide()
@@ -223,8 +232,7 @@ class OverlayHost(QWidget):
         closable = [each for each in self.opened if each.closable]
         if not closable:
             return False
-        closable[-1].dismiss()
-        closable[-1].closed.emit()
+        closable[-1].leave()
         return True
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -19,7 +19,17 @@ from app.session.state import BenchState
 from drivers.generators.keysight import Keysight33500
 from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import Bench, Stage, find, press, sign, tells_what_to_do_by_hand, until, whole_window
+from tests.helpers.main_window import (
+    Bench,
+    Stage,
+    find,
+    press,
+    sign,
+    tells_what_to_do_by_hand,
+    until,
+    whole_window,
+    word,
+)
 from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
@@ -49,7 +59,7 @@ def test_closing_mid_run_asks_goes_to_rest_and_waits_for_the_session(stage: Stag
     until(lambda: time.monotonic() - begin > INPUT_GUARD_S)
     stage.press(Qt.Key.Key_Return)
     assert stage.session.closed
-    assert sign(stage.window) == "TO REST"
+    assert sign(stage.window) == word(BenchState.GOING_TO_REST)
     stage.happen(*STOPPED)
     assert sign(stage.window) == BenchState.AT_REST.upper(), "the window is alive while it closes"
     assert stage.window.isVisible()

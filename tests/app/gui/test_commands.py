@@ -85,7 +85,7 @@ def test_the_appearance_is_chosen_and_kept(open_stage: OpenStage, settings: QSet
     assert settings.value("window/appearance") == "dark"
     again = open_stage()
     assert tokens() == DARK
-    again.window.set_appearance("light")
+    again.window.look.set_appearance("light")
     assert tokens() == LIGHT
 
 

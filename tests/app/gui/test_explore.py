@@ -245,7 +245,7 @@ def test_the_page_fits_a_small_screen(stage: Stage) -> None:
     page = stage.window.tabs.explore
     assert page.isVisible()
     settled(page)
-    stage.window.set_appearance("dark")
+    stage.window.look.set_appearance("dark")
     assert page.minimumSizeHint().width() <= 1260
     assert page.mapTo(page.window(), QPoint(0, page.height())).y() <= page.window().height()
 

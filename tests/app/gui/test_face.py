@@ -14,7 +14,7 @@ from app.gui.shell.page_host import MEASURE
 from app.gui.status.bench_strip import LOOKS, BenchStrip
 from app.session import BenchState
 from protocols.base import Prompt, PromptShown, RunPaused
-from tests.helpers.main_window import OpenStage, Stage, find, sign, until
+from tests.helpers.main_window import OpenStage, Stage, find, sign, until, word
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED
 
 SIZES = (QSize(900, 560), QSize(1093, 614), QSize(1366, 768), QSize(1920, 1080), QSize(2560, 1440))
@@ -141,7 +141,7 @@ def test_fonts_have_four_sizes_and_one_family(open_stage: OpenStage, settings: o
     stage = open_stage(ahead=True)
     window = stage.window
     until(lambda: len(window.tabs.created_pages) == window.tabs.count(), "for the pages")
-    window.set_text_size(percent)
+    window.look.set_text_size(percent)
     allowed = {round(size * text_scale()) for size in SIZES_PX}
     stage.happen(OPENED)
     for page in range(window.tabs.count()):
@@ -155,7 +155,7 @@ def test_fonts_have_four_sizes_and_one_family(open_stage: OpenStage, settings: o
                     assert QFontInfo(widget.font()).family() == FAMILY, where
                 assert widget.font().pixelSize() in allowed, where
             back()
-    window.set_text_size("100")
+    window.look.set_text_size("100")
 
 
 def luminance(color: QColor) -> float:
@@ -205,7 +205,7 @@ def contrast_in(image: QImage) -> float:
 @pytest.mark.parametrize("appearance", ["light", "dark"])
 def test_contrast_of_the_rendered_strip(stage: Stage, appearance: str) -> None:
     window = stage.window
-    window.set_appearance(appearance)
+    window.look.set_appearance(appearance)
     stage.happen(OPENED)
     for state in ("idle", "live", "paused", "unsafe"):
         back = reach(stage, state)
@@ -248,7 +248,7 @@ def test_states_are_told_apart_by_word_and_shape() -> None:
     looks = list(LOOKS.values())
     assert len({look.word for look in looks}) == len(looks)
     danger = {look.word for look in looks if look.icon == "danger"}
-    assert danger == {"DRIVE LOST", "UNSAFE"}
+    assert danger == {word(BenchState.DRIVE_LOST), word(BenchState.UNSAFE)}
     shapes = [look.icon for look in looks if look.icon not in ("danger", "pause")]
     assert len(shapes) == len(set(shapes))
 
@@ -270,9 +270,9 @@ def test_escape_is_stop_from_arming_until_rest_is_measured_and_says_so_only_then
     stage.press(Qt.Key.Key_Escape)
     assert stage.session.stops == 1, "in a run it always stops"
     assert window.central.opened, "and closes nothing"
-    assert (sign(window), stop.key) == ("TO REST", "F12 or Esc")
+    assert (sign(window), stop.key) == (word(BenchState.GOING_TO_REST), "F12 or Esc")
     stage.happen(*STOPPED)
-    assert (sign(window), stop.key) == ("AT REST", "F12")
+    assert (sign(window), stop.key) == (word(BenchState.AT_REST), "F12")
     stage.press(Qt.Key.Key_Escape)
     assert stage.session.stops == 1
     assert not window.central.opened

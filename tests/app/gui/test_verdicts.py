@@ -50,7 +50,7 @@ def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
 )
 def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str) -> None:
     for theme in (LIGHT, DARK):
-        stage.window.set_appearance("dark" if theme is DARK else "light")
+        stage.window.look.set_appearance("dark" if theme is DARK else "light")
         end_with(stage, verdict)
         run = stage.window.strip.view.run
         assert (run.title, run.note.split(",")[0]) == (SineDwell.title, header)

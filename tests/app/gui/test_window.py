@@ -32,7 +32,7 @@ from protocols.base import (
 )
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import OpenStage, Stage, find, grab, sign, until
+from tests.helpers.main_window import OpenStage, Stage, find, grab, sign, until, word
 from tests.helpers.messages import assert_names
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
 from tests.protocols.test_rehearsal import guard
@@ -131,7 +131,7 @@ def test_stop_is_one_key_and_is_shown_at_once(stage: Stage, key: Qt.Key) -> None
     stage.happen(*LIVE)
     stage.press(key)
     assert stage.session.stops == 1
-    assert sign(stage.window) == "TO REST"
+    assert sign(stage.window) == word(BenchState.GOING_TO_REST)
 
 
 def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -> None:
@@ -150,7 +150,7 @@ def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -
     QTest.mouseClick(find(stage.window, "status.stop"), Qt.MouseButton.LeftButton)
     stage.window.strip.repaint()
     assert stage.session.stops == 1
-    assert sign(stage.window) == "TO REST"
+    assert sign(stage.window) == word(BenchState.GOING_TO_REST)
     assert stage.window.measure_page.live_pane.time_plot.frames == drawn
     stage.window.tick()
     assert stage.window.measure_page.live_pane.time_plot.frames == drawn + 1  # they were waiting
@@ -375,7 +375,7 @@ def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path,
     stage.window.resize(*size)
     brightness = []
     for theme in (LIGHT, DARK):
-        stage.window.set_appearance("dark" if theme is DARK else "light")
+        stage.window.look.set_appearance("dark" if theme is DARK else "light")
         grab(stage.window, tmp_path / "window.png")
         image = stage.window.grab().toImage()
         assert image.width() == size[0]
