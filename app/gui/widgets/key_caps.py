@@ -8,6 +8,9 @@ from PySide6.QtWidgets import QAbstractButton
 
 from app.gui.face import LABEL_PX, MEDIUM, px, text_font, tokens
 
+GAP = 5
+"""Between the text and the cap, in lengths of the design."""
+
 FILLED = ("go", "stop")
 """Kinds of buttons on whose ground text is white."""
 
@@ -18,6 +21,7 @@ class _Cap(QIconEngine):
         self._key, self._button = key, button
 
     def paint(self, painter: QPainter, rect: QRect, mode: QIcon.Mode, _state: QIcon.State) -> None:
+        rect = rect.adjusted(px(GAP), 0, 0, 0)
         colors, button = tokens(), self._button()
         is_filled = button is not None and button.isEnabled() and button.property("kind") in FILLED
         is_chosen = button is not None and button.isChecked()
@@ -54,7 +58,7 @@ def show_key(button: QAbstractButton, shortcut: str) -> None:
     if not key:
         button.setIcon(QIcon())
         return
-    width = QFontMetricsF(text_font(LABEL_PX, MEDIUM)).horizontalAdvance(key) + px(10)
+    width = QFontMetricsF(text_font(LABEL_PX, MEDIUM)).horizontalAdvance(key) + px(10 + GAP)
     button.setIconSize(QSize(round(width), px(18)))
     button.setIcon(QIcon(_Cap(key, weakref.ref(button))))
     button.setLayoutDirection(Qt.LayoutDirection.RightToLeft)  # the cap follows the text
