@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from app.common import outcome_severity
@@ -28,12 +28,18 @@ from app.gui.face import (
 )
 from app.gui.status.ribbon import draw_hatch
 from app.gui.status.session_controller import SessionController
-from app.gui.status.strip_value import RunLine, StripView, strip_view
+from app.gui.status.strip_value import StripView, strip_view
 from app.gui.widgets import configure
 from app.session import WindowState
 
 REPAINT_S = 0.2
 """Interval at which the age of the measured volts and the time left are painted anew."""
+
+NARROW_RUN = 110
+"""Width of the run's column, in lengths of the design, below which it says the least."""
+
+SWITCH_OFF, OTHER_VOLTAGE = "Switch HV off", "Card sees another voltage"
+"""What a column says that is too narrow for the whole sentence."""
 
 BLACK, WHITE = "#000000", "#ffffff"
 LEFT, CENTRE = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, Qt.AlignmentFlag.AlignCenter
@@ -136,7 +142,10 @@ class StripButton(QAbstractButton):
             font.setLetterSpacing(QFont.SpacingType.AbsoluteSpacing, 0.8)
             painter.setFont(font)
         else:
-            painter.setFont(text_font(VALUE_PX, SEMIBOLD))
+            font = text_font(VALUE_PX, SEMIBOLD)
+            if QFontMetricsF(font).horizontalAdvance(self.text()) > self.width() - px(8):
+                font = text_font(LABEL_PX, SEMIBOLD)
+            painter.setFont(font)
         painter.drawText(QRectF(0, px(5), self.width(), px(22)), CENTRE, self.text())
         painter.setFont(text_font(LABEL_PX))
         painter.setPen(QColor(ink if self._is_stop or self.isEnabled() else self._key_color(colors)))
@@ -173,6 +182,8 @@ class BenchStrip(QWidget):
         self._controller = controller
         self._state: WindowState | None = None
         self._painted_s = 0.0
+        self.elided: list[str] = []
+        """Texts that the last paint had no place for."""
         self.view: StripView | None = None
         """What is shown."""
         self.pause_button = StripButton("status.pause", is_stop=False, parent=self)
@@ -235,6 +246,7 @@ class BenchStrip(QWidget):
         if self.view is None:
             return
         view, look, colors, grid = self.view, look_of(self.view), tokens(), class_of(self)
+        self.elided = []
         painter = QPainter(self)
         painter.fillRect(self.rect(), QColor(getattr(colors, look.tint)))
         ink = on_ground(look.tint, colors)
@@ -270,16 +282,13 @@ class BenchStrip(QWidget):
 
     def _draw_measured(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
-        caption = self.view.caption[:1].upper() + self.view.caption[1:]
-        self._draw_line(painter, QRectF(left, px(7), width, px(18)), _shortened(caption), LABEL_PX, REGULAR, faint)
-        self._draw_line(
-            painter,
-            QRectF(left, px(23), width, px(34)),
-            (self.view.measured or "no value",),
-            PRESENT_PX,
-            SEMIBOLD,
-            ink,
-        )
+        view, captions = self.view, _shortened(_sentence(self.view.caption))
+        if view.act and not view.danger:  # such as that high voltage is still on
+            age = view.caption.rpartition(", ")[2]
+            captions = (f"{view.act}, {age}", view.act, _sentence(view.act.rpartition(": ")[2]))
+        self._draw_line(painter, QRectF(left, px(7), width, px(18)), captions, LABEL_PX, REGULAR, faint)
+        volts = (view.measured or "no value",)
+        self._draw_line(painter, QRectF(left, px(23), width, px(34)), volts, PRESENT_PX, SEMIBOLD, ink)
 
     def _draw_aim(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
@@ -290,28 +299,29 @@ class BenchStrip(QWidget):
 
     def _draw_run(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
-        run, act = self.view.run, self.view.act
-        titles, notes = _shortened(run.title), _shortened(run.note)
-        if act:
-            titles, notes = (act, "Switch HV off", "HV off"), (*_shortened(run.note), "then F4")
-        narrow = width < px(110)
-        if narrow and not act and self.view.run.fraction and self.view.run.outcome is None:
+        run, narrow = self.view.run, width < px(NARROW_RUN)
+        in_run = bool(run.fraction) and run.outcome is None and not self.view.danger
+        titles, notes = _shortened(_sentence(run.title)), _shortened(_sentence(run.note))
+        if self.view.danger:
+            act, _, why = self.view.act.partition("; ")
+            then = (OTHER_VOLTAGE,) if why else (*_shortened(f"Then F4; {run.note}"),)
+            titles, notes = (act, SWITCH_OFF), then
+            if narrow:
+                titles, notes = ("Switch HV",), ("off, F4",)
+        elif narrow and in_run:
             points, _, rest = run.note.partition(", ")
             titles, notes = (points.removesuffix(" points"),), (rest,)
-        plain = bool(act) or look_of(self.view).tint in ("amber", "red")
-        severity = ink if plain else _title_color(run, ink)
-        self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, VALUE_PX, SEMIBOLD, severity)
+        elif run.outcome is None and not run.fraction:
+            titles = (*titles, "No run")
+        colored = not self.view.danger and look_of(self.view).tint not in ("amber", "red") and run.outcome is not None
+        color = tokens().severity_color(outcome_severity(run.outcome)) if colored and run.outcome else ink
+        self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, VALUE_PX, SEMIBOLD, color)
         self._draw_line(painter, QRectF(left, px(27), width, px(18)), notes, LABEL_PX, REGULAR, faint)
-        if run.fraction and run.outcome is None and not act:
+        if in_run:
             track = QColor(ink)
             track.setAlpha(50)
-            bar = QRectF(left, px(50), width, px(4))
-            for share, color in ((1.0, track), (min(run.fraction, 1.0), QColor(ink))):
-                painter.setPen(Qt.PenStyle.NoPen)
-                painter.setBrush(color)
-                path = QPainterPath()
-                path.addRoundedRect(QRectF(bar.left(), bar.top(), bar.width() * share, bar.height()), 2, 2)
-                painter.fillPath(path, color)
+            painter.fillRect(QRectF(left, px(50), width, px(4)), track)
+            painter.fillRect(QRectF(left, px(50), width * min(run.fraction, 1.0), px(4)), QColor(ink))
 
     def _draw_line(
         self,
@@ -328,14 +338,14 @@ class BenchStrip(QWidget):
         text = next((each for each in texts if metrics.horizontalAdvance(each) <= area.width() + 1), "")
         painter.setFont(font)
         painter.setPen(QColor(color))
-        if not text and texts:
+        if not text and texts[-1]:
+            self.elided.append(texts[-1])
             text = metrics.elidedText(texts[-1], Qt.TextElideMode.ElideRight, area.width())
         painter.drawText(area, LEFT, text)
 
 
-def _title_color(run: RunLine, ink: str) -> str:
-    """Return the colour of the run's title."""
-    return ink if run.outcome is None else tokens().severity_color(outcome_severity(run.outcome))
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _shortened(text: str) -> tuple[str, ...]:

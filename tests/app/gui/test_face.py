@@ -12,8 +12,9 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
 from app.gui.shell.page_host import MEASURE
 from app.gui.status.bench_strip import LOOKS, BenchStrip
+from app.gui.status.strip_value import RunLine, StripView
 from app.session import BenchState
-from protocols.base import Prompt, PromptShown, RunPaused
+from protocols.base import Outcome, Prompt, PromptShown, RunPaused
 from tests.helpers.main_window import OpenStage, Stage, find, sign, until, word
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED
 
@@ -251,6 +252,42 @@ def test_states_are_told_apart_by_word_and_shape() -> None:
     assert danger == {word(BenchState.DRIVE_LOST), word(BenchState.UNSAFE)}
     shapes = [look.icon for look in looks if look.icon not in ("danger", "pause")]
     assert len(shapes) == len(set(shapes))
+
+
+AT, IF_ON = "at the specimen, 0.1 s ago", "if the high voltage is on, 0.1 s ago"
+OFF = "Switch the high voltage OFF at the amplifier now"
+RUN = RunLine("Sine dwell · 155 Hz", "7 of 18 points, 12 s left", 0.4)
+NO_RUN, GOOD = (
+    RunLine("simulated bench", "no run yet"),
+    RunLine("✓ GOOD", "Sine dwell, 18 of 18 points", 1.0, Outcome.GOOD),
+)
+LOST_RUN = RunLine("⚠ UNSAFE", "Sine dwell, 5 of 18 points", 0.3, Outcome.UNSAFE)
+VIEWS = {
+    "connecting": StripView("connecting", False, "", "not measured yet", 9e9, "", "", NO_RUN),
+    "not armed": StripView("not armed", False, "about 0 V", IF_ON, 0.1, "", "", NO_RUN),
+    "arming": StripView("arming", False, "about 0 V", IF_ON, 0.1, "measure rest, 0 V", "", RUN),
+    "live": StripView("live", False, "−500 … +1500 V", AT, 0.1, "sine, 155 Hz, −500 … +1500 V", "", RUN),
+    "pausing": StripView("pausing", False, "−500 … +1500 V", AT, 0.1, "rest, 0 V", "", RUN),
+    "paused": StripView("paused", False, "0 V", AT, 0.1, "rest, 0 V", "High voltage is still on", RUN),
+    "hv off": StripView("hv off", False, "0 V", AT, 0.1, "high voltage off, 0 V", "", RUN),
+    "drive lost": StripView("drive lost", True, "about −500 V", IF_ON, 0.1, "sine, 155 Hz, −500 … +1500 V", f"{OFF}; x", RUN),
+    "going to rest": StripView("going to rest", False, "−212 V", AT, 0.1, "rest, 0 V", "", RUN),
+    "at rest": StripView("at rest", False, "0 V", AT, 0.1, "rest, 2.500 V, 0 V", "", GOOD),
+    "unsafe": StripView("unsafe", True, "about −500 V", IF_ON, 0.1, "rest, not reached, 0 V", OFF, LOST_RUN),
+    "card gone": StripView("unsafe", True, "unknown", "last −500 … +1500 V, 4 s ago", 4.0, "rest, no answer, 0 V", OFF, LOST_RUN),
+    "no bench": StripView("no bench", False, "", "nothing measures", 9e9, "", "", NO_RUN),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_the_strip_has_a_place_for_every_text_of_every_state(stage: Stage, name: str) -> None:
+    strip = stage.window.strip
+    for size in SIZES:
+        stage.window.resize(size)
+        QCoreApplication.processEvents()
+        strip.show_view(VIEWS[name], stage.window.state)
+        strip.grab()
+        assert strip.elided == [], size
 
 
 def test_escape_is_stop_from_arming_until_rest_is_measured_and_says_so_only_then(stage: Stage) -> None:
