@@ -123,11 +123,13 @@ class Studio:
     def take(self, name: str) -> None:
         """Take the four pictures of a state: two sizes, two themes."""
         for suffix, size in SIZES.items():
+            self.window.look.set_text_size("125" if suffix else "100")  # as "automatic" does on such a screen
             self.window.resize(*size)
             for appearance, shade in (("light", ""), ("dark", "-dark")):
                 self.window.look.set_appearance(appearance)
                 self.settle()
                 self._save(self._pictures / f"{name}{suffix}{shade}.png", size)
+        self.window.look.set_text_size("100")
         self.window.resize(*SIZES[""])
         self.window.look.set_appearance("light")
 
