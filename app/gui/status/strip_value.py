@@ -54,10 +54,11 @@ def strip_view(view: WindowState, streamed_s: float = 0.0, bench: "Bench | None"
         run = RunLine(title, note, progress.fraction_at(streamed_s))
     else:
         fraction = progress.done / max(progress.entries, 1)
-        ended = "" if outcome is None else f"{OUTCOME_SYMBOLS[outcome]} {outcome}"
-        run = RunLine(
-            progress.title, f"{ended}, {progress.done} of {progress.entries} points".strip(", "), fraction, outcome
-        )
+        done = f"{progress.done} of {progress.entries} points"
+        run = RunLine(progress.title, done, fraction)
+        if outcome is not None:
+            title = f"{OUTCOME_SYMBOLS[outcome]} {outcome.upper()}"
+            run = RunLine(title, f"{progress.title}, {done}", fraction, outcome)
     return StripView(
         "pausing" if view.pause_requested and view.bench_state is BenchState.LIVE else view.bench_state,
         danger,

@@ -205,7 +205,7 @@ def test_the_bench_chosen_last_is_opened_at_the_next_start(
         )
 
     start()
-    assert opened == [("sim", BENCH), ("other.toml", MEASURE)]
+    assert opened == [("sim", MEASURE), ("other.toml", MEASURE)]
     del opened[:]
     start()
     assert opened[0][0] == "other.toml"

@@ -19,7 +19,6 @@ from protocols.base import (
     BenchArmed,
     DriveStarted,
     EntryStarted,
-    LogMessage,
     PointMeasured,
     Prompt,
     PromptAnswered,
@@ -282,18 +281,3 @@ def test_what_the_form_said_comes_back(stage: Stage) -> None:
     stage.window.start_run()
     stage.press(Qt.Key.Key_Z, CTRL)
     assert panel.protocol == WiringCheck(), "what is being run stands still"
-
-
-@pytest.mark.deep
-def test_a_log_that_was_scrolled_up_is_followed_again(stage: Stage) -> None:
-    log = stage.window.measure_page.log
-    stage.happen(OPENED, *(LogMessage(f"line {at}") for at in range(60)))
-    bar = log.verticalScrollBar()
-    until(lambda: bar.maximum() > 0, "for lines below")
-    bar.setValue(0)
-    assert log.newest_button.isVisible()
-    stage.happen(LogMessage("one more"))
-    assert bar.value() == 0, "reading is not disturbed"
-    log.newest_button.click()
-    assert bar.value() == bar.maximum()
-    assert not log.newest_button.isVisible()
