@@ -155,7 +155,7 @@ class Campaign:
     def _make_protocol(self, item: CampaignItem, carried: Mapping[str, float]) -> Protocol:
         kind = PROTOCOLS.get(item.protocol)
         if kind is None:
-            raise CampaignError(f"{item.name} is a run of '{item.protocol}', a protocol that is not known here")
+            raise CampaignError(f"{item.name} is a run of '{item.protocol}', an unknown protocol")
         fits = {name: value for name, value in carried.items() if name in kind.model_fields}
         try:
             return kind(**{**fits, **item.settings})

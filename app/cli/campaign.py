@@ -123,7 +123,7 @@ class AddCommand(CampaignCommand):
     settings: Sequence[str] = option(
         "another parameter of the protocol; may be repeated", flag="--set", metavar="NAME=VALUE"
     )
-    needs: Sequence[str] = option("item that must be done before; may be repeated", metavar="ITEM")
+    needs: Sequence[str] = option("prerequisite item; may be repeated", metavar="ITEM")
 
     def apply(self, known: Campaign) -> int:
         protocol = make_protocol(self.protocol, self.settings)
@@ -153,7 +153,7 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
 
 @command("levels --picture levels.png --specimen T7")
 class CurveCommand(CampaignCommand):
-    """The results of a series over its parameter: table, CSV and picture."""
+    """Show the results of a series over its parameter: table, CSV and picture."""
 
     item: str = argument("name of the series, as in 'status'")
     files: FileOptions = group(FileOptions, "the results of the series")
@@ -199,7 +199,7 @@ class RunItemCommand(CampaignCommand):
 
     item: str = argument("name of the item, as in 'status'", nargs="?")
     all: bool = option("continue with the next items until all are done")
-    hands_free: bool = option("like --all, but only items for which nobody must touch the specimen")
+    hands_free: bool = option("like --all, but only items without manual actions at the specimen")
     faults: Sequence[str] = FAULTS
 
     def apply(self, known: Campaign) -> int:
@@ -311,22 +311,22 @@ def _item_text(state: ItemState) -> str:
 
 
 VERBS = CommandGroup(
-    "All measurements of one specimen, each after what it is based on. Their status is read from the run "
+    "Plan and run all measurements of one specimen, each after its prerequisites. Their status is read from the run "
     "files; a campaign can be stopped, killed and resumed at any time.",
     "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
     {
         "new": (CampaignCommand, "Create a campaign of a specimen: the paper's measurements in their order."),
-        "status": (CampaignCommand, "Items that are done, stale, missing or failed, and the next step."),
+        "status": (CampaignCommand, "List done, stale, missing and failed items, and the next step."),
         "rehearse": (
             CampaignCommand,
             "Rehearse the remaining items without driving anything: time, prompts, volts, bytes.",
         ),
-        "run": (RunItemCommand, "Measure the next item, or the one that is named."),
-        "resume": (RunItemCommand, "Resume the item that was interrupted."),
+        "run": (RunItemCommand, "Measure the next item, or the named one."),
+        "resume": (RunItemCommand, "Resume an interrupted item."),
         "skip": SkipCommand,
         "repeat": (
             ItemCommand,
-            "Measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted.",
+            "Measure an item again. The present result counts until there is a new one, an accepted result until the new one is accepted.",
         ),
         "accept": (ItemCommand, "Accept the result of an item's run after reviewing it."),
         "reject": (ItemCommand, "Reject the present run of an item."),

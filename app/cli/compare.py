@@ -23,7 +23,7 @@ Point = dict[str, float]
 
 @command("example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5")
 class CompareCommand:
-    """Points of two runs side by side: values, difference, and the difference in standard errors."""
+    """Compare the points of two runs: values, differences, and differences in standard errors."""
 
     first: Path = argument()
     second: Path = argument()
@@ -63,7 +63,7 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
             f"; chi-square of the differences {chi:.1f} for {len(known)} points ({p_value}), statistical errors only"
         )
     if len(known) < len(pairs):
-        notes.append(f"of {len(pairs) - len(known)} points no uncertainty is given")
+        notes.append(f"{len(pairs) - len(known)} points have no uncertainty")
     notes += _drive_differences(a, b, left, right)
     title = f"{kind.title}: {b.path.name} less {a.path.name}"
     return CommandResult("compare", {}, (Table("points", title, tuple(columns)),), tuple(notes))
@@ -84,7 +84,7 @@ def _common_protocol(a: Run, b: Run) -> type[Protocol]:
         )
     kind = PROTOCOLS.get(protocols[0])
     if kind is None:
-        raise UsageError(f"{a.path.name} is a run of '{protocols[0]}', a protocol that is not known here")
+        raise UsageError(f"{a.path.name} is a run of '{protocols[0]}', an unknown protocol")
     return kind
 
 

@@ -155,7 +155,7 @@ def _ask_operator(bench: SelectedBench) -> None:
     if bench.config.simulated or not operator_reachable() or remembered_conditions().operator:
         return
     print_message(
-        f"Who measures today? Type a name and Enter; Enter alone: {current_conditions().operator or 'nobody'}"
+        f"Name of today's operator? Type it and press Enter; Enter alone: {current_conditions().operator or 'nobody'}"
     )
     remember_conditions(sys.stdin.readline().strip() or current_conditions().operator)
 

@@ -51,7 +51,7 @@ from protocols.runfile import Run, RunReadError
 T = TypeVar("T")
 
 INADEQUATE_MODEL_HINT = (
-    "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
+    "next best: find the cause of the discrepancies; further runs would only make a wrong model more certain"
 )
 USUAL_EVALUATIONS = 30
 """Evaluations at which the bar of a fit is half full; how many a fit needs is unknown."""
@@ -75,18 +75,18 @@ class AcceptCommand:
     )
     fixed: Sequence[str] = option("a fixed value, in SI units or with a unit", flag="--fix", metavar="NAME=VALUE")
     priors: Sequence[str] = option(
-        "what ruler, caliper or scale say of a parameter that is held otherwise, with its standard uncertainty, e.g. "
-        "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; it becomes free within that, and its uncertainty is in all errors",
+        "value and standard uncertainty of a parameter by ruler, caliper or scale, e.g. "
+        "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; frees the parameter within its uncertainty, which enters all errors",
         flag="--prior",
         metavar="NAME=VALUE+-ERROR",
     )
     sheet: str = option(
-        "the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
+        "specimen sheet with dimensions and masses (default: the sheet beside the runs, else Table I with the uncertainties of "
         "ruler and caliper); 'none' holds them at Table I as exact values, as --plain does with nonidealities",
         metavar="FILE|none",
     )
     profile: Sequence[str] = option(
-        "an interval by profile likelihood for this parameter, where a standard error does not suffice; may be repeated",
+        "add an interval by profile likelihood for this parameter, where a standard error does not suffice; may be repeated",
         metavar="NAME",
     )
     coverage: float = option("coverage of profile intervals (default: 0.95)", 0.95)
@@ -97,7 +97,7 @@ class AcceptCommand:
         metavar="NAME",
     )
     bench: str | None = option(
-        "a bench file with the corrected calibration of sensor or amplifier, with which raw samples are reduced again",
+        "bench file with the corrected calibration of sensor or amplifier; raw samples are reduced again with it",
         metavar="FILE",
     )
     shapes: int | None = option(
@@ -105,12 +105,12 @@ class AcceptCommand:
     )
     robust: bool = option("a Cauchy loss, which is robust against outliers, instead of least squares")
     protocols: Sequence[str] = option(
-        "the file of a lab's own protocol that runs are of; may be repeated", flag="--protocol", metavar="FILE.py"
+        "file of a lab's own protocol, for its runs; may be repeated", flag="--protocol", metavar="FILE.py"
     )
-    by: str = option("name of the person who accepts it", metavar="NAME")
-    note: str = option("a note stored with it")
+    by: str = option("name of the person who accepts the result", metavar="NAME")
+    note: str = option("note stored with the result")
     reason: str = option(
-        "why a result that is not adequate, or was not tested, is accepted all the same; kept and printed with it",
+        "reason for accepting an inadequate or untested result; stored and printed with it",
         metavar="TEXT",
     )
     json: bool = JSON_OBJECT
@@ -180,10 +180,10 @@ class AcceptCommand:
 
 @command("example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'")
 class IdentifyCommand(AcceptCommand):
-    """Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or step by
-    step as the paper did. Creep, hysteresis and what else a real specimen does are fitted with them; where the runs
-    still do not follow the model, the likeliest causes are added in turn and listed. Parameters that the runs do not
-    determine are named instead of guessed.
+    """Identify the parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or
+    step by step as in the paper. Creep, hysteresis and other usual nonidealities are fitted with them; where runs and
+    model still differ, the likeliest causes are added in turn and listed. Parameters that the runs do not determine
+    are named instead of guessed.
     """
 
     accept: bool = option("store the result as the specimen's calibration")
@@ -247,7 +247,7 @@ def _accept(identification: IdentificationResult, options: AcceptCommand, correc
 
 @command("T7")
 class ShowCalibrationCommand:
-    """One version, the active one by default."""
+    """Show one version, the active one by default."""
 
     specimen: str = argument()
     version: int | None = option()
@@ -276,7 +276,7 @@ class UseCalibrationCommand(ShowCalibrationCommand):
 
 @command("T7 1 2")
 class DiffCalibrationCommand(ShowCalibrationCommand):
-    """Changes between two versions."""
+    """Show the changes between two versions."""
 
     version: None = None
     first: int = argument()
@@ -334,7 +334,7 @@ def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
 
 
 VERBS = CommandGroup(
-    "Accepted estimates of a specimen: consecutive versions, one of them active.",
+    "Manage the accepted estimates of a specimen: consecutive versions, one of them active.",
     "example: tactor-bench calibration show T7",
     {
         "accept": AcceptCommand,

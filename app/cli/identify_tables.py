@@ -53,11 +53,11 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
         likeliest = adequacy.diagnosis.likeliest
         yield Table(
             "causes",
-            f"What may be the cause: {adequacy.diagnosis.tried} were compared",
+            f"Possible causes: {adequacy.diagnosis.tried} were compared",
             (
                 Column("cause", "", [e.cause.title for e in found]),
                 Column("words", "", [e.cause_words for e in found], "meaning"),
-                Column("chi_square", "", [e.chi_square for e in found], "chi-square with it", format_spec=".5g"),
+                Column("chi_square", "", [e.chi_square for e in found], "chi-square with the cause", format_spec=".5g"),
                 Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in found], "degrees of freedom"),
                 Column("likely", "", ["yes" if e in likeliest else "no" for e in found], "likely"),
             ),
@@ -67,11 +67,11 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
     first, more = adequacy.findings[:MAX_FINDINGS], len(adequacy.findings) - MAX_FINDINGS
     yield Table(
         "findings",
-        "How the runs depart from the model"
+        "Discrepancies between runs and model"
         + (f" (the first {MAX_FINDINGS}; {more} more with --json)" if more > 0 else ""),
         (
             Column("kind", "", [f.kind for f in first]),
-            Column("words", "", [f.words for f in first], "what is seen"),
+            Column("words", "", [f.words for f in first], "discrepancy"),
             Column("probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"),
         ),
     )
@@ -82,7 +82,7 @@ def also_hint(likeliest: Sequence[Explanation]) -> str:
     first = likeliest[0].cause
     if first.kind != "parameter":
         return ""
-    return f"the fit with it: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
+    return f"fit with the first cause: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
 
 
 def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
@@ -143,7 +143,7 @@ def proposals_table(proposals: Sequence[Proposal]) -> Table:
     best = proposals[0]
     return Table(
         "next",
-        f"What to measure next for {best.parameter}, the most a minute first",
+        f"Next measurements for {best.parameter}, in order of the gain per minute",
         (
             Column("run", "", [p.candidate.run.label for p in proposals]),
             Column("minutes", "min", [p.candidate.minutes for p in proposals], format_spec=".3g"),
@@ -153,7 +153,7 @@ def proposals_table(proposals: Sequence[Proposal]) -> Table:
                 "less",
                 "%",
                 [100 * (1 - (p.error_after / p.error_before) ** (1 / p.candidate.minutes)) for p in proposals],
-                "less a minute",
+                "gain per minute",
                 format_spec=".2g",
             ),
         ),
@@ -173,14 +173,14 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Table
     for name in names:
         if name not in fit.free_parameters:
             raise ParameterError(
-                f"--profile {name}: it was not free in this fit; choose from {', '.join(fit.free_parameters)}"
+                f"--profile {name}: this parameter was not free in the fit; choose from {', '.join(fit.free_parameters)}"
             )
     found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
     errors = dict(zip(fit.names, (fit.enlarged_covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     return Table(
         "profiles",
-        f"{100 * coverage:g} % intervals by profile: how far each can move while all others give way",
+        f"{100 * coverage:g} % intervals by profile likelihood, all other parameters fitted anew",
         (
             Column("name", "", [p.name for p in found], "parameter"),
             Column("low", "", [_format_limit(p.low) for p in found], "from"),
@@ -191,7 +191,7 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Table
                 "lopsided",
                 "",
                 [_format_arms(p, values[p.name], errors[p.name]) for p in found],
-                "against the standard error",
+                "ratio to the standard error",
             ),
         ),
     )

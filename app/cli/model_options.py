@@ -138,10 +138,10 @@ class SpecimenOptions(ParameterOptions):
     """Parameters and pre-stretch of a specimen."""
 
     pre_stretch: str | None = option(
-        "of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane", metavar="DELTA"
+        "pre-stretch of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane", metavar="DELTA"
     )
     elongation: str | None = option(
-        "of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane", metavar="LENGTH"
+        "elongation of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane", metavar="LENGTH"
     )
 
     @property
@@ -191,8 +191,8 @@ class Topic(SpecimenOptions, ABC):
 class DriveOptions:
     """The drive at the amplifier's input."""
 
-    peak_to_peak: str = option("at the amplifier's input (default: 5 V)", "5 V", metavar="VOLTS")
-    offset: str = option("at the amplifier's input (default: 2.5 V)", "2.5 V", metavar="VOLTS")
+    peak_to_peak: str = option("drive at the amplifier's input, peak to peak (default: 5 V)", "5 V", metavar="VOLTS")
+    offset: str = option("mean of the drive at the amplifier's input (default: 2.5 V)", "2.5 V", metavar="VOLTS")
 
     def read(self) -> tuple[float, float]:
         """Return amplitude and offset in volts.
@@ -231,7 +231,7 @@ class ShapeOptions:
 
     n: int | None = option("number of shape functions, 3 to 300 (default: as many as --accuracy needs)", flag="-n")
     accuracy: str = option(
-        "of the complex response against the closed form, up to 500 Hz (default: 0.1 %%)",
+        "largest relative error of the complex response up to 500 Hz, against the closed form (default: 0.1 %%)",
         f"{100 * DEFAULT_ACCURACY:g} %",
         metavar="SHARE",
     )
@@ -288,7 +288,7 @@ def _expand_setting(text: str) -> list[str]:
     try:
         record = parse_json_object(text) if text.lstrip().startswith("{") else parse_toml(text)
     except ValueError as error:
-        raise UsageError(f"--set: neither a JSON object nor TOML lines of NAME = VALUE: {error}") from None
+        raise UsageError(f"--set: no JSON object and no TOML lines of NAME = VALUE: {error}") from None
     return [f"{name}={value}" for name, value in record.items()]
 
 

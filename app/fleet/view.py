@@ -82,7 +82,7 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
         kept = tuple(v for v in chosen.values if _has_words(v, words))
         chosen = replace(chosen, values=kept)
     if not chosen.values:
-        raise FleetError("no value has all of these properties; select less")
+        raise FleetError("no value matches the whole selection; select less")
     present = chosen.names
     name = query.quantity or present[0]
     if name not in present:

@@ -222,8 +222,8 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> I
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
         rows = [(f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
         note = f"Probability by chance: that any of all {found.adequacy.test_count} tests deviates this much.{more}"
-        heads = ("kind", "what is seen", "by chance")
-        yield Table.of_rows("How the runs depart from the model", heads, rows, note)
+        heads = ("kind", "discrepancy", "by chance")
+        yield Table.of_rows("Discrepancies between runs and model", heads, rows, note)
 
 
 def _agreement_row(agreement: CurveAgreement) -> tuple[str, ...]:

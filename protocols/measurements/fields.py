@@ -12,14 +12,14 @@ from protocols.signals import DecayFit, ModalFit
 
 SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"]
 DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), QUANTITIES["peak_to_peak_v"].definition]
-LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"]
+LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "duration of each recording"]
 FittedFrequency = Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
 NaturalFrequency = Annotated[float, Unit("Hz"), QUANTITIES["natural_frequency"].definition]
 NaturalFrequencyError = Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
 DampingRatio = Annotated[float, Unit("1"), QUANTITIES["damping_ratio"].definition]
 DampingRatioError = Annotated[float, Unit("1"), "standard error of the damping ratio"]
-RepeatNumber = Annotated[float, Unit("1"), "which repeat, from 1"]
-QualityFlags = Annotated[int, Unit("1"), "flags, see protocols.quality"]
+RepeatNumber = Annotated[float, Unit("1"), "number of the repeat, from 1"]
+QualityFlags = Annotated[int, Unit("1"), "quality flags (protocols.Quality)"]
 
 
 def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Mapping[Quality, bool]) -> int:

@@ -53,12 +53,12 @@ SKIPPED_AFTER_EDGE_S = 2e-3
 class DecayPoint:
     """Free decay of the tactor after one edge. Uncertainties are standard and statistical."""
 
-    edge: Annotated[float, Unit("1"), "which edge, from 1; odd ones go up, even ones come back to rest"]
+    edge: Annotated[float, Unit("1"), "number of the edge, from 1; odd edges leave rest, even edges return to it"]
     natural_frequency: NaturalFrequency
     natural_frequency_errors: NaturalFrequencyError
     damping: DampingRatio
     damping_errors: DampingRatioError
-    amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
+    amplitude: Annotated[float, Unit("m"), "amplitude of the ringing at the begin of the fit"]
     noise: Annotated[float, Unit("m"), "standard deviation of the fit's residuals"]
     quality: QualityFlags
 
@@ -80,12 +80,16 @@ class FreeDecay(Protocol):
     axes: ClassVar[tuple[str, str]] = ("edge", "natural_frequency")
     default_plot: ClassVar[str] = "free decay"
 
-    step_v: Annotated[float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the input"] = 0.5
+    step_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the amplifier's input"
+    ] = 0.5
     rise_s: Annotated[
-        float, Unit("s"), Interval(ge=1e-4, le=0.01), "of each edge: short against a period of the resonance"
+        float, Unit("s"), Interval(ge=1e-4, le=0.01), "duration of each edge; short against a period of the resonance"
     ] = 5e-4
-    dwell_s: Annotated[float, Unit("s"), Interval(ge=0.02, le=5), "after each edge: until the ringing is over"] = 0.15
-    edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "how many, up and down in turn"] = 10
+    dwell_s: Annotated[
+        float, Unit("s"), Interval(ge=0.02, le=5), "recording after each edge, until the ringing has decayed"
+    ] = 0.15
+    edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "number of edges, alternately up and down"] = 10
     low_hz: Annotated[
         float, Unit("Hz"), Interval(ge=1, le=5000), "lower end of the band that is searched for the resonance"
     ] = 60.0

@@ -62,9 +62,9 @@ class LoopPoint:
     share_errors: Annotated[float, Unit("1"), "standard uncertainty of the share"]
     width: Annotated[float, Unit("m"), "falling minus rising branch in the middle of the drive"]
     width_errors: Annotated[float, Unit("m"), "standard uncertainty of the width"]
-    largest: Annotated[float, Unit("m"), "width where it is largest"]
+    largest: Annotated[float, Unit("m"), "largest width of the loop"]
     largest_errors: Annotated[float, Unit("m"), "standard uncertainty of the largest width"]
-    stroke: Annotated[float, Unit("m"), "displacement at the top of the drive minus that at its bottom"]
+    stroke: Annotated[float, Unit("m"), "displacement at the highest drive minus displacement at the lowest"]
     stroke_errors: Annotated[float, Unit("m"), "standard uncertainty of the stroke"]
     area: Annotated[float, Unit("m V"), "area of the loop; positive where the displacement lags"]
     area_errors: Annotated[float, Unit("m V"), "standard uncertainty of the area"]
@@ -108,15 +108,15 @@ class Hysteresis(Protocol):
         tuple[Annotated[float, Interval(ge=0.01, le=100)], ...],
         Unit("Hz"),
         Len(1, 100),
-        "rates at which the loop is gone through, in order; far below resonance",
+        "loop frequencies, in order; far below resonance",
     ] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
     peak_to_peak_v: DriveVpp = 5.0
-    cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "loops that are averaged"] = 5
+    cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "number of averaged loops"] = 5
     dropped: Annotated[
         int,
         Unit("1"),
         Interval(ge=1, le=100),
-        "loops at the start that are left out: the first one does not begin where it ends",
+        "loops discarded at the start; the first loop is never closed",
     ] = 1
     sample_rate_hz: SampleRate = 5000.0
 

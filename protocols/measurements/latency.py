@@ -85,12 +85,12 @@ SOURCE = "latency"
 class LatencyPoint:
     """One onset. Uncertainties are standard; the uncertainties of the sensor's gain and delay are common to all points and not in them."""
 
-    frequency: Annotated[float, Unit("Hz"), "of the sine; 0 for a step"]
-    level: Annotated[float, Unit("V"), "of the step, or highest of the sine, at the amplifier's input"]
+    frequency: Annotated[float, Unit("Hz"), "frequency of the sine; 0: a step"]
+    level: Annotated[float, Unit("V"), "level of the step, or highest level of the sine, at the amplifier's input"]
     repeat: RepeatNumber
     latency: Annotated[float, Unit("s"), "from the onset until the displacement reaches the threshold"]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency, with the residuals at the edge"]
-    driven_latency: Annotated[float, Unit("s"), "the same from the begin of the drive's edge, as it was driven"]
+    driven_latency: Annotated[float, Unit("s"), "latency from the begin of the edge as driven"]
     threshold_speed: Annotated[float, Unit("m/s"), "speed of the displacement at the threshold"]
     rise: Annotated[float, Unit("s"), "step: 10 % to 90 % of the final value; sine: from its begin to 90 % of its peak"]
     rise_errors: Annotated[float, Unit("s"), "standard uncertainty of the rise"]
@@ -99,7 +99,7 @@ class LatencyPoint:
     settling: Annotated[float, Unit("s"), "from the onset until the response stays within the band of its steady state"]
     settling_errors: Annotated[float, Unit("s"), "standard uncertainty of the settling time"]
     final: Annotated[float, Unit("m"), "mean at the end of the step, or steady peak of the sine, against rest"]
-    final_errors: Annotated[float, Unit("m"), "standard uncertainty of that"]
+    final_errors: Annotated[float, Unit("m"), "standard uncertainty of the final value"]
     drive_step: Annotated[float, Unit("V"), "step of the recorded drive, or amplitude of the recorded sine"]
     edge_time: Annotated[float, Unit("s"), "duration of the drive's edge as recorded; 0 for a sine"]
     quality: QualityFlags
@@ -137,22 +137,27 @@ class OnsetLatency(Protocol):
     substitutes: ClassVar[tuple[str, ...]] = ("voltage-steps",)
 
     levels_v: Annotated[
-        tuple[Annotated[float, Interval(ge=0, le=5)], ...], Unit("V"), Len(0, 20), "levels stepped to from rest"
+        tuple[Annotated[float, Interval(ge=0, le=5)], ...],
+        Unit("V"),
+        Len(0, 20),
+        "levels of the steps; each step begins at rest",
     ] = (5.0,)
     slew_v_per_s: Annotated[
         float,
         Unit("V/s"),
         Interval(ge=100, le=1e6),
-        "slope of each edge at the input; the default is a tenth below the usual limit, because a source plays samples",
+        "slope of each edge at the amplifier's input; the default is 10 % below the usual limit, because a source plays samples",
     ] = 9_000.0
-    dwell_s: Annotated[float, Unit("s"), Interval(ge=LEAST_DWELL_S, le=1), "before and after each edge"] = 0.1
+    dwell_s: Annotated[float, Unit("s"), Interval(ge=LEAST_DWELL_S, le=1), "recording before and after each edge"] = 0.1
     frequencies_hz: Annotated[
-        tuple[Annotated[float, Interval(ge=10, le=500)], ...], Unit("Hz"), Len(0, 50), "of the sines that begin at rest"
+        tuple[Annotated[float, Interval(ge=10, le=500)], ...], Unit("Hz"), Len(0, 50), "frequencies of the sine onsets"
     ] = (100.0, 150.0, 200.0, 250.0)
     peak_to_peak_v: DriveVpp = 5.0
     sine_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=5), "duration of each sine"] = 0.2
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every onset is measured"] = 5
-    threshold_m: Annotated[float, Unit("m"), Interval(gt=0, le=1e-2), "displacement that can be felt"] = THRESHOLD_M
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each onset"] = 5
+    threshold_m: Annotated[float, Unit("m"), Interval(gt=0, le=1e-2), "displacement threshold of perception"] = (
+        THRESHOLD_M
+    )
     tolerance: Annotated[
         float, Unit("1"), Interval(gt=0, lt=0.5), "band of the settling time, as a share of the final value"
     ] = 0.02

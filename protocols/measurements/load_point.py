@@ -92,16 +92,18 @@ class LoadPoint:
     side: Annotated[float, Unit("1"), "1 with the MFC up, -1 with the aluminium up"]
     mass: Annotated[float, Unit("kg"), "mass of the weight, besides the offset"]
     repeat: RepeatNumber
-    load: Annotated[float, Unit("N"), "its weight"]
-    load_errors: Annotated[float, Unit("N"), "standard uncertainty of its weight; the same in every repeat"]
+    load: Annotated[float, Unit("N"), "force of mass and gravity"]
+    load_errors: Annotated[float, Unit("N"), "standard uncertainty of the load; one error shared by all repeats"]
     deflection: Annotated[
         float, Unit("m"), "displacement under the weight against the mean of the zeros before and after"
     ]
-    deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, the zero's move included"]
-    zero_before: Annotated[float, Unit("m"), "displacement before, as measured by the sensor"]
-    zero_after: Annotated[float, Unit("m"), "displacement after the weight was taken off"]
+    deflection_errors: Annotated[
+        float, Unit("m"), "standard uncertainty of the deflection, change of the zero included"
+    ]
+    zero_before: Annotated[float, Unit("m"), "sensor reading before the weight is put on"]
+    zero_after: Annotated[float, Unit("m"), "sensor reading after the weight is taken off"]
     drift: Annotated[float, Unit("m"), "zero after - zero before"]
-    creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight, while it was read"]
+    creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight during the recording"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains under the weight"]
     quality: QualityFlags
 

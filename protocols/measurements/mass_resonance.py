@@ -77,13 +77,15 @@ class MassPoint:
     """One added mass. Uncertainties are standard and statistical."""
 
     mass: Annotated[float, Unit("kg"), "added mass"]
-    frequency: Annotated[float, Unit("Hz"), "where the response is largest: the paper's resonance"]
+    frequency: Annotated[float, Unit("Hz"), "frequency of the largest response: the paper's resonance"]
     frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
-    spectrum_peak: Annotated[float, Unit("Hz"), "peak of the displacement's own spectrum, of all pieces joined"]
+    spectrum_peak: Annotated[
+        float, Unit("Hz"), "frequency of the peak in the spectrum of the displacement, all pieces joined"
+    ]
     spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
     natural_frequency: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
     natural_frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the natural frequency"]
-    damping: Annotated[float, Unit("1"), "damping ratio of that mode"]
+    damping: Annotated[float, Unit("1"), "damping ratio of the fitted mode"]
     damping_errors: Annotated[float, Unit("1"), "standard uncertainty of the damping ratio"]
     height: Annotated[float, Unit("m/V"), "response at the peak, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the peak's half-power width"]
@@ -112,13 +114,13 @@ class MassResonance(Protocol):
     masses_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=0.1)], ...], Unit("kg"), Len(1, 100), "added masses, in order"
     ] = (1.75e-3, 2.75e-3, 3.75e-3, 4.75e-3, 5.75e-3, 6.75e-3, 7.75e-3, 8.75e-3, 9.75e-3)
-    start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "where the sweep begins"] = 25.0
-    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "where the sweep ends"] = 525.0
+    start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "first frequency of the sweep"] = 25.0
+    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "last frequency of the sweep"] = 525.0
     sweep_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=5, le=3600),
-        "time of one sweep, all pieces together; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
+        "duration of one sweep, all pieces together; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
     ] = 300.0
     piece_s: Annotated[
         float,
@@ -127,18 +129,18 @@ class MassResonance(Protocol):
         "longest piece, limited by the generator's memory (docs/generators.md)",
     ] = 20.0
     method: Annotated[
-        Literal["sweep", "dwell"], "a sweep, or sines at single frequencies where the memory holds no piece of it"
+        Literal["sweep", "dwell"],
+        "sweep, or dwell: sines at single frequencies, for a generator with a memory too small for a piece of the sweep",
     ] = "sweep"
-    dwells: Annotated[int, Unit("1"), Interval(ge=8, le=200), "single frequencies over the band, before the peak's"] = (
-        16
-    )
+    dwells: Annotated[
+        int,
+        Unit("1"),
+        Interval(ge=8, le=200),
+        "frequencies over the band, before the refinement of the peak; counts with the method dwell",
+    ] = 16
     peak_to_peak_v: DriveVpp = 5.0
-    low_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=1, le=2000), "lower end of the band that is searched for the peak"
-    ] = 125.0
-    high_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=2, le=2000), "upper end of the band that is searched for the peak"
-    ] = 500.0
+    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "lower end of the search band of the peak"] = 125.0
+    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "upper end of the search band of the peak"] = 500.0
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")

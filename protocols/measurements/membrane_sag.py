@@ -60,10 +60,10 @@ class SagPoint:
     """One sag of the membrane. Its error is standard and statistical; geometry and reference are common to all."""
 
     repeat: RepeatNumber
-    sag: Annotated[float, Unit("m"), "how far the membrane's centre hangs below the line of its clamps"]
-    sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, the reference's depth left out"]
-    reference: Annotated[float, Unit("m"), "displacement at the reference surface, as measured by the sensor"]
-    hanging: Annotated[float, Unit("m"), "displacement at the membrane's centre, as measured by the sensor"]
+    sag: Annotated[float, Unit("m"), "depth of the membrane's centre below the line of the clamps"]
+    sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, without the reference depth"]
+    reference: Annotated[float, Unit("m"), "sensor reading at the reference surface"]
+    hanging: Annotated[float, Unit("m"), "sensor reading at the membrane's centre"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains in the membrane's trace"]
     quality: QualityFlags
 
@@ -87,20 +87,22 @@ class MembraneSag(Protocol):
     )
     high_voltage: ClassVar[bool] = False
 
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often the membrane is hung"] = 5
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "number of times the membrane is clamped anew"] = 5
     reference_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.1), "how deep the reference lies below the line of the clamps"
+        float, Unit("m"), Interval(ge=0, le=0.1), "depth of the reference surface below the line of the clamps"
     ] = 3.5e-3
-    reference_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of that depth"] = (
-        20e-6
-    )
+    reference_error_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of the reference depth"
+    ] = 20e-6
     length_m: Annotated[float, Unit("m"), Interval(gt=0, le=2), "free length between the clamps"] = 0.17
     length_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.1), "standard uncertainty of the length"] = 0.3e-3
     thickness_m: Annotated[float, Unit("m"), Interval(gt=0, le=0.02), "thickness of the membrane"] = 1.4e-3
     thickness_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of the thickness"] = (
         10e-6
     )
-    width_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "width; the modulus does not depend on it"] = 0.066
+    width_m: Annotated[
+        float, Unit("m"), Interval(gt=0, le=1), "width of the membrane; without effect on the modulus"
+    ] = 0.066
     density_kg_per_m3: Annotated[
         float, Unit("kg/m^3"), Interval(gt=0, le=20_000), "density of the rubber, from weighing the strip"
     ] = 1000.0
@@ -108,12 +110,14 @@ class MembraneSag(Protocol):
         float, Unit("kg/m^3"), Interval(ge=0, le=5_000), "standard uncertainty of the density"
     ] = 10.0
     elongation_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.5), "by how much the clamps stretch the membrane; 0 is best"
+        float, Unit("m"), Interval(ge=0, le=0.5), "elongation of the membrane between the clamps; 0 is best"
     ] = 0.0
     elongation_error_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.05), "standard uncertainty of the elongation, the clamping's included"
+        float, Unit("m"), Interval(ge=0, le=0.05), "standard uncertainty of the elongation, clamping included"
     ] = 10e-6
-    settle_s: Annotated[float, Unit("s"), Interval(ge=0, le=600), "after the key, before the trace is read"] = 5.0
+    settle_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=600), "wait after the operator's confirmation, before the recording"
+    ] = 5.0
     record_s: LevelDuration = 1.0
     sample_rate_hz: SampleRate = 2000.0
 

@@ -30,7 +30,7 @@ class MembranePoint(SinePoint):
     """One frequency at one elongation; the free tactor has none (NaN)."""
 
     elongation: Annotated[float, Unit("m"), "elongation of the membrane; NaN for the free tactor"]
-    part: Annotated[float, Unit("1"), "which pass over the frequencies it belongs to, from 0"]
+    part: Annotated[float, Unit("1"), "number of the pass over the frequencies, from 0"]
 
     @property
     def summary(self) -> str:
@@ -53,7 +53,7 @@ class MembraneSeries(SineDwell):
         tuple[Annotated[float, Interval(ge=0, le=0.05)], ...], Unit("m"), Len(1, 50), "elongations, in order"
     ] = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
     reference: Annotated[
-        int, Unit("1"), Interval(ge=0, le=1), "1: the free tactor before and after as well; 0: without"
+        int, Unit("1"), Interval(ge=0, le=1), "1: measure the free tactor before and after; 0: do not"
     ] = 1
     m_per_turn: Annotated[
         float, Unit("m"), Interval(ge=0, le=0.01), "travel of one turn of the micrometer; 0: prompts give no turns"

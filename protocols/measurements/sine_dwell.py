@@ -245,42 +245,52 @@ class SineDwell(Protocol):
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
     ] = PAPER_FREQUENCIES_HZ
     peak_to_peak_v: DriveVpp = 5.0
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=600), "at least this long is recorded"] = 0.5
-    min_cycles: Annotated[
-        int, Unit("1"), Interval(ge=3, le=100_000), "at least this many whole cycles are recorded"
-    ] = 20
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=600), "shortest recording per frequency"] = 0.5
+    min_cycles: Annotated[int, Unit("1"), Interval(ge=3, le=100_000), "fewest whole cycles per recording"] = 20
     settle_tolerance: Annotated[
-        float, Unit("1"), Interval(gt=0, le=0.1), "relative change between windows that counts as settled"
+        float, Unit("1"), Interval(gt=0, le=0.1), "largest relative change between windows of a settled response"
     ] = 0.005
     settle_limit_s: Annotated[
-        float, Unit("s"), Interval(ge=0.5, le=600), "after this long it is recorded unsettled, and flagged"
+        float,
+        Unit("s"),
+        Interval(ge=0.5, le=600),
+        "longest wait for settling; then the point is recorded and flagged as unsettled",
     ] = 5.0
     decay_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=0, le=10),
-        "decay time of the resonance, from a sweep: lower limit of the windows; 0 unknown",
+        "decay time of the resonance, from a sweep: shortest window of the settling test; 0: unknown",
     ] = 0.0
     target_relative_uncertainty: Annotated[
         float,
         Unit("1"),
         Interval(ge=0, le=0.5),
-        "relative uncertainty of the fundamental to average for; 0 once is enough",
+        "average until this relative uncertainty of the fundamental; 0: one recording",
     ] = 0.0
     refine_to_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=0, le=100), "points are added around the peak until they lie this close; 0 none"
+        float,
+        Unit("Hz"),
+        Interval(ge=0, le=100),
+        "add points around the peak until their spacing is this small; 0: do not refine",
     ] = 0.0
     budget_s: Annotated[
-        float, Unit("s"), Interval(ge=0, le=36_000), "bench time that averaging and added points may fill; 0 unlimited"
+        float,
+        Unit("s"),
+        Interval(ge=0, le=36_000),
+        "limit of the bench time for averaging and added points; 0: no limit",
     ] = 0.0
     mains_shift_hz: Annotated[
         float,
         Unit("Hz"),
         Interval(ge=0, le=5),
-        "frequencies nearer than this to a multiple of 50 or 60 Hz are measured this far below it, 3 tells them from hum; 0 as listed",
+        "measure this far below a multiple of 50 or 60 Hz instead of nearer to it (3 separates it from hum); 0: no shift",
     ] = 0.0
     sample_rate_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second; a USB-6341 makes 250 kHz of two channels"
+        float,
+        Unit("Hz"),
+        Interval(ge=500, le=500_000),
+        "scans per second; at most 250 kHz with two channels of a USB-6341",
     ] = 5000.0
 
     @model_validator(mode="after")

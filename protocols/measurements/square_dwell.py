@@ -70,19 +70,19 @@ class SquarePoint:
 
     frequency: FittedFrequency
     peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement under the square wave"]
-    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of that max - min"]
+    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of the max - min under the square wave"]
     sine_peak_to_peak: Annotated[float, Unit("m"), "max - min under the sine of the same volts peak to peak"]
-    sine_peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of that max - min"]
-    ratio: Annotated[float, Unit("1"), "max - min under the square wave over that under the sine"]
+    sine_peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of the max - min under the sine"]
+    ratio: Annotated[float, Unit("1"), "max - min under the square wave over max - min under the sine"]
     ratio_errors: Annotated[float, Unit("1"), "standard uncertainty of the ratio"]
     fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental under the square wave"]
-    fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of that fundamental"]
+    fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the square wave's fundamental"]
     sine_fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental under the sine"]
-    sine_fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of that fundamental"]
+    sine_fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the sine's fundamental"]
     linearity: Annotated[
         float,
         Unit("1"),
-        "fundamental per volt of the drive's, square wave over sine; 1 where the tactor is linear and the duty 0.5",
+        "fundamental per volt of the drive's fundamental, square wave over sine; 1 for a linear tactor and a duty of 0.5",
     ]
     linearity_errors: Annotated[float, Unit("1"), "standard uncertainty of the linearity"]
     harmonics: Annotated[tuple[float, ...], Unit("m"), "peak amplitudes of orders 1..8 (NaN beyond the sample rate)"]
@@ -113,12 +113,13 @@ class SquareDwell(Protocol):
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=500)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
     ] = (50.0, 75.0, 100.0, 125.0, 150.0, 160.0, 175.0, 200.0, 225.0, 250.0)
-    peak_to_peak_v: Annotated[DriveVpp, "of the sine, and between the levels that the square wave relaxes to"] = 4.5
-    duty: Annotated[float, Unit("1"), Interval(ge=0.1, le=0.9), "fraction of a period towards the upper level"] = 0.5
-    edge_s: Annotated[float, Unit("s"), Interval(ge=1e-5, le=0.01), "time constant of the edges, R times C"] = 5e-4
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=60), "at least this long is recorded of each drive"] = (
-        0.5
-    )
+    peak_to_peak_v: Annotated[
+        DriveVpp,
+        "drive at the amplifier's input, peak to peak: of the sine, and between the final levels of the square wave",
+    ] = 4.5
+    duty: Annotated[float, Unit("1"), Interval(ge=0.1, le=0.9), "fraction of a period at the upper level"] = 0.5
+    edge_s: Annotated[float, Unit("s"), Interval(ge=1e-5, le=0.01), "time constant of the edges (R times C)"] = 5e-4
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=60), "shortest recording of each drive"] = 0.5
     sample_rate_hz: SampleRate = 10_000.0
 
     @model_validator(mode="after")

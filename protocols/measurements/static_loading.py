@@ -101,39 +101,45 @@ class StaticLoading(Protocol):
     weights_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0.001, le=2)], ...], Unit("kg"), Len(1, 20), "masses of the weights"
     ] = PAPER_WEIGHTS_KG
-    weight_class: Annotated[WeightClass, "OIML class of the weights; own: by weight_errors_kg"] = "M1"
+    weight_class: Annotated[WeightClass, "OIML class of the weights; own: errors by weight_errors_kg"] = "M1"
     weight_errors_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=0.1)], ...],
         Unit("kg"),
         Len(1, 20),
-        "standard uncertainty of each weight from its certificate; counts where weight_class is own",
+        "standard uncertainty of each weight from its certificate; counts with weight_class own",
     ] = (1.4e-6, 1.7e-6, 2.9e-6, 5.8e-6, 14e-6)
     offset_kg: Annotated[
-        float, Unit("kg"), Interval(ge=0, le=0.1), "weight that stays on, against slack in the mount; 0 for none"
+        float, Unit("kg"), Interval(ge=0, le=0.1), "permanent weight against slack in the mount; 0: none"
     ] = 0.01
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every weight is measured on a side"] = 10
-    sides: Annotated[Literal["both", "MFC up", "aluminium up"], "which side takes the weights"] = "both"
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each weight per side"] = 10
+    sides: Annotated[Literal["both", "MFC up", "aluminium up"], "side that carries the weights"] = "both"
     seed: Annotated[
         int,
         Unit("1"),
         Interval(ge=0, le=2**31),
-        "number that selects the random order of the weights: the same number, the same order",
+        "seed of the random order of the weights",
     ] = 1
-    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "location of the bench"] = GRAVITY
+    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "local gravity"] = GRAVITY
     expected_m_per_n: Annotated[
-        float, Unit("m/N"), Interval(gt=0), "expected compliance; a point that does not fit is questioned"
+        float, Unit("m/N"), Interval(gt=0), "expected compliance; the operator is asked about an implausible point"
     ] = 1.379e-4
     plausible_factor: Annotated[
-        float, Unit("1"), Interval(gt=1, le=100), "a deflection that is larger or smaller by this factor does not fit"
+        float, Unit("1"), Interval(gt=1, le=100), "a deflection larger or smaller by this factor is implausible"
     ] = 1.5
     zero_limit_m: Annotated[
-        float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is questioned"
+        float,
+        Unit("m"),
+        Interval(gt=0),
+        "largest change of the zero over one weight; the operator is asked about a larger one",
     ] = 3e-6
     zero_limit_share: Annotated[
-        float, Unit("1"), Interval(ge=0, le=0.5), "the same as a share of the deflection; the larger limit holds"
+        float,
+        Unit("1"),
+        Interval(ge=0, le=0.5),
+        "largest change of the zero as a share of the deflection; the larger limit counts",
     ] = 0.01  # Creep after 1 s under a load and 1 s without it returns within 0.7 % where it is 1.5 % a decade.
     settle_s: Annotated[
-        float, Unit("s"), Interval(ge=0, le=600), "wait after a manual action, before a level is read"
+        float, Unit("s"), Interval(ge=0, le=600), "wait after a manual action, before the recording"
     ] = 1.0
     record_s: LevelDuration = 0.5
     sample_rate_hz: SampleRate = 2000.0

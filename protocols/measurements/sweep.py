@@ -90,16 +90,16 @@ class SweepPoint:
     Resonance and damping are NaN where no single mode fits the response, as under a membrane.
     """
 
-    repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
+    repeat: Annotated[float, Unit("1"), "number of the repeat, from 1"]
     natural_frequency: NaturalFrequency
     natural_frequency_errors: NaturalFrequencyError
     damping: DampingRatio
     damping_errors: DampingRatioError
-    peak_frequency: Annotated[float, Unit("Hz"), "line with the largest response"]
-    peak_response: Annotated[float, Unit("m/V"), "response there, per volt at the amplifier's input"]
+    peak_frequency: Annotated[float, Unit("Hz"), "frequency of the line with the largest response"]
+    peak_response: Annotated[float, Unit("m/V"), "largest response, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the resonance's half-power width"]
-    lines: Annotated[float, Unit("1"), "lines of the response"]
-    drive_amplitude: Annotated[float, Unit("V"), "half the peak to peak of the recorded drive"]
+    lines: Annotated[float, Unit("1"), "number of lines of the response"]
+    drive_amplitude: Annotated[float, Unit("V"), "half of the recorded drive, peak to peak"]
     quality: QualityFlags
 
     @property
@@ -157,24 +157,24 @@ class Sweep(Protocol):
     substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
 
     start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
-    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, to within a line"] = 525.0
+    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, rounded to a line"] = 525.0
     peak_to_peak_v: DriveVpp = 5.0
     sweep_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=0.02, le=60),
-        "one way through the band, or through the highest of its pieces; lines lie 1 / sweep_s apart",
+        "duration of one pass through the band, or through its highest piece; spacing of the lines: 1 / sweep_s",
     ] = 0.5
     periods: Annotated[
-        int, Unit("1"), Interval(ge=2, le=1000), "periods used, of two sweeps each; one more is played"
+        int, Unit("1"), Interval(ge=2, le=1000), "analysed periods, of two sweeps each; one more is played"
     ] = 6
     pieces: Annotated[
         int,
         Unit("1"),
         Interval(ge=1, le=60),
-        "octaves that are swept one after the other where the generator's memory is too small for the band; 1: all at once",
+        "number of bands swept one after the other, for a generator with a memory too small for the whole band; 1: whole band",
     ] = 1
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often all of it is done"] = 1
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "repeats of the whole measurement"] = 1
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")

@@ -135,17 +135,17 @@ class StepPoint:
     level: Annotated[float, Unit("V"), "level commanded at the amplifier's input"]
     repeat: RepeatNumber
     direction: Annotated[float, Unit("1"), "levels rising (1), falling (-1) or in random order (0)"]
-    drive: Annotated[float, Unit("V"), "the level as the card saw it"]
-    drive_step: Annotated[float, Unit("V"), "the same against rest as the card saw it"]
-    deflection: Annotated[float, Unit("m"), "displacement against rest, at the stated time after the ramp"]
+    drive: Annotated[float, Unit("V"), "level recorded by the card"]
+    drive_step: Annotated[float, Unit("V"), "recorded level minus recorded rest"]
+    deflection: Annotated[float, Unit("m"), "displacement against rest, at read_time"]
     deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, slow noise included"]
-    read_time: Annotated[float, Unit("s"), "the stated time, from the end of the ramp"]
-    ramp_time: Annotated[float, Unit("s"), "how long the ramp lasted, from the recorded drive"]
+    read_time: Annotated[float, Unit("s"), "time of the reading after the end of the ramp"]
+    ramp_time: Annotated[float, Unit("s"), "duration of the ramp, from the recorded drive"]
     creep: Annotated[float, Unit("m"), "growth of the deflection per decade of time"]
     creep_errors: Annotated[float, Unit("m"), "standard uncertainty of the creep"]
-    zero: Annotated[float, Unit("m"), "displacement at rest just before, as measured by the sensor"]
-    drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest just before"]
-    reached: Annotated[float, Unit("s"), "when the level was reached, since the first sample of the run"]
+    zero: Annotated[float, Unit("m"), "sensor reading at rest, just before the level"]
+    drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest, just before the level"]
+    reached: Annotated[float, Unit("s"), "time of the end of the ramp, since the first sample of the run"]
     quality: QualityFlags
 
     @property
@@ -169,28 +169,28 @@ class VoltageSteps(Protocol):
     levels_v: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=5)], ...], Unit("V"), Len(1, 200), "levels at the amplifier's input"
     ] = PAPER_LEVELS_V
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every level is measured"] = 5
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each level"] = 5
     order: Annotated[
         Literal["up-down", "up", "down", "random"],
-        "levels rising, falling, by turns, or shuffled for every repeat; by turns shows the loop",
+        "order of the levels: up, down, alternately up and down (shows the loop), or random in each repeat",
     ] = "up-down"
     seed: Annotated[
         int,
         Unit("1"),
         Interval(ge=0, le=2**31),
-        "number that selects the random order: the same number, the same order",
+        "seed of the random order",
     ] = 1
-    rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "at rest before every level"] = 2.0
-    read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "after the ramp: when the deflection is read"] = 1.0
+    rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "time at rest before each level"] = 2.0
+    read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "time of the reading, after the end of the ramp"] = 1.0
     window_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=0.04, le=10),
-        "duration of a reading; 0.1 s is a whole number of cycles of 50 and 60 Hz",
+        "duration of the reading; 0.1 s is a whole number of cycles of 50 and 60 Hz",
     ] = 0.1
-    hold_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=3600), "how long a level is held and its creep watched"] = (
-        5.0
-    )
+    hold_s: Annotated[
+        float, Unit("s"), Interval(ge=0.5, le=3600), "duration of each level, over which its creep is fitted"
+    ] = 5.0
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")

@@ -52,7 +52,9 @@ class WiringPoint:
     displacement: Annotated[float, Unit("m"), "mean displacement"]
     displacement_errors: Annotated[float, Unit("m"), "standard uncertainty of the mean displacement"]
     amplitude: Annotated[float, Unit("m"), "peak amplitude of the displacement's fundamental"]
-    latency: Annotated[float, Unit("s"), "displacement behind drive, the sensor's configured delay removed"]
+    latency: Annotated[
+        float, Unit("s"), "delay of the displacement behind the drive, the sensor's configured delay removed"
+    ]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of the displacement"]
     quality: QualityFlags
@@ -76,18 +78,20 @@ class WiringCheck(Protocol):
     diagnosed_levels: ClassVar[tuple[str, ...]] = ("laser_lost", "no_response")
     passes_or_fails: ClassVar[bool] = True
 
-    level_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "step to either side of rest, and the sine's peak"] = (
-        0.1
+    level_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=0.5), "height of the steps to both sides of rest, and peak of the sine"
+    ] = 0.1
+    frequency_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=100), "frequency of the sine, far below resonance"] = (
+        20.0
     )
-    frequency_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=100), "of the sine, far below resonance"] = 20.0
-    wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "before each recording"] = 0.3
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of each recording"] = 1.0
+    wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "wait before each recording"] = 0.3
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "duration of each recording"] = 1.0
     sample_rate_hz: SampleRate = 5000.0
     polarity: Annotated[
-        int, Unit("1"), Interval(ge=-1, le=1), "sign of displacement per volt that is right; 0 where both are"
+        int, Unit("1"), Interval(ge=-1, le=1), "correct sign of displacement per volt; 0: either sign"
     ] = 1
-    drive_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "drive read back: largest deviation"] = 0.02
-    drive_noise_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "drive read back: largest noise"] = 0.01
+    drive_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "largest deviation of the recorded drive"] = 0.02
+    drive_noise_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "largest noise of the recorded drive"] = 0.01
     gain_low_m_per_v: Annotated[float, Unit("m/V"), Interval(gt=0), "smallest displacement per volt at the input"] = (
         1e-6
     )
@@ -98,7 +102,9 @@ class WiringCheck(Protocol):
     slopes_high: Annotated[float, Unit("1"), Interval(gt=0), "largest ratio of the gains above and below rest"] = 6.0
     latency_limit_s: Annotated[float, Unit("s"), Interval(gt=0), "largest latency beyond the sensor's own"] = 5e-3
     noise_limit_m: Annotated[float, Unit("m"), Interval(gt=0), "largest noise of the displacement"] = 5e-6
-    frequency_limit: Annotated[float, Unit("1"), Interval(gt=0), "relative difference of the two clocks"] = 2e-4
+    frequency_limit: Annotated[
+        float, Unit("1"), Interval(gt=0), "largest relative difference of the clocks of source and card"
+    ] = 2e-4
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:

@@ -15,7 +15,7 @@ SHOWN_LINES = 40
 
 @options
 class _AuditOptions:
-    folder: Path = argument("of the runs (default: runs)", Path("runs"), nargs="?")
+    folder: Path = argument("folder of the runs (default: runs)", Path("runs"), nargs="?")
     json: bool = JSON_OBJECT
 
 
@@ -36,7 +36,7 @@ class StartAuditCommand(_AuditOptions):
 class VerifyAuditCommand(_AuditOptions):
     """Verify all lines and files; exit code 1 if something was changed."""
 
-    head: str = option("a head hash that was printed or copied elsewhere", metavar="HASH")
+    head: str = option("head hash that was printed or copied elsewhere", metavar="HASH")
 
     @usage_errors(AuditError)
     def execute(self) -> int:
@@ -58,7 +58,7 @@ class VerifyAuditCommand(_AuditOptions):
 class ShowAuditCommand(_AuditOptions):
     """Print the entries of the trail."""
 
-    subject: str = option("entries with this in subject or files", metavar="TEXT")
+    subject: str = option("entries with this text in subject or files", metavar="TEXT")
     action: str = option("run, calibration, campaign, notes, delete ...", metavar="WORD")
     all: bool = option(f"all of them, not only the newest {SHOWN_LINES}")
 

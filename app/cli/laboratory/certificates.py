@@ -25,15 +25,15 @@ class AddCertificateCommand:
 
     dcc: Path | None = argument("digital calibration certificate, version 3", nargs="?", metavar="DCC.xml")
     role: str = option(", ".join(ROLES), metavar="INSTRUMENT")
-    number: str = option("number of the certificate (default: from the DCC, as for the following options)")
+    number: str = option("number of the certificate (default: from the DCC; so are the following options)")
     laboratory: str = option("that calibrated", metavar="NAME")
-    date: str = option("of the calibration", metavar="YYYY-MM-DD")
-    due: str = option("last day on which the calibration holds", metavar="YYYY-MM-DD")
-    months: int = option("due so many months after its date, instead of --due", 0, metavar="N")
+    date: str = option("date of the calibration", metavar="YYYY-MM-DD")
+    due: str = option("last day of the calibration's validity", metavar="YYYY-MM-DD")
+    months: int = option("interval from the calibration to the due date, months; instead of --due", 0, metavar="N")
     item: str = option("maker and model", metavar="TEXT")
-    serial: str = option("serial number, by which the instruments of a run are matched")
+    serial: str = option("serial number; identifies the instrument in a run")
     table: Path | None = option("points: 'name [unit]' columns; a column 'u(name) [unit]' has k = 1", metavar="CSV")
-    pdf: Path | None = option("the certificate as a PDF, copied beside it", metavar="FILE")
+    pdf: Path | None = option("certificate as a PDF, copied into the folder", metavar="FILE")
     folder: Path = FOLDER
 
     @usage_errors(CertificateError)
@@ -58,9 +58,9 @@ class AddCertificateCommand:
         path = store_certificate(self.folder, certificate, [each for each in (self.dcc, self.pdf) if each])
         print_line(str(path))
         if not certificate.due:
-            print_message("It has no due date, so nothing will warn: add it with --due or --months")
+            print_message("It has no due date and gives no warnings: add --due or --months")
         if not certificate.serial and certificate.role != "weights":
-            print_message("It has no serial number, so no run is matched with it: add it with --serial")
+            print_message("It has no serial number and applies to no run: add --serial")
         return ExitCode.DONE
 
 
@@ -89,7 +89,7 @@ def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
 
 @command()
 class ListCertificatesCommand:
-    """Certificates by due date; exit code 1 if one has expired."""
+    """List the certificates by due date; exit code 1 if one has expired."""
 
     folder: Path = FOLDER
     json: bool = JSON_OBJECT
@@ -119,9 +119,9 @@ class ListCertificatesCommand:
 
 @command("D-K-1234")
 class ShowCertificateCommand:
-    """A certificate with its table."""
+    """Show a certificate with its table."""
 
-    number: str = argument("of the certificate, or its beginning")
+    number: str = argument("number of the certificate, or its beginning")
     folder: Path = FOLDER
     json: bool = JSON_OBJECT
 
@@ -152,8 +152,9 @@ def one_line(values: tuple[float, ...]) -> str:
 
 
 VERBS = CommandGroup(
-    "Calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside the runs. A run warns from 30 days before the due "
-    "date of an instrument that it uses, by serial number, and flags every point after it.",
+    "Manage calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside "
+    "the runs. A run warns from 30 days before the due date of each of its instruments, found by serial number, and flags "
+    "every point after that date.",
     "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
     {
         "add": AddCertificateCommand,

@@ -55,7 +55,7 @@ class DesignTopic(Topic):
         notes = [source if estimates is not None else WITHOUT_ERRORS, *notes]
         if estimates is not None and specimen.membrane is not None and not set(estimates.names) & MEMBRANE_NAMES:
             notes.append(
-                "The calibration holds nothing of the membrane: its values are the paper's, and their uncertainties are missing."
+                "The calibration has no parameters of the membrane: the paper's values are used, without uncertainties."
             )
         return CommandResult(f"model {tables[0].name}", specimen_record(specimen), tables, tuple(notes))
 
@@ -74,10 +74,10 @@ class DesignTopic(Topic):
 
 @command("--frequency '160 Hz' --specimen T7")
 class AddedMassTopic(DesignTopic):
-    """Which added mass brings the resonance to a frequency, with the uncertainty of a calibration."""
+    """Compute the added mass for a resonance at a frequency, with the uncertainty of a calibration."""
 
-    frequency: str = option("of the resonance (default: %(default)s)", "160 Hz")
-    specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
+    frequency: str = option("frequency of the resonance (default: %(default)s)", "160 Hz")
+    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
@@ -94,18 +94,18 @@ class AddedMassTopic(DesignTopic):
         table = _answer_table("added-mass", f"Added mass for {hz:g} Hz", names, answers, ("g", "kg"))
         present = (
             f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: only a share of "
-            "the mass in the cylinder does (the paper's 11 g moved as 7.73 g)."
+            "the mass in the cylinder moves (the paper's 11 g moved as 7.73 g)."
         )
         return (table,), [present]
 
 
 @command("--amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7")
 class DriveTopic(DesignTopic):
-    """Which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration."""
+    """Compute the drive for an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration."""
 
     amplitude: str = option("max - min of the displacement (default: %(default)s)", "100 um")
-    frequency: str = option("of the sine (default: %(default)s)", "200 Hz")
-    specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
+    frequency: str = option("frequency of the sine (default: %(default)s)", "200 Hz")
+    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
