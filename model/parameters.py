@@ -131,11 +131,11 @@ def beams(tactor: Tactor, values: Mapping[str, ArrayLike]) -> Beam:
     Raises:
         ParameterError: a name is unknown, a value is not physical, or an order of lengths is broken.
     """
-    known = {q.name: q for q in parameter_specs(Tactor)}
+    specs = {q.name: q for q in parameter_specs(Tactor)}
     for name in values:
-        if name not in known:
-            raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(known)}")
-    v = asdict(tactor) | {name: known[name].check(value) for name, value in values.items()}
+        if name not in specs:
+            raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(specs)}")
+    v = asdict(tactor) | {name: specs[name].check(value) for name, value in values.items()}
     check_segment_order(v["L"], v["L1"], v["L2"])
     return beam_from_values(v)
 

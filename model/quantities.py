@@ -173,8 +173,8 @@ def find_quantity(name: str) -> Quantity | None:
 
 def quantity_label(name: str) -> str:
     """Return an estimate's name for people: `compliance, MFC up`, `natural frequency`, `skin damping c_s(1.27 mm)`."""
-    found = find_quantity(name)
-    return name if found is None else found.name + name.removeprefix(found.identifier)
+    quantity = find_quantity(name)
+    return name if quantity is None else quantity.name + name.removeprefix(quantity.identifier)
 
 
 def current_name(stored: str) -> str:
@@ -186,8 +186,7 @@ def current_name(stored: str) -> str:
     if text in _FORMER:
         return _FORMER[text]
     base, comma, condition = text.partition(", ")
-    known = _FORMER.get(base) if base != "latency" else base
-    identifier = known or base.replace(" ", "_")
+    identifier = (_FORMER.get(base) if base != "latency" else base) or base.replace(" ", "_")
     return (identifier if identifier in QUANTITIES else base) + comma + condition
 
 
@@ -205,9 +204,9 @@ def current_parameter(stored: str, parameters: Container[str]) -> str:
 
 def shown_unit(unit: str, name: str = "") -> ShownUnit:
     """Return the unit in which a value in an SI unit is shown: the quantity's, or else the usual one of the SI unit."""
-    found = find_quantity(name)
-    if found is not None and found.unit == unit:
-        return found.shown
+    quantity = find_quantity(name)
+    if quantity is not None and quantity.unit == unit:
+        return quantity.shown
     bench = BENCH_UNITS.get(unit, unit)
     return ShownUnit(SCALES[bench] if unit in BENCH_UNITS else 1.0, "" if bench == "1" else bench)
 

@@ -108,11 +108,11 @@ class Specimen:
         Raises:
             ParameterError: an unknown name, a value that is not physical, or a membrane's variable without a membrane.
         """
-        known = variable_specs()
+        specs = variable_specs()
         for name in values:
-            if name not in known:
-                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
-        v = {name: known[name].check(value) for name, value in values.items()}
+            if name not in specs:
+                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(specs)}")
+        v = {name: specs[name].check(value) for name, value in values.items()}
         of_tactor = {q.name for q in parameter_specs(Tactor)}
         flexibility = v.get("clamp_flexibility", np.asarray(self.clamp_flexibility))
         if np.any(flexibility):

@@ -32,8 +32,8 @@ def format_uncertainty(uncertainty: float, unit: str = "1", places: int | None =
 def format_quantity(value: float, standard_error: float, unit: str, name: str = "", signed: bool = False) -> str:
     """Format an SI value and its standard error in the unit of a bench: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
     factor, shown = shown_unit(unit, name)
-    found = find_quantity(name)
-    digits = 6 if found is None else found.digits
+    quantity = find_quantity(name)
+    digits = 6 if quantity is None else quantity.digits
     return format_with_uncertainty(factor * value, factor * standard_error, shown, signed, digits)
 
 

@@ -51,10 +51,10 @@ def predict_travel(
                 yield PredictedTravel(entry.label, float(low[0]), float(high[0]))
             case Ramp() | Steps():
                 yield _step_travel(entry.label, drive, loaded, amplifier)
-    for (mass, amplitude_v, offset_v), asked in sines.items():
-        frequency = np.array([f for _, f in asked])
+    for (mass, amplitude_v, offset_v), requests in sines.items():
+        frequency = np.array([f for _, f in requests])
         low, high = _extremes(replace(tactor, m_add=mass), frequency, amplitude_v, offset_v, amplifier)
-        for (label, f), at_low, at_high in zip(asked, low, high, strict=True):
+        for (label, f), at_low, at_high in zip(requests, low, high, strict=True):
             yield PredictedTravel(
                 label if f"{f:g}" in label else f"{label} at {f:.0f} Hz", float(at_low), float(at_high)
             )

@@ -144,8 +144,8 @@ def load_protocol_file(path: Path) -> type[Protocol]:
         if isinstance(kind, type) and issubclass(kind, Protocol) and kind.__module__ == name
     ]
     if len(kinds) != 1:
-        found = ", ".join(kind.__name__ for kind in kinds) or "none"
-        raise ProtocolFileError(f"{path} must define one subclass of Protocol; it defines {found}")
+        names = ", ".join(kind.__name__ for kind in kinds) or "none"
+        raise ProtocolFileError(f"{path} must define one subclass of Protocol; it defines {names}")
     _register(kinds[0], str(path))
     return kinds[0]
 
@@ -155,7 +155,7 @@ def _register(protocol_class: type[Protocol], source: str) -> None:
     missing += sorted(protocol_class.__abstractmethods__)
     if missing:
         raise ProtocolFileError(f"{source}: {protocol_class.__name__} lacks {', '.join(missing)}")
-    known = PROTOCOLS.get(protocol_class.name)
-    if known is not None and known.__module__ != protocol_class.__module__:
+    registered = PROTOCOLS.get(protocol_class.name)
+    if registered is not None and registered.__module__ != protocol_class.__module__:
         raise ProtocolFileError(f"{source}: there is a protocol '{protocol_class.name}' already; choose another name")
     PROTOCOLS[protocol_class.name] = protocol_class

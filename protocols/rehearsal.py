@@ -35,8 +35,8 @@ def adapt_to_source(protocol: Protocol, amplifier: HvAmplifier) -> AdaptedProtoc
     """Return the protocol with the parameters that the source can play, nearest to the requested ones. Sends nothing."""
     rest_v = amplifier.map.rest_v
     adapted = protocol.adapted(rest_v, amplifier.reason_unsupported)
-    asked, played = protocol.model_dump(mode="json"), adapted.model_dump(mode="json")
-    changed = {name: value for name, value in asked.items() if played[name] != value}
+    requested, played = protocol.model_dump(mode="json"), adapted.model_dump(mode="json")
+    changed = {name: value for name, value in requested.items() if played[name] != value}
     if not changed:
         return AdaptedProtocol(protocol)
     reasons = (amplifier.reason_unsupported(drive) for entry in protocol.plan(rest_v) for drive in entry.drives)

@@ -101,7 +101,7 @@ def _judge_points(
     planned = len(measured)
     if not run.record.imported:  # a table has no plan
         planned = len(extend_plan(protocol, protocol.plan(amplifier.rest_v), measured, amplifier.rest_v))
-    known = reference or run.record.reference_model or ReferenceModel(amplifier=amplifier)
+    reference_model = reference or run.record.reference_model or ReferenceModel(amplifier=amplifier)
     return judge_ended(
-        run.record.status, run.record.reason, protocol, list(measured.values()), planned, known, estimates
+        run.record.status, run.record.reason, protocol, list(measured.values()), planned, reference_model, estimates
     )

@@ -91,13 +91,13 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             )
         if run.record.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
             raise RunReadError(f"{path} is complete: there is nothing to resume")
-        words = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
+        note = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
         if stale:
-            words += f", {stale} dropped: the plan has other entries in their place now"
+            note += f", {stale} dropped: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
-        continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
+        continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), note, kept)
         return ResumableRun(path, protocol, run.record, continuation)
 
 
@@ -137,19 +137,19 @@ def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
             )
             if Quality(int(quality)).usable
         }
-    found: set[int] = set()
-    for words in entry_names:
-        if words == FLAGGED_ENTRIES:
-            found |= begun.keys() - good
+    entries: set[int] = set()
+    for entry_name in entry_names:
+        if entry_name == FLAGGED_ENTRIES:
+            entries |= begun.keys() - good
             continue
-        meant = {i for i, entry in begun.items() if _label_matches(entry.label, words)}
+        meant = {i for i, entry in begun.items() if _label_matches(entry.label, entry_name)}
         if not meant:
             labels = "; ".join(entry.label for _, entry in sorted(begun.items())) or "none"
-            raise RunReadError(f"{path} has no entry '{words}'; it has: {labels}")
-        found |= meant
-    if not found:
+            raise RunReadError(f"{path} has no entry '{entry_name}'; it has: {labels}")
+        entries |= meant
+    if not entries:
         raise RunReadError(f"{path} has no flagged points: there is nothing to measure again")
-    return tuple(sorted(found))
+    return tuple(sorted(entries))
 
 
 def _label_matches(label: str, text: str) -> bool:
@@ -176,12 +176,12 @@ def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tup
     change = new - old
     relative = abs(change / old) if old else math.inf
     sigmas = abs(change) / error if error > 0 else math.inf
-    words = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
-    words += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
+    note = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
+    note += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
     if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
-        return words, None
-    question = f"{words}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
-    return words, Prompt("drifted", question, choices=("go on", "stop"))
+        return note, None
+    question = f"{note}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
+    return note, Prompt("drifted", question, choices=("go on", "stop"))
 
 
 def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
@@ -194,18 +194,18 @@ def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -
         if of_entry and of_entry[-1].index + 1 != recording.index:
             of_entry.clear()  # the entry was measured again later
         of_entry.append(recording)
-    found: list[Series] = []
+    recomputed: list[Series] = []
     for entry, recordings in sorted(latest.items()):
         with contextlib.suppress(ValueError):
-            found += [replace(one, entry=entry) for one in protocol.series(plan[entry].key, recordings)]
-    return tuple(found)
+            recomputed += [replace(one, entry=entry) for one in protocol.series(plan[entry].key, recordings)]
+    return tuple(recomputed)
 
 
 def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
     """Return points with their entries, in order of measurement; the last one of an entry is valid."""
     columns = run.points()
     entries = columns.pop(ENTRY_COLUMN)
-    found = []
+    points = []
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
         for field in fields(point_type):
@@ -213,5 +213,5 @@ def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
             values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])
-        found.append((int(entry), point_type(**values)))
-    return found
+        points.append((int(entry), point_type(**values)))
+    return points

@@ -71,18 +71,18 @@ class BenchSession(Closeable):
         self._failure = ""
         self._connected = threading.Event()
         self._running = threading.Lock()
-        self._front = front_end(progress=progress)
-        self._after_run = AfterRun(self._front.observe, config, after_run)
+        self._front_end = front_end(progress=progress)
+        self._after_run = AfterRun(self._front_end.observe, config, after_run)
         self._session = Session(
             lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning),
-            [self._observe, self._front.observe, self._after_run.observe],
-            self._front.operator,
+            [self._observe, self._front_end.observe, self._after_run.observe],
+            self._front_end.operator,
             folder,
         )
         self._session.start()
         _close_at_exit(self)
         try:
-            self._front.wait(self._connected)
+            self._front_end.wait(self._connected)
             if self._failure:
                 raise BenchError(self._failure)
         except BaseException:
@@ -138,7 +138,7 @@ class BenchSession(Closeable):
             array([0.00076, 0.00116, 0.00112])
         """
         request = _protocol(protocol, {**(parameters or {}), **more})
-        if not self.simulated and not self._front.operator_reachable:
+        if not self.simulated and not self._front_end.operator_reachable:
             try:
                 refuse_without_operator(self._config, request)
             except UsageError as refusal:
@@ -155,15 +155,15 @@ class BenchSession(Closeable):
             error = UnsafeError(reason)
             error.add_note(f"The run file is {path}")
             raise error
-        if self._front.stopped_by is not None:
-            self._pass_on(self._front.stopped_by)
+        if self._front_end.stopped_by is not None:
+            self._pass_on(self._front_end.stopped_by)
             kept = f"; the measured data are in {path}" if path else ""
             raise KeyboardInterrupt(f"{reason}{'; the bench is at rest' * self._at_rest}{kept}")
         if ended is None:
             raise BenchError(reason)
         if path is None or (check and not ended.verdict.outcome.has_result):
             completed = ended.status is RunStatus.COMPLETED
-            raise RunFailedError(self._front.failure or (ended.summary if completed else reason), path)
+            raise RunFailedError(self._front_end.failure or (ended.summary if completed else reason), path)
         return open_run(path)
 
     def close(self) -> None:
@@ -176,12 +176,12 @@ class BenchSession(Closeable):
         """Run a protocol to its end; return the run file, None if none was created."""
         self._rejected = self._at_rest = False
         session = self._session
-        with self._front.running(session):
+        with self._front_end.running(session):
             session.run(RunRequest(protocol, folder, specimen, reference=reference_model(folder, specimen)))
             try:
-                if self._front.stopped_by is not None:  # before there was a run to be stopped
+                if self._front_end.stopped_by is not None:  # before there was a run to be stopped
                     session.stop()
-                self._front.wait(session.finished)
+                self._front_end.wait(session.finished)
             except BaseException:
                 session.stop()
                 session.finished.wait()

@@ -99,5 +99,5 @@ def runs(
     begun = read_since(since.isoformat() if isinstance(since, datetime) else since) if since else ""
     catalogue = Catalogue(folder)
     catalogue.scan()
-    found = RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
-    return [CatalogueEntry(folder / row.path, row) for row in found]
+    entries = RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
+    return [CatalogueEntry(folder / row.path, row) for row in entries]

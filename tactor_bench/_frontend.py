@@ -151,9 +151,9 @@ class TerminalFrontEnd(FrontEnd):
             self._abandon_if_hung()
 
     def _observer(self, keys: str = "") -> Callable[[SessionEvent], None]:
-        return ConsoleObserver(StderrConsole(), keys, not self._real) if self._progress else self._only_what_matters
+        return ConsoleObserver(StderrConsole(), keys, not self._real) if self._progress else self._filtered
 
-    def _only_what_matters(self, event: SessionEvent) -> None:
+    def _filtered(self, event: SessionEvent) -> None:
         for line in self._lines(event):
             sys.stderr.write(f"{line}\n")
 

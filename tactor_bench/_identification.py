@@ -63,22 +63,22 @@ class Identification:
         found: the whole result of the service.
     """
 
-    specimen = _Fact(lambda found: found.specimen)
-    verdict = _Fact(lambda found: found.verdict)
-    unidentified = _Fact(lambda found: found.unidentified)
-    notes = _Fact(lambda found: found.notes)
-    fixed = _Fact(lambda found: found.fixed)
-    tactor = _Fact(lambda found: found.tactor)
-    membrane = _Fact(lambda found: found.membrane)
-    adequacy = _Fact(lambda found: found.adequacy)
-    shapes = _Fact(lambda found: found.shapes)
-    budget = _Fact(lambda found: found.budget)
+    specimen = _Fact(lambda result: result.specimen)
+    verdict = _Fact(lambda result: result.verdict)
+    unidentified = _Fact(lambda result: result.unidentified)
+    notes = _Fact(lambda result: result.notes)
+    fixed = _Fact(lambda result: result.fixed)
+    tactor = _Fact(lambda result: result.tactor)
+    membrane = _Fact(lambda result: result.membrane)
+    adequacy = _Fact(lambda result: result.adequacy)
+    shapes = _Fact(lambda result: result.shapes)
+    budget = _Fact(lambda result: result.budget)
 
-    def __init__(self, found: IdentificationResult, paths: Sequence[Path] = ()) -> None:
-        self.found = found
-        self.estimates = EstimateTable(found.estimates)
+    def __init__(self, result: IdentificationResult, paths: Sequence[Path] = ()) -> None:
+        self.result = result
+        self.estimates = EstimateTable(result.estimates)
         self.names: tuple[str, ...] = tuple(self.estimates)
-        self.covariance: Array = np.asarray(found.covariance, float)
+        self.covariance: Array = np.asarray(result.covariance, float)
         self._paths = tuple(paths)
 
     def accept(self, by: str = "", note: str = "", reason: str = "", folder: str | Path | None = None) -> Calibration:
@@ -98,7 +98,7 @@ class Identification:
             'NOT ADEQUATE: ... Accepted all the same: only for the demonstration on Friday'
         """
         where = Path(folder) if folder is not None else self._paths[0].parent
-        return accept_identification(self.found, where, self._paths, by, note, reason)[0]
+        return accept_identification(self.result, where, self._paths, by, note, reason)[0]
 
     def __repr__(self) -> str:
         return f"{self.specimen}: {self.verdict}\n{self.estimates!r}"
@@ -154,12 +154,12 @@ def identify(
         raise ValueError(
             "free, also, fixed, priors and robust are for the joint fit; the chain's steps are the paper's"
         )
-    known = dict(priors or {})
+    priors_in_si = dict(priors or {})
     setting = FitOptions(
-        free=None if free is None else (*free, *(name for name in known if name not in free)),
+        free=None if free is None else (*free, *(name for name in priors_in_si if name not in free)),
         also=tuple(also),
         fixed=dict(fixed or {}),
-        priors=known,
+        priors=priors_in_si,
         loss="cauchy" if robust else "linear",
         amplifier=amplifier_of(paths),
     )

@@ -101,8 +101,8 @@ def response(
     """
     if tactor is not None and calibration is not None:
         raise ValueError("the tactor is given twice, by tactor and by calibration; leave one out")
-    known = PAPER_MODEL if calibration is None else _known_model(calibration)
-    specimen = _make_specimen(known, tactor, skin, membrane, elongation_m, pre_stretch)
+    model = PAPER_MODEL if calibration is None else _model_of(calibration)
+    specimen = _make_specimen(model, tactor, skin, membrane, elongation_m, pre_stretch)
     if shapes is None and calibration is None:
         highest_hz = float(np.max(check_frequency(frequencies_hz)))
         shapes = choose_shapes(specimen.tactor, specimen.skin, highest_hz=highest_hz).n
@@ -118,7 +118,7 @@ def response(
 
     got = driven(specimen, frequencies_hz)
     bands: tuple[UncertaintyBand | None, UncertaintyBand | None] = (None, None)
-    if (estimates := known.estimates_for(specimen)) is not None:
+    if (estimates := model.estimates_for(specimen)) is not None:
         bands = _bands(driven, got, specimen, estimates, coverage)
     return Response(
         got.frequency_hz,
@@ -131,7 +131,7 @@ def response(
 
 
 def _make_specimen(
-    known: ActiveModel,
+    model: ActiveModel,
     tactor: Tactor | None,
     skin: Skin | None,
     membrane: Membrane | None,
@@ -147,21 +147,21 @@ def _make_specimen(
         raise ValueError("the skin is given twice; leave all but one of skin, elongation_m and pre_stretch out")
     if skin is not None and membrane is not None:
         raise ValueError("the skin is given twice, by skin and by membrane; leave one out")
-    tactor = tactor or known.tactor
+    tactor = tactor or model.tactor
     if skin is not None:
-        return replace_variables(Specimen(tactor, k_s=skin.k_s, c_s=skin.c_s), known.nonideal)
+        return replace_variables(Specimen(tactor, k_s=skin.k_s, c_s=skin.c_s), model.nonideal)
     if membrane is None and (elongation_m is not None or pre_stretch is not None):
-        membrane = known.membrane
-    own_damping = known.skin_damping(elongation_m) if elongation_m is not None else None
+        membrane = model.membrane
+    own_damping = model.skin_damping(elongation_m) if elongation_m is not None else None
     stretch = elongation_m / membrane.L_m if membrane and elongation_m is not None else pre_stretch or 0.0
-    return replace_variables(Specimen(tactor, membrane, stretch, c_s=own_damping), known.nonideal)
+    return replace_variables(Specimen(tactor, membrane, stretch, c_s=own_damping), model.nonideal)
 
 
-def _known_model(source: "Calibration | Identification") -> ActiveModel:
+def _model_of(source: "Calibration | Identification") -> ActiveModel:
     """Return values and errors of one specimen, from a calibration or an identification."""
     if isinstance(source, Calibration):
         return ActiveModel.from_estimates(source.tactor(), source.membrane(), source.estimates, source.covariance)
-    return ActiveModel.from_estimates(source.tactor, source.membrane, source.found.estimates, source.covariance)
+    return ActiveModel.from_estimates(source.tactor, source.membrane, source.result.estimates, source.covariance)
 
 
 def _bands(

@@ -56,7 +56,7 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
             f"Possible causes: {adequacy.diagnosis.tried} were compared",
             (
                 Column("cause", "", [e.cause.title for e in found]),
-                Column("words", "", [e.cause_words for e in found], "meaning"),
+                Column("words", "", [e.cause_text for e in found], "meaning"),
                 Column("chi_square", "", [e.chi_square for e in found], "chi-square with the cause", format_spec=".5g"),
                 Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in found], "degrees of freedom"),
                 Column("likely", "", ["yes" if e in likeliest else "no" for e in found], "likely"),
@@ -71,7 +71,7 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
         + (f" (the first {MAX_FINDINGS}; {more} more with --json)" if more > 0 else ""),
         (
             Column("kind", "", [f.kind for f in first]),
-            Column("words", "", [f.words for f in first], "discrepancy"),
+            Column("words", "", [f.text for f in first], "discrepancy"),
             Column("probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"),
         ),
     )
@@ -101,7 +101,7 @@ def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
         (
             Column("step", "", list(range(len(fits)))),
             Column("added", "", ["", *(step.name for step in steps)]),
-            Column("words", "", ["", *(step.explanation.cause_words for step in steps)], "meaning"),
+            Column("words", "", ["", *(step.explanation.cause_text for step in steps)], "meaning"),
             Column("chi_square", "", [fit.chi_square for fit in fits], "chi-square", format_spec=".5g"),
             Column("degrees_of_freedom", "", [fit.degrees_of_freedom for fit in fits], "degrees of freedom"),
             Column("adequate", "", ["no", *(ADEQUACY_TEXT[step.adequacy.adequate] for step in steps)]),
@@ -287,7 +287,7 @@ def _identification_notes(identification: IdentificationResult) -> Iterator[str]
     if adequacy is not None:
         if adequacy.diagnosis is not None and (likeliest := adequacy.diagnosis.likeliest) and also_hint(likeliest):
             yield also_hint(likeliest)
-        yield from (f"{error.words}." for error in adequacy.undecidable)
+        yield from (f"{error.text}." for error in adequacy.undecidable)
     yield from identification.notes
 
 

@@ -96,7 +96,7 @@ def accept_identification(
         reduced=correction.as_record() if correction else {},
         doubt=doubt,
         reason=reason if doubt else "",
-        known=dict(identification.known),
+        known=dict(identification.priors),
         statistical=dict(identification.statistical_errors),
         dimensions="" if identification.sheet is None else identification.sheet.description,
     )

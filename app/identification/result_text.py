@@ -33,7 +33,7 @@ def steps_line(identification: IdentificationResult, also: str, plain: str) -> s
         return ""
     adequacy, names = identification.adequacy, [step.name for step in identification.steps]
     end = "adequate with them" if adequacy is not None and adequacy.adequate else "not adequate with them either"
-    words = "; ".join(step.explanation.cause_words for step in identification.steps)
+    words = "; ".join(step.explanation.cause_text for step in identification.steps)
     return (
         f"the model was not adequate by itself; added in turn, as its test proposed: {words}; {end}. "
         f"To agree to it: {also} {','.join(names)}; the model without any of them: {plain}."
@@ -54,7 +54,7 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
     names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
     shown = []
     for name in names:
-        value = None if name in identification.known else identification.fixed.get(name)
+        value = None if name in identification.priors else identification.fixed.get(name)
         if value is not None:
             factor, text = sheet_unit(name)
             shown.append(f"{name} {factor * value:.4g} {text}".strip())

@@ -77,24 +77,24 @@ class IdentificationResult:
     """Of a joint fit: the one without any of them."""
 
     @property
-    def known(self) -> Mapping[str, tuple[float, float]]:
+    def priors(self) -> Mapping[str, tuple[float, float]]:
         """Value and standard uncertainty of the parameters that were known beforehand, such as lengths."""
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
 
     @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
         """The estimates of effects outside the beam model with a prior size, such as creep."""
-        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)
+        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.priors)
 
     @property
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
         """Prior values that are no nonideality: lengths, masses, moduli."""
-        return {name: known for name, known in self.known.items() if name not in NONIDEAL}
+        return {name: prior for name, prior in self.priors.items() if name not in NONIDEAL}
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
         """The estimates without the parameters that were known beforehand."""
-        return tuple(e for e in self.estimates if e.name not in self.known)
+        return tuple(e for e in self.estimates if e.name not in self.priors)
 
     @property
     def statistical_errors(self) -> Mapping[str, float]:

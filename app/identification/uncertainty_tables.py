@@ -93,7 +93,7 @@ def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
             _named_shares(budget, i, 0.0),
         )
         for i, name in enumerate(budget.names)
-        if name not in identification.known
+        if name not in identification.priors
     )
 
 
@@ -107,7 +107,7 @@ def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the sources of the uncertainty of each identified parameter, and the values known beforehand."""
-    budget, known, dimensions = identification.budget, identification.known, identification.dimensions
+    budget, known, dimensions = identification.budget, identification.priors, identification.dimensions
     if budget is not None and len(budget.sources) > 1:
         at = [i for i, name in enumerate(budget.names) if name not in known]
         yield Table(
@@ -126,7 +126,7 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
 
 def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the table of nonidealities that were expected, with their meaning; none without any."""
-    found, known = identification.nonidealities, identification.known
+    found, known = identification.nonidealities, identification.priors
     if found:
         yield Table(
             "nonidealities",
@@ -150,7 +150,7 @@ def nonideality_lines(identification: IdentificationResult) -> tuple[str, ...]:
 
 def _meaning(identification: IdentificationResult, found: EstimatedQuantity) -> str:
     """Return what a nonideality means; empty if it differs from none by no more than chance."""
-    fit, expected = identification.joint_fit, identification.known[found.name][0]
+    fit, expected = identification.joint_fit, identification.priors[found.name][0]
     if fit is None or abs(found.value - expected) <= SEEN_SIGMAS * found.standard_error:
         return ""
     return describe_cause(fit, found.name, found.value, found.standard_error)
@@ -230,7 +230,7 @@ def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
         concerned = [run for run in runs if isinstance(run, kinds)]
         if acts_on == "delay":
             concerned = [run for run in concerned if np.iscomplexobj(observed_values(run)[0])]
-        if acts_on == "mass" and "mass_offset" in identification.known:
+        if acts_on == "mass" and "mass_offset" in identification.priors:
             continue
         if any(all(error.acts_on != acts_on for error in run.shared_errors) for run in concerned):
             missing.append(words)
@@ -240,7 +240,7 @@ def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
 def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
     """Return the values known beforehand that the runs contradict, as text."""
     found, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
-    for name, (value, uncertainty) in identification.known.items():
+    for name, (value, uncertainty) in identification.priors.items():
         after = found.get(name)
         if after is None or fit is None:
             continue

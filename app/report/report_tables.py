@@ -220,7 +220,7 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> I
         yield Table.of_rows("How well the errors explain each run", heads, rows, note)
     if found.adequacy is not None and (findings := found.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
-        rows = [(f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
+        rows = [(f.kind, _spell_out(f.text), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
         note = f"Probability by chance: that any of all {found.adequacy.test_count} tests deviates this much.{more}"
         heads = ("kind", "discrepancy", "by chance")
         yield Table.of_rows("Discrepancies between runs and model", heads, rows, note)
@@ -314,7 +314,7 @@ def held_values(specimen: SpecimenModel) -> Iterator[Block]:
 def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the tables of dimensions and masses, and of the sources of every uncertainty."""
     found, sheet = specimen.identification, specimen.sheet
-    used = set(sheet.values) if found is None else set(found.known)
+    used = set(sheet.values) if found is None else set(found.priors)
     scale = {e.name: sheet_unit(e.name) for e in sheet.values.values()}
     rows = [
         (
@@ -346,7 +346,7 @@ def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the shares of every uncertainty by source, as a table and as bars."""
     found = specimen.identification
     if found is not None and (budget := found.budget) is not None:
-        shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
+        shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.priors]
         note = "Shares of the squared total; noise is the statistical part."
         yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
         if bars := budget_bars(found):
@@ -451,7 +451,7 @@ def report_record(
         "passed": all(o.verdict == "pass" for o in outcomes) if outcomes else None,
         "limits": [{k: v.replace(SPACE, " ") for k, v in asdict(o).items()} for o in outcomes],
         "parameters": [] if found is None else [asdict(e) for e in found.identified],
-        "known": {} if found is None else {name: list(pair) for name, pair in found.known.items()},
+        "known": {} if found is None else {name: list(pair) for name, pair in found.priors.items()},
         "dimensions": summary.specimen.sheet.description,
         "budget": None if found is None else budget_record(found.budget),
         "unidentified": [] if found is None else list(found.unidentified),

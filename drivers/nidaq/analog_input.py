@@ -330,14 +330,14 @@ class NiStream(Closeable):
 
     def _start(self) -> float:
         """Start the acquisition; return when, as the card's count of scans shows it where a busy computer delayed the reply."""
-        asked_s = begin_s = self._clock.now()
+        requested_s = begin_s = self._clock.now()
         self._task.start()
         start_s = answered_s = self._clock.now()
         limit_s = START_UNCERTAINTY_S * getattr(self._clock, "speed", 1.0)
         for _ in range(START_QUERIES):
-            if answered_s - asked_s <= limit_s:
+            if answered_s - requested_s <= limit_s:
                 break
-            asked_s = self._clock.now()
+            requested_s = self._clock.now()
             scans = self._task.in_stream.total_samp_per_chan_acquired
             answered_s = self._clock.now()
             start_s = min(start_s, answered_s - scans / self.rate_hz)

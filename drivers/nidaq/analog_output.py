@@ -100,7 +100,7 @@ class NiAnalogOutput:
         self._hold: HeldLevel | None = None
         self._start_s = self._renew_at_s = 0.0
         self._rest_v: float | None = None
-        self._found_queue: OutputQueue | None = None
+        self._measured_queue: OutputQueue | None = None
         self._reply_s = 0.0
         with contextlib.suppress(CardInUseError):  # by a program that runs: starting the acquisition reports it
             self._connection.clear_abandoned(INPUT, OUTPUT, READBACK)
@@ -200,14 +200,14 @@ class NiAnalogOutput:
         progress = PlaybackProgress(task, self._clock, self._margin_s)
         if progress.first_changeable() >= hold.return_sample:
             raise self._late_renewal(hold)
-        wanted = progress.generated + math.ceil(self.lease_s * task.rate_hz)
-        if self.holds_rewrites_back or wanted > hold.latest_return_sample:
+        target = progress.generated + math.ceil(self.lease_s * task.rate_hz)
+        if self.holds_rewrites_back or target > hold.latest_return_sample:
             self._hand_over(hold, progress)
             return
         begins = hold.return_sample
-        renewed = replace(hold, return_sample=wanted)
+        renewed = replace(hold, return_sample=target)
         try:
-            is_in_time = task.rewrite(begins, renewed.samples(begins, wanted + hold.fall + 1 - begins), progress)
+            is_in_time = task.rewrite(begins, renewed.samples(begins, target + hold.fall + 1 - begins), progress)
         except AcquisitionError:
             progress = PlaybackProgress(
                 task, self._clock, self._margin_s
@@ -303,13 +303,13 @@ class NiAnalogOutput:
         self._connection.close()
 
     def _queue(self) -> OutputQueue:
-        if self._found_queue is None:
+        if self._measured_queue is None:
             begin_s = self._clock.now()
-            self._found_queue = find_queue(
+            self._measured_queue = find_queue(
                 self._connection, self._physical_channel, self._description, SAMPLE_RATES_HZ[0]
             )
             self._reply_s = (self._clock.now() - begin_s) / STOP_ROUND_TRIPS
-        return self._found_queue or OutputQueue()
+        return self._measured_queue or OutputQueue()
 
     def _rate_for(self, drive: Drive) -> float:
         """Return the sample rate of a drive: fine enough, and not slower than the queue permits."""

@@ -68,8 +68,8 @@ class OutputQueue:
 
     def adjusted_request_bytes(self, rate_hz: float) -> int:
         """Return the size of a request at which all of them are USB_QUEUE_S of samples; never more than it was."""
-        wanted = USB_QUEUE_S * rate_hz * BYTES_PER_SAMPLE / max(self.requests, 1)
-        return min(max(math.ceil(wanted / USB_PACKET_BYTES), 1) * USB_PACKET_BYTES, self.request_bytes)
+        needed_bytes = USB_QUEUE_S * rate_hz * BYTES_PER_SAMPLE / max(self.requests, 1)
+        return min(max(math.ceil(needed_bytes / USB_PACKET_BYTES), 1) * USB_PACKET_BYTES, self.request_bytes)
 
 
 class OutputTask:
@@ -209,9 +209,9 @@ class PlaybackProgress:
 
     def __init__(self, task: OutputTask, clock: Clock, margin_s: float) -> None:
         self._clock, self._margin_s, self._rate_hz = clock, margin_s, task.rate_hz
-        self._asked_s = clock.now()
+        self._queried_s = clock.now()
         self.generated = task.generated()
-        self.reply_s = clock.now() - self._asked_s
+        self.reply_s = clock.now() - self._queried_s
         self._queue, self._write_s = task.queue_samples, task.write_s
 
     def first_changeable(self, samples: int = 1) -> int:
@@ -232,7 +232,7 @@ class PlaybackProgress:
         return self._at_arrival(1, self._margin_s) < sample
 
     def _at_arrival(self, messages: int, margin_s: float) -> int:
-        elapsed_s = self._clock.now() - self._asked_s + messages * self.reply_s + margin_s
+        elapsed_s = self._clock.now() - self._queried_s + messages * self.reply_s + margin_s
         return self.generated + math.ceil(elapsed_s * self._rate_hz)
 
 

@@ -85,8 +85,8 @@ class OptoNcdt:
 
     def _parse_identity(self, info: str) -> Identity:
         def field(name: str) -> str:
-            found = re.search(rf"{name}:\s*(\S+)", info, re.IGNORECASE)
-            return found[1] if found else ""
+            match = re.search(rf"{name}:\s*(\S+)", info, re.IGNORECASE)
+            return match[1] if match else ""
 
         model = field("Name")
         if not model:

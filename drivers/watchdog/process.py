@@ -188,9 +188,9 @@ class WatchdogLoop:
         """
         once = threading.Lock()
 
-        def warn(what: str) -> None:
+        def warn(subject: str) -> None:
             if enabled and once.acquire(blocking=False):
-                self._log(f"{reason}. The specimen may be live: {what}. {SWITCH_OFF_INSTRUCTION}")
+                self._log(f"{reason}. The specimen may be live: {subject}. {SWITCH_OFF_INSTRUCTION}")
 
         timer = threading.Timer(WARNING_AFTER_S, warn, (f"the source is not at rest after {WARNING_AFTER_S:g} s",))
         timer.daemon = True

@@ -46,7 +46,7 @@ class Finding:
     standard_error: float
     probability: float
     """Of so much by chance in any of all tests made (Bonferroni)."""
-    words: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,15 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
     """
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
-    Q, discrepancies, known = attribution.fit_subspace(fit), possible_discrepancies(fit), attribution.effects(fit)
-    if (clamp := known.get(CLAMP)) is not None:
+    Q, discrepancies, cause_effects = (
+        attribution.fit_subspace(fit),
+        possible_discrepancies(fit),
+        attribution.effects(fit),
+    )
+    if (clamp := cause_effects.get(CLAMP)) is not None:
         discrepancies = (*discrepancies, clamp_discrepancy(fit, clamp))
-    directions = [*(d.direction for d in discrepancies), *known.values()]
-    unseen = attribution.undecidable_errors(fit, known)
+    directions = [*(d.direction for d in discrepancies), *cause_effects.values()]
+    unseen = attribution.undecidable_errors(fit, cause_effects)
     harmonics = _harmonic_tests(fit, 1.0)
     chance = attribution.chance_of_smallest(fit, Q, directions, [pattern for _, pattern in _patterns(fit, Q)])
     tests = len(directions) + len(harmonics) + sum(run.values.size > 1 for run in fit.residuals) + 1
@@ -94,7 +98,7 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
     if left > 1 and findings:
         # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
         findings, _ = _significant_findings(fit, Q, discrepancies, left)
-    diagnosis = attribution.diagnose(fit, known, cancelled=cancelled) if attribute else None
+    diagnosis = attribution.diagnose(fit, cause_effects, cancelled=cancelled) if attribute else None
     message = _verdict_message(fit, findings, tests, diagnosis, chance)
     return Adequacy(False, message, tuple(findings), tests, diagnosis, unseen)
 
@@ -102,9 +106,9 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
 def _cause_message(diagnosis: attribution.Diagnosis) -> str:
     """Return the likeliest cause as text, and those that the runs do not tell from it."""
     first, *others = diagnosis.likeliest
-    text = f"the model is wrong for these runs, most likely because {first.words}"
+    text = f"the model is wrong for these runs, most likely because {first.text}"
     if others:
-        text += "; these runs do not tell this from: " + "; or ".join(e.cause_words for e in others)
+        text += "; these runs do not tell this from: " + "; or ".join(e.cause_text for e in others)
     return text
 
 
@@ -113,13 +117,13 @@ def _significant_findings(
 ) -> tuple[list[Finding], int]:
     """The significant findings with all errors multiplied by `error_scale`, and the number of tests."""
     r = np.where(fit.used_rows, fit.weighted_residuals, 0.0) / error_scale
-    found = [
+    findings = [
         *_score_tests(fit, discrepancies, r, Q, error_scale),
         *_pattern_tests(fit, r, Q),
         *_harmonic_tests(fit, error_scale),
     ]
-    tests = len(found) + 1
-    significant = [replace(f, probability=min(1.0, f.probability * tests)) for f in found]
+    tests = len(findings) + 1
+    significant = [replace(f, probability=min(1.0, f.probability * tests)) for f in findings]
     significant = [f for f in significant if f.probability < SIGNIFICANCE_LEVEL]
     return sorted(significant, key=lambda f: (f.kind == "pattern", f.probability)), tests
 
@@ -154,10 +158,10 @@ def _verdict_message(
 ) -> str:
     chi = _chi_square_text(fit)
     if diagnosis is not None and diagnosis.likeliest:
-        seen = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:2])
+        seen = "; ".join(f"{f.text} ({format_p_value(f.probability)})" for f in findings[:2])
         return f"{_cause_message(diagnosis)}{f'. Without it: {seen}' if seen else ''}. {chi}"
     if findings:
-        first = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:3])
+        first = "; ".join(f"{f.text} ({format_p_value(f.probability)})" for f in findings[:3])
         more = f"; and {len(findings) - 3} more" if len(findings) > 3 else ""
         return f"the model is wrong for these runs: {first}{more}. {chi}"
     if fit.p_value <= MIN_P_VALUE:

@@ -116,17 +116,17 @@ class Calibration:
         Raises:
             ParameterError: a key is missing or unknown, or a value does not fit.
         """
-        known = {f.name for f in fields(cls)}
+        names = {f.name for f in fields(cls)}
         given = set(record) - {"kind"} | {"reduced", *_NEWER}  # older records have none
-        if record.get("kind") != "calibration" or given != known:
-            missing, unknown = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
+        if record.get("kind") != "calibration" or given != names:
+            missing, unknown = ", ".join(sorted(names - given)), ", ".join(sorted(given - names))
             raise ParameterError(
                 f"this is not a calibration record: missing {missing or 'nothing'}; unknown {unknown or 'nothing'}"
             )
         try:
             estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
             covariance = tuple(tuple(float(x) for x in row) for row in record["covariance"])
-            rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs", "known"}}
+            rest = {k: v for k, v in record.items() if k in names - {"estimates", "covariance", "runs", "known"}}
             for name, value in rest.items():
                 if not isinstance(value, _TYPES.get(name, str)):
                     raise TypeError(f"{name} is {value!r:.40}")
@@ -136,8 +136,8 @@ class Calibration:
             raise ParameterError(f"this calibration record is damaged: {error}; accept the estimates again") from None
 
     def _value(self, name: str) -> float:
-        found = next((e.value for e in self.estimates if e.name == name), None)
-        value = self.fixed.get(name) if found is None else found
+        value = next((e.value for e in self.estimates if e.name == name), None)
+        value = self.fixed.get(name) if value is None else value
         if value is None:
             raise ParameterError(f"calibration of {self.specimen} has no {name}: identify it, or give it as fixed")
         return float(value)

@@ -7,7 +7,7 @@ import numpy as np
 
 from model import GRAVITY, Array, ParameterError, format_uncertainty
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
 from model.identification.residuals import LeastSquaresProblem
@@ -119,7 +119,7 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     scale = np.array(
         [
             *fit.parameter_scale,
-            *(10 * shared[n].standard_error if n in shared else known.typical_size(n, begin[n]) for n in new),
+            *(10 * shared[n].standard_error if n in shared else fit_parameters.typical_size(n, begin[n]) for n in new),
         ]
     )
     F = np.zeros((len(names), len(names)))
@@ -139,9 +139,9 @@ def _unknown_skin(fit: JointFit, run: observed.Observation) -> tuple[str, ...]:
         return ()
     names = {"k_s": ("E_m",), "c_s": ("c_s_0", "c_s_delta")}
     return tuple(
-        known.elongation_parameter(symbol, elongation)
+        fit_parameters.elongation_parameter(symbol, elongation)
         for symbol, own in names.items()
-        if not {*own, known.elongation_parameter(symbol, elongation)} & set(fit.free_parameters)
+        if not {*own, fit_parameters.elongation_parameter(symbol, elongation)} & set(fit.free_parameters)
     )
 
 
@@ -189,7 +189,11 @@ def default_candidates(
     fixed = {
         n: v for n, v in values.items() if n not in fit.free_parameters and n not in fit.observations.shared_errors
     }
-    own = {n: v for n, v in fixed.items() if n in known.SPECIMEN_PARAMETERS or known.parse_elongation(n) is not None}
+    own = {
+        n: v
+        for n, v in fixed.items()
+        if n in fit_parameters.SPECIMEN_PARAMETERS or fit_parameters.parse_elongation(n) is not None
+    }
     setting = replace(
         fit.options, free=fit.free_parameters, priors={}, fixed={**own, **fit.options.fixed}, tied=fit.options.tied
     )

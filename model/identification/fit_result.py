@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from model import Array, EstimatedQuantity, Mask
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, Loss
 from model.identification.misfit_scale import (
     OUTLIER_SIGMAS,
@@ -110,7 +110,7 @@ class JointFit:
             [
                 10 * shared[name].standard_error
                 if name in shared
-                else max(abs(value), known.typical_size(name, known.start_value(name, base)))
+                else max(abs(value), fit_parameters.typical_size(name, fit_parameters.start_value(name, base)))
                 for name, value in zip(self.names, self.theta, strict=True)
             ]
         )
@@ -302,7 +302,9 @@ class JointFit:
         sources = self._sources()
         errors = np.sqrt(np.diag(self.enlarged_covariance))
         return tuple(
-            EstimatedQuantity(n, float(v), float(e), known.parameter_spec(n, self.observations).unit, sources[n])
+            EstimatedQuantity(
+                n, float(v), float(e), fit_parameters.parameter_spec(n, self.observations).unit, sources[n]
+            )
             for n, v, e in zip(self.names, self.theta, errors, strict=True)
             if n not in missing and n in self.free_parameters
         )

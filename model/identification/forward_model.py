@@ -14,7 +14,7 @@ from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values
 from model.beam import matrices, modal_form, receptance
 from model.identification import nonidealities
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
@@ -28,7 +28,9 @@ def skin_from_values(observation: observed.FrequencyResponseObservation, v: Valu
     errors = (v.get(e.name, 0.0) for e in observation.shared_errors if e.acts_on == "elongation")
     delta = sum(errors, start=observation.elongation_m * (1 - v["elongation_slip"]) + v["elongation_offset"]) / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
-    k_s, c_s = (v.get(known.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s"))
+    k_s, c_s = (
+        v.get(fit_parameters.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s")
+    )
     if k_s is None:
         membrane = v["L_m"], v["b_m"], v["h_m"], v["E_m"]
         k_s = point_stiffness(*membrane, np.abs(delta)) / length
@@ -171,7 +173,9 @@ class ForwardModel:
     ) -> None:
         self.observations, self.names, self.n = observations, tuple(names), n
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
-        self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
+        self._scale = np.array(
+            [fit_parameters.typical_size(name, fit_parameters.start_value(name, self._fixed)) for name in self.names]
+        )
         self.nonideal = nonidealities.NonidealResponse(observations, amplifier)
         self._responses = observations.of_type(observed.FrequencyResponseObservation)
         self._drives = {

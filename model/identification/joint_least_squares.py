@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from model import Array, ParameterError
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
 from model.identification.misfit_scale import LOSS_SCALES, loss_costs, loss_weights
@@ -50,7 +50,7 @@ class FitCoordinates:
 
     def __init__(self, problem: LeastSquaresProblem, start: Array) -> None:
         self._logarithmic = problem.logarithmic & (start > 0)
-        scale = np.array([known.typical_size(n, x) for n, x in zip(problem.names, start, strict=True)])
+        scale = np.array([fit_parameters.typical_size(n, x) for n, x in zip(problem.names, start, strict=True)])
         self._scale = np.where(self._logarithmic, 1.0, scale)
         for i, name in enumerate(problem.names):
             if name in problem.observations.shared_errors:
@@ -141,7 +141,7 @@ def joint_fit(
 def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
     """Return the start of the options, the default values, and the default values moved both ways."""
     base = problem.options.base_values()
-    table = np.array([known.start_value(n, base) for n in problem.names])
+    table = np.array([fit_parameters.start_value(n, base) for n in problem.names])
     own = np.array([n not in problem.observations.shared_errors for n in problem.names])
     moves = ({"k2": 0.5, "m_add": 1.5, "c0": 0.5, "mu": 0.5}, {"k2": 2.0, "m_add": 0.7, "c0": 0.5, "mu": 2.0})
     moved = [np.where(own, table * [move.get(n, 1.0) for n in problem.names], table) for move in moves]
@@ -215,7 +215,7 @@ class _FitMonitor:
         at_limit = [
             n
             for n, v, lo in zip(p.names, theta, p.lower_bounds, strict=True)
-            if lo == 0 and v < 1e-6 * known.typical_size(n, v)
+            if lo == 0 and v < 1e-6 * fit_parameters.typical_size(n, v)
         ]
         if at_limit:
             message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error is not meaningful"

@@ -32,8 +32,8 @@ class Discrepancy:
 
     def describe(self, size: float, error: float) -> str:
         """Return what a discrepancy of this size means; the words have the sign, the number has none."""
-        words = WORD_PAIR.sub(lambda found: found[1 if size >= 0 else 2], self.description)
-        return words.format(format_with_uncertainty(100 * abs(size), 100 * error))
+        template = WORD_PAIR.sub(lambda pair: pair[1 if size >= 0 else 2], self.description)
+        return template.format(format_with_uncertainty(100 * abs(size), 100 * error))
 
 
 def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
@@ -53,15 +53,15 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
                 )
         return d
 
-    found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y))
-    return tuple(Discrepancy(kind, tuple(parts), message, direction(parts)) for kind, message, parts in found)
+    discrepancies = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y))
+    return tuple(Discrepancy(kind, tuple(parts), message, direction(parts)) for kind, message, parts in discrepancies)
 
 
 def clamp_discrepancy(fit: JointFit, effect: Array) -> Discrepancy:
     """Return the discrepancy of a clamp that rotates, from the effect of its flexibility on the weighted residuals."""
     runs = [run.label for run, part in zip(fit.observations.runs, fit.run_slices, strict=True) if np.any(effect[part])]
-    words = "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>"
-    return Discrepancy("clamp", tuple(runs), words, effect)
+    description = "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>"
+    return Discrepancy("clamp", tuple(runs), description, effect)
 
 
 DiscrepancyParts = tuple[str, str, dict[str, Any]]

@@ -233,8 +233,8 @@ class _PaperIdentification:
             t = replace(self.tactor, k2=k2)
             C = load_compliance(t)
             dC = (load_compliance(replace(t, k2=k2 * 1.00001)) - load_compliance(replace(t, k2=k2 * 0.99999))) / 2e-5
-            found, df = resonance_frequencies(t, mass, damped, self.options.n)
-            r = np.concatenate((ws * (C * load - w), wf * (found - f)))
+            resonances, df = resonance_frequencies(t, mass, damped, self.options.n)
+            r = np.concatenate((ws * (C * load - w), wf * (resonances - f)))
             J = np.concatenate((ws * dC * load, wf * df * k2))
             step = float(np.clip(-(J @ r) / (J @ J), -1, 1))
             k2 *= np.exp(step)
@@ -298,8 +298,8 @@ class _PaperIdentification:
 
         def off(x: Array) -> Array:
             t = replace(self.tactor, m_add=float(np.exp(x[0])), c0=float(np.exp(x[1])))
-            found, high = parabola_vertex(f, amplitudes(t, f, volts, n=self.options.n))
-            return np.array([found / at_hz - 1, np.log(high / height)])
+            peak_hz, high = parabola_vertex(f, amplitudes(t, f, volts, n=self.options.n))
+            return np.array([peak_hz / at_hz - 1, np.log(high / height)])
 
         starts = [(self.tactor.m_add, self.tactor.c0)] if "c0" in self.steps else []
         masses = [self._mass_for(up * at_hz) for up in (1.03, 1.0, 1.06)] if not starts else [self.tactor.m_add]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from model import Array, ParameterError
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_result import JointFit, fit_cost
 from model.identification.joint_least_squares import CancelCheck, joint_fit
 
@@ -93,7 +93,7 @@ class _Profile:
         """Return where chi-square has risen to the limit, searched in steps from `reach`, with its sign; None if nowhere."""
         from scipy.optimize import brentq
 
-        inside, limit = self._value, known.parameter_spec(self._name, self._fit.observations)
+        inside, limit = self._value, fit_parameters.parameter_spec(self._name, self._fit.observations)
         for _ in range(12):
             v = self._value + reach
             if not bool(limit.is_valid(v)):

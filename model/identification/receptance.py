@@ -118,12 +118,12 @@ class ReceptanceSolver:
             if np.abs(step).max() < 1e-11 * first.min():
                 break
         g, g_omega, slopes = self._peak_condition(a, omega, tilt)
-        found = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
-        omega = np.where(found, omega, first)
+        converged = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
+        omega = np.where(converged, omega, first)
         level = square_slopes / (2 * first[:, None])
         flat = Factors(-(first**2)[:, None] * level, 0 * level, level)
-        down = -1 / np.where(found, g_omega, 1.0)[:, None]
-        return omega, Factors(*(np.where(found[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
+        down = -1 / np.where(converged, g_omega, 1.0)[:, None]
+        return omega, Factors(*(np.where(converged[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
 
     def peak_slope(self, a: Factors, omega: Array, tilt: Tilt | None = None) -> tuple[Array, Array, Array]:
         """Half the slope of |H|^2 over omega at omega (R,), which is 0 at a peak, its own slope over omega, and |H|^2."""

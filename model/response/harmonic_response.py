@@ -115,8 +115,8 @@ def driven_amplitudes(
     for number in np.unique(group):
         here = group == number
         V = fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, harmonic_orders(f[here]))
-        found = periodic_response(form, f[here], V)
-        whole[here], fundamental[here] = found.peak_to_peak, np.abs(found.fundamental)
+        response = periodic_response(form, f[here], V)
+        whole[here], fundamental[here] = response.peak_to_peak, np.abs(response.fundamental)
     return whole, fundamental
 
 

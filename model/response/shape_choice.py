@@ -37,17 +37,17 @@ class ShapeChoice:
 
     def describe(self) -> str:
         """Return number, error and accuracy as text."""
-        what = f"Hermite elements with {self.n} unknowns" if self.hermite else f"{self.n} shape functions"
+        basis = f"Hermite elements with {self.n} unknowns" if self.hermite else f"{self.n} shape functions"
         if not self.error < 1:
             return (
-                f"CAUTION: {what} do not follow the closed form with these parameters: the response is wrong; "
+                f"CAUTION: {basis} do not follow the closed form with these parameters: the response is wrong; "
                 "correct the value that is far from the paper's"
             )
         error = f"within {100 * self.error:.2g} % of the closed form from 1 to {self.highest_hz:g} Hz"
         if self.accurate:
-            return f"{what}: the response is {error}"
+            return f"{basis}: the response is {error}"
         return (
-            f"CAUTION: with {what} the response is only {error}, and {100 * self.accuracy:.2g} % is asked for; "
+            f"CAUTION: with {basis} the response is only {error}, and {100 * self.accuracy:.2g} % is asked for; "
             "choose more of them, or leave their number to the program"
         )
 

@@ -109,15 +109,17 @@ class Study:
     @property
     def axes(self) -> tuple[Axis, ...]:
         """The variables, then frequency."""
-        known = variable_specs()
-        named = (Axis(name, known[name].unit, tuple(values)) for name, values in self.vary.items())
+        specs = variable_specs()
+        named = (Axis(name, specs[name].unit, tuple(values)) for name, values in self.vary.items())
         return (*named, Axis("frequency", "Hz", self.frequency_hz))
 
     @property
     def title(self) -> str:
         """Definition of a study."""
-        what = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[self.measure]
-        return f"{what} of the centre over {', '.join(axis.name for axis in self.axes)}"
+        quantity = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[
+            self.measure
+        ]
+        return f"{quantity} of the centre over {', '.join(axis.name for axis in self.axes)}"
 
     @property
     def fixed(self) -> dict[str, float]:

@@ -28,15 +28,15 @@ class EstimateSet:
     """What the values may be, by name: the variables of the model unless further ones are known."""
 
     def __post_init__(self) -> None:
-        known = self.specs
+        specs = self.specs
         if len(self.names) != len(self.values):
             raise ParameterError(
                 f"estimates have {len(self.names)} names but {len(self.values)} values: give one value each"
             )
         for name, value in zip(self.names, self.values, strict=True):
-            if name not in known:
-                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
-            known[name].check(value)
+            if name not in specs:
+                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(specs)}")
+            specs[name].check(value)
         S = np.asarray(self.covariance, float)
         expected = (len(self.names), len(self.names))
         if S.shape != expected:

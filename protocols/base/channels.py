@@ -64,8 +64,8 @@ def _values_of_counts(channel: ChannelCalibration) -> Array:
 def _look_up(values: Array, raw: NDArray[np.int16]) -> Array:
     """Return the values of counts, same shape; in pieces, because numpy makes indices of eight bytes of the counts."""
     counts = np.ascontiguousarray(raw).view(np.uint16).ravel()
-    found = np.empty(counts.size)
+    looked_up = np.empty(counts.size)
     for start in range(0, counts.size, LOOK_UP_SCANS):
         piece = slice(start, start + LOOK_UP_SCANS)
-        np.take(values, counts[piece], out=found[piece], mode="clip")  # the default mode copies `out`
-    return found.reshape(raw.shape)
+        np.take(values, counts[piece], out=looked_up[piece], mode="clip")  # the default mode copies `out`
+    return looked_up.reshape(raw.shape)

@@ -24,9 +24,9 @@ class RunConditions:
     @property
     def air_text(self) -> str:
         """Temperature and humidity as text with their origin; empty without both."""
-        known = [
+        parts = [
             "" if self.temperature_c is None else f"{self.temperature_c:.1f} °C",
             "" if self.humidity is None else f"{100 * self.humidity:.0f} % relative humidity",
         ]
-        text = ", ".join(filter(None, known))
+        text = ", ".join(filter(None, parts))
         return f"{text} ({self.origin})" if text and self.origin else text

@@ -80,8 +80,8 @@ class Protocol(BaseModel, ABC):
         """Return the values under the present names of the parameters: files of earlier versions have others."""
         if not isinstance(values, dict):
             return values
-        known = cls.model_fields
-        present = [name if name in known else current_parameter(name, known) for name in values]
+        names = cls.model_fields
+        present = [name if name in names else current_parameter(name, names) for name in values]
         if doubled := [name for name in present if present.count(name) > 1]:
             raise ValueError(f"{doubled[0]} is given twice, once by its former name; give it once")
         return dict(zip(present, values.values(), strict=True))

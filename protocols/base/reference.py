@@ -54,12 +54,12 @@ class ReferenceModel:
             KeyError, TypeError, ValueError: the record is not a reference.
         """
         return cls(
-            Tactor(**_known(Tactor, record["tactor"])),
-            AmplifierMap(**_known(AmplifierMap, record["amplifier"])),
+            Tactor(**_recorded_parameters(Tactor, record["tactor"])),
+            AmplifierMap(**_recorded_parameters(AmplifierMap, record["amplifier"])),
             str(record["source"]),
             bool(record["calibrated"]),
         )
 
 
-def _known(kind: type[Any], record: Mapping[str, Any]) -> dict[str, float]:
+def _recorded_parameters(kind: type[Any], record: Mapping[str, Any]) -> dict[str, float]:
     return {each.name: float(record[each.name]) for each in fields(kind) if each.name in record}

@@ -57,12 +57,12 @@ def read_json_file(path: Path) -> dict[str, Any]:
         OSError: the file cannot be read.
         ValueError: it is not a regular file, too long, not UTF-8 text, or not an object of plain values.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise ValueError("it is not a regular file")
     with path.open("rb") as file:
         data = file.read(
-            min(found.st_size, MAX_JSON_BYTES) + 1
+            min(status.st_size, MAX_JSON_BYTES) + 1
         )  # a buffer of the largest size takes longer than the rest
     if len(data) > MAX_JSON_BYTES:
         raise ValueError(f"it is longer than {MAX_JSON_BYTES / 1e6:g} MB")

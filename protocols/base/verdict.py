@@ -226,15 +226,15 @@ def identification_checks(
     if not any(point_quality(point).usable for point in points):
         return ()  # reported by the usable points
     promised = protocol.promised_estimates(points)
-    found = {each.name for each in (protocol.estimates(points) if estimates is None else estimates)}
-    missing = [name for name in promised if name not in found]
+    identified = {each.name for each in (protocol.estimates(points) if estimates is None else estimates)}
+    missing = [name for name in promised if name not in identified]
     if not promised:
         return ()
-    name, found_count = f"estimates identified of {len(promised)}", len(promised) - len(missing)
+    name, identified_count = f"estimates identified of {len(promised)}", len(promised) - len(missing)
     remedy = "measure more points, or look at those that are not usable"
-    outcome = Outcome.DOUBTFUL if found_count else Outcome.NO_RESULT
+    outcome = Outcome.DOUBTFUL if identified_count else Outcome.NO_RESULT
     detail = f"missing: {', '.join(map(quantity_label, missing))}" if missing else ""
-    return (CheckResult(name, float(found_count), "1", float(len(promised)), None, remedy, outcome, detail),)
+    return (CheckResult(name, float(identified_count), "1", float(len(promised)), None, remedy, outcome, detail),)
 
 
 def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, ...]:
@@ -254,7 +254,7 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
         )
     else:
         first = CheckResult(f"no usable point of {planned}", 0.0, "", 1.0, None, remedy, Outcome.NO_RESULT, detail)
-    counts = ((sum(flag in each for each in flags), *words) for flag, words in QUESTIONABLE.items())
+    counts = ((sum(flag in each for each in flags), *texts) for flag, texts in QUESTIONABLE.items())
     return first, *(CheckResult(name, float(count), "1", None, 0.0, remedy) for count, name, remedy in counts if count)
 
 

@@ -30,9 +30,9 @@ CAUSES = {
 """The messages whose transients each check is of; a transient at the trigger, before Stop, belongs to the waveform."""
 
 
-def worst_deviation(check: OutputCheck, found: Sequence[tuple[float, str]], limit: float) -> CheckedOutput:
+def worst_deviation(check: OutputCheck, deviations: Sequence[tuple[float, str]], limit: float) -> CheckedOutput:
     """Return the check of the largest deviation."""
-    finite = [each for each in found if math.isfinite(each[0])]
+    finite = [each for each in deviations if math.isfinite(each[0])]
     value, detail = max(finite, key=lambda each: abs(each[0]), default=(math.nan, ""))
     return CheckedOutput(check, value, "V", -limit, limit, detail)
 
@@ -53,14 +53,14 @@ def check_waveforms(
     ratio = abs(uneven.gain / gain) if uneven is not None and uneven.misfit < FIT_LIMIT else math.nan
     yield CheckedOutput(OutputCheck.UNEVEN, ratio, "1", 1 - GAIN_LIMIT, 1 + GAIN_LIMIT, "in parts of the sine's")
     played = [e for e in (sine, uneven, larger) if e is not None]
-    found = [(e.residual, f"'{e.trace.name}'") for e in played]
-    found += [
+    deviations = [(e.residual, f"'{e.trace.name}'") for e in played]
+    deviations += [
         (t.away_v / e.peak_v, f"at the start of '{e.trace.name}'")
         for e in played
         for t in e.transients()
         if is_at_start(e, t)
     ]
-    value, detail = max(found, default=(math.nan, ""))
+    value, detail = max(deviations, default=(math.nan, ""))
     yield CheckedOutput(OutputCheck.SHAPE, value, "1", None, SHAPE_LIMIT, f"largest departure in peaks, {detail}")
 
 
@@ -75,11 +75,11 @@ def check_transients(
     causes_of: Mapping[OutputCheck, tuple[MessageKind, ...]] = CAUSES,
 ) -> Iterator[CheckedOutput]:
     """Yield the checks of transients, by their causes; of Stop also the level that it left."""
-    found: list[tuple[Transient, str]] = [
+    transients: list[tuple[Transient, str]] = [
         (t, e.trace.name) for e in everything for t in e.transients() if not is_at_start(e, t)
     ]
     for check, causes in causes_of.items():
-        caused = [(t, name) for t, name in found if t.cause in causes]
+        caused = [(t, name) for t, name in transients if t.cause in causes]
         worst = max(caused, key=lambda each: each[0].away_v, default=None)
         value = worst[0].away_v if worst else 0.0
         detail = f"{worst[0].volts:.2f} V at '{worst[0].text}' in '{worst[1]}'" if worst else ""

@@ -189,23 +189,23 @@ class Evaluation:
         ]
 
     def _departures(self, begin_s: float, end_s: float, levels: tuple[float, ...]) -> list[Transient]:
-        known = [level for level in levels if math.isfinite(level)]
+        finite = [level for level in levels if math.isfinite(level)]
         volts = self.trace.span(begin_s, end_s)
-        if not known or volts.size < 2:
+        if not finite or volts.size < 2:
             return []
-        away = np.maximum(volts - max(known), min(known) - volts)
+        away = np.maximum(volts - max(finite), min(finite) - volts)
         if len(levels) == 2 and begin_s == self.trace.start_s:  # idle levels: nothing between them is a level
-            away = np.min([np.abs(volts - level) for level in known], axis=0)
+            away = np.min([np.abs(volts - level) for level in finite], axis=0)
         limit_v = TRANSIENT_V * max(1.0, 0.5 * abs(self.gain)) if self.seen else TRANSIENT_V
         outside = np.flatnonzero(np.diff(np.concatenate([[0], (away > limit_v).astype(np.int8), [0]])))
-        found = []
+        departures = []
         for first, last in outside.reshape(-1, 2):
             if last - first < 2:
                 continue  # one sample of noise
             peak = first + int(np.argmax(away[first:last]))
             time_s = max(begin_s, self.trace.start_s) + first / self.trace.rate_hz
-            found.append(self._attributed(time_s, float(volts[peak]), float(away[peak])))
-        return found
+            departures.append(self._attributed(time_s, float(volts[peak]), float(away[peak])))
+        return departures
 
     def _attributed(self, time_s: float, volts: float, away_v: float) -> Transient:
         sent = [m for m in self.trace.messages if m.time_s <= time_s + CLOCK_MARGIN_S]

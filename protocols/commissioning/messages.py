@@ -105,8 +105,8 @@ class MessageLog:
 
     def command_times(self) -> tuple[CommandTime, ...]:
         """Return the reply times of each command, the slowest first."""
-        found = (
+        command_times = (
             CommandTime(command, len(times), float(np.median(times)), max(times))
             for command, times in self._reply_times.items()
         )
-        return tuple(sorted(found, key=lambda each: -each.longest_s))
+        return tuple(sorted(command_times, key=lambda each: -each.longest_s))

@@ -205,13 +205,13 @@ class Commissioning:
     def _burst(self, name: str, drive: Drive, **options: Any) -> Evaluation | None:
         """Play a burst, once more if it did not start; return its evaluation, None if it could not be recorded."""
         for _ in range(2):
-            found = self._record(name, drive, **options)
-            if found is None:
+            trace = self._record(name, drive, **options)
+            if trace is None:
                 return None
             self._plays_bursts = True
             self._started += 1
-            if found.seen:
-                return found
+            if trace.seen:
+                return trace
             self._lost += 1
         return None
 
@@ -262,14 +262,14 @@ class Commissioning:
             took_s[0] = self._clock.now() - begin_s
 
         try:
-            found = self._record(name, Hold(self._rest_v, HELD_S), instead=timed)
+            trace = self._record(name, Hold(self._rest_v, HELD_S), instead=timed)
         except ScansLostError as error:  # on a slow wire the upload takes longer than the card's buffer lasts
             if not isinstance(self._bench.stream, RestartableStream):
                 raise
             self._bench.stream.restart()
             self._errors.append(f"{name}: took {took_s[0]:.1f} s; the output meanwhile was not recorded: {error}")
             return None, took_s[0]
-        return found, math.nan if found is None else took_s[0]
+        return trace, math.nan if trace is None else took_s[0]
 
     def _cut_wire(self) -> None:
         with suppress(InstrumentError):
@@ -338,14 +338,14 @@ def commission_bench(
         BenchError: an instrument is absent, or rejects what it must do to be set up.
     """
     with bench.exercised(rate_hz, lambda _: None, switch) as exercised:
-        found = Commissioning(exercised, bench.clock, messages, progress, second_client, check_stop).run()
-    if not found.plays_bursts:
-        return found
+        result = Commissioning(exercised, bench.clock, messages, progress, second_client, check_stop).run()
+    if not result.plays_bursts:
+        return result
     progress(CARD_INPUTS_NAME, 1 - PLANNED_S[CARD_INPUTS_NAME] / sum(PLANNED_S.values()))
     order = scan_order(2 + len(bench.channels))
     try:
         with bench.exercised(SCAN_RATE_HZ, lambda _: None, switch, order) as scanned:
             inputs = exercise_inputs(scanned, bench.clock, order, bench.amplifier.map.rest_v, check_stop)
     except ScanOrderError:  # a converter for each input: no skew, and nothing that would have to settle
-        return found
-    return replace(found, checks=(*found.checks, *inputs.checks), traces=(*found.traces, *inputs.traces))
+        return result
+    return replace(result, checks=(*result.checks, *inputs.checks), traces=(*result.traces, *inputs.traces))

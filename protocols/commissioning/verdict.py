@@ -112,11 +112,11 @@ def checked_assumptions(
 ) -> tuple[CheckedAssumption, ...]:
     """Return the verdict on each assumption: the worst of the checks that measure it."""
     verdicts = {check.check: check.verdict for check in checks}
-    found = []
+    checked = []
     for each in assumptions:
         measured = [verdicts.get(check, OutputVerdict.NOT_MEASURED) for check in each.checks]
-        found.append(CheckedAssumption(each, max(measured, key=SEVERITY.index, default=OutputVerdict.HIDDEN)))
-    return tuple(found)
+        checked.append(CheckedAssumption(each, max(measured, key=SEVERITY.index, default=OutputVerdict.HIDDEN)))
+    return tuple(checked)
 
 
 def worst_verdict(checks: Iterable[CheckedOutput]) -> OutputVerdict:

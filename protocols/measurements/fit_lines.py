@@ -29,9 +29,9 @@ def weighted_fit(columns: Sequence[Array], y: Array, weight: Array) -> tuple[Arr
     """
     basis = np.stack(columns, axis=1) * weight[:, None]
     inverse = np.asarray(np.linalg.inv(basis.T @ basis), float)
-    found = inverse @ basis.T @ (y * weight)
-    left = y * weight - basis @ found
-    return found, inverse * max(float(left @ left) / (y.size - len(columns)), 1.0)
+    coefficients = inverse @ basis.T @ (y * weight)
+    left = y * weight - basis @ coefficients
+    return coefficients, inverse * max(float(left @ left) / (y.size - len(columns)), 1.0)
 
 
 def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tuple[Series, ...]:

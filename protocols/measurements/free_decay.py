@@ -165,14 +165,14 @@ class FreeDecay(Protocol):
         usable = [p for p in points if Quality(p.quality).usable]
         if len(usable) < 2:
             return ()
-        found: list[tuple[float, float]] = []
+        modes: list[tuple[float, float]] = []
         for column in ("natural_frequency", "damping"):
             values = np.array([getattr(p, column) for p in usable])
             weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
             mean = float((weight * values).sum() / weight.sum())
             spread = float(values.std(ddof=1)) / math.sqrt(len(values))
-            found.append((mean, max(float(weight.sum() ** -0.5), spread)))
-        return modal_estimates(*found[0], *found[1], SOURCE)
+            modes.append((mean, max(float(weight.sum() ** -0.5), spread)))
+        return modal_estimates(*modes[0], *modes[1], SOURCE)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)

@@ -219,17 +219,17 @@ class Hysteresis(Protocol):
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         """The loop's width over frequency: hysteresis where it meets zero, damping and delay in its slope."""
         used = line_indices(points, *cls.axes)
-        if (found := _width_over_frequency([points[i] for i in used])) is None:
+        if (fit := _width_over_frequency([points[i] for i in used])) is None:
             return ()
         ends = np.array([0.0, max(points[i].frequency for i in used)])
-        line = found[0][0] + found[0][1] * ends
+        line = fit[0][0] + fit[0][1] * ends
         label = "hysteresis + loop width per frequency"
         return (Series(ends, line, role=Role.FIT, label=label, fitted_rows=used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        if (found := _width_over_frequency(points)) is None:
+        if (fit := _width_over_frequency(points)) is None:
             return ()
-        line, errors = found
+        line, errors = fit
         return (
             EstimatedQuantity.listed("loop_hysteresis", float(line[0]), float(errors[0]), SOURCE),
             EstimatedQuantity.listed("loop_width_per_frequency", float(line[1]), float(errors[1]), SOURCE),

@@ -107,12 +107,12 @@ class LatencyPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        what = f"sine of {self.frequency:g} Hz" if self.frequency else f"step to {self.level:g} V"
+        drive = f"sine of {self.frequency:g} Hz" if self.frequency else f"step to {self.level:g} V"
         felt = f"threshold after {_milliseconds(self.latency, self.latency_errors)}"
         if not math.isfinite(self.latency):
             felt = "below the threshold"
         return (
-            f"{what}, repeat {self.repeat:g}: {felt}, rise {_milliseconds(self.rise, self.rise_errors)}, overshoot "
+            f"{drive}, repeat {self.repeat:g}: {felt}, rise {_milliseconds(self.rise, self.rise_errors)}, overshoot "
             f"{100 * self.overshoot:.1f} %, settled after {1e3 * self.settling:.3g} ms"
         )
 
@@ -249,10 +249,12 @@ class OnsetLatency(Protocol):
         groups: dict[tuple[float, float], list[Any]] = {}
         for point in usable_points(list(points)):
             groups.setdefault((point.frequency, point.level), []).append(point)
-        return tuple(found for (f, level), group in groups.items() for found in self._estimates_of(f, level, group))
+        return tuple(
+            estimate for (f, level), group in groups.items() for estimate in self._estimates_of(f, level, group)
+        )
 
     def _estimates_of(self, frequency_hz: float, level_v: float, group: Sequence[Any]) -> Iterator[EstimatedQuantity]:
-        what = _onset_name(frequency_hz, level_v)
+        onset = _onset_name(frequency_hz, level_v)
         for column, name in (
             ("latency", self._felt_name),
             ("rise", "rise_time"),
@@ -260,8 +262,8 @@ class OnsetLatency(Protocol):
             ("settling", "settling_time"),
             ("threshold_speed", f"threshold_speed, {1e6 * self.threshold_m:g} µm"),
         ):
-            if (found := _mean_with_error(group, column)) is not None:
-                yield EstimatedQuantity.listed(f"{name}, {what}", *found, SOURCE)
+            if (mean := _mean_with_error(group, column)) is not None:
+                yield EstimatedQuantity.listed(f"{name}, {onset}", *mean, SOURCE)
 
     @property
     def _felt_name(self) -> str:
@@ -320,13 +322,13 @@ class _Onset:
 
     def first(self, level: float) -> Crossing:
         """Return the first crossing of a level, with the remaining effect of the edge."""
-        found = first_crossing(self.time_s, self.moved, level, self.noise)
-        if self.averaged is None or not math.isfinite(found.time_s):
-            return found
+        crossing = first_crossing(self.time_s, self.moved, level, self.noise)
+        if self.averaged is None or not math.isfinite(crossing.time_s):
+            return crossing
         again = first_crossing(self.time_s, self.averaged, level, self.noise)
-        left = again.time_s - found.time_s if math.isfinite(again.time_s) else self.edge_spread_s
-        error = math.hypot(found.standard_error, left, EDGE_FLOOR * self.edge_spread_s)
-        return Crossing(found.time_s, error, found.slope_per_s)
+        left = again.time_s - crossing.time_s if math.isfinite(again.time_s) else self.edge_spread_s
+        error = math.hypot(crossing.standard_error, left, EDGE_FLOOR * self.edge_spread_s)
+        return Crossing(crossing.time_s, error, crossing.slope_per_s)
 
 
 def _rest(recording: Recording, begin: int) -> tuple[float, float, float]:
@@ -421,9 +423,9 @@ def _sine_onset(recording: Recording) -> _Onset:
 def _mean_with_error(group: Sequence[Any], column: str) -> tuple[float, float] | None:
     """Return the mean of the finite values and its uncertainty: their own, common to all, and the scatter of the mean."""
     pairs = [(getattr(p, column), getattr(p, f"{column}_errors", 0.0)) for p in group]
-    known = np.array([(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)])
-    if not known.size:
+    finite = np.array([(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)])
+    if not finite.size:
         return None
-    values, errors = known.T
+    values, errors = finite.T
     scatter = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size > 1 else 0.0
     return float(values.mean()), math.hypot(scatter, float(np.median(errors)))

@@ -27,22 +27,22 @@ def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]
     """Return all quantities identified from the usable points; those without enough points are left out."""
     by_side = {side: [p for p in points if p.side == side] for side in SIDE_LABELS}
     lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
-    found = [
+    estimates = [
         EstimatedQuantity.listed(f"compliance, {SIDE_LABELS[side]}", *line, SOURCE) for side, line in lines.items()
     ]
     if len(lines) == len(SIDE_LABELS):
         (one, one_error), (other, other_error) = lines.values()
         error = math.hypot(one_error, other_error)
         mean = (one + other) / 2
-        found += [
+        estimates += [
             EstimatedQuantity.listed("compliance, mean of both sides", mean, error / 2, SOURCE),
             EstimatedQuantity.listed("side_difference", (one - other) / mean, error / abs(mean), SOURCE),
         ]
     for side, group in by_side.items():
         if (bend := nonlinearity(group)) is not None:
             source = f"static loading, against a line, at {max(p.load for p in group):.3g} N"
-            found.append(EstimatedQuantity.listed(f"nonlinearity, {SIDE_LABELS[side]}", *bend, source))
-    return tuple(found)
+            estimates.append(EstimatedQuantity.listed(f"nonlinearity, {SIDE_LABELS[side]}", *bend, source))
+    return tuple(estimates)
 
 
 def compliance(points: Sequence[Any]) -> ValueWithError | None:

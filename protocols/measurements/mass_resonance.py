@@ -262,13 +262,13 @@ class MassResonance(Protocol):
         ):  # single frequencies have none, nor has a spectrum without a peak of its own, beside a response that has one
             if self.method != SWEEP:
                 raise ValueError("single frequencies make no spectrum")
-            found = joined_spectrum_peak(
+            peak = joined_spectrum_peak(
                 [recording.displacement_m for recording in recordings],
                 recordings[0].rate_hz,
                 self._shares_hz(recordings),
                 (self.low_hz, self.high_hz),
             )
-            spectrum = found.frequency_hz, found.standard_error_hz
+            spectrum = peak.frequency_hz, peak.standard_error_hz
         drive_off = any(
             abs(0.5 * float(np.ptp(recording.drive_v)) - 0.5 * self.peak_to_peak_v)
             > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
@@ -377,7 +377,7 @@ class MassResonance(Protocol):
 
         if self.method != SWEEP:
             return dwelt_response(recordings)
-        found = []
+        parts = []
         for recording, (low, high) in zip(recordings, self._shares_hz(recordings), strict=True):
             drive = recording.drive
             if not isinstance(drive, LinearSweep):
@@ -391,8 +391,8 @@ class MassResonance(Protocol):
                 recording.sensor_delay_s,
                 recording.interference,
             )
-            found.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
-        return concatenate_responses(found)
+            parts.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
+        return concatenate_responses(parts)
 
 
 def _resolution_hz(piece_s: float) -> float:

@@ -176,18 +176,18 @@ class MembraneSag(Protocol):
         mean_m, error_m = self.mean_sag(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
         if not mean_m > 0:
             return ()
-        found = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
+        estimates = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
         with contextlib.suppress(ParameterError):  # where no modulus explains this sag, the sag itself is reported
-            found.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
+            estimates.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
             linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
-            found.append(
+            estimates.append(
                 EstimatedQuantity.listed("linear_young_modulus", linear, linear * error_m / mean_m, LINEAR_SOURCE)
             )
-        return tuple(found)
+        return tuple(estimates)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)
-        found = {estimate.name: estimate.value for estimate in self.estimates(points)}
+        values = {estimate.name: estimate.value for estimate in self.estimates(points)}
         checks = list(
             repeatability_check(
                 "sag", [[p.sag for p in good]], "clamp the membrane the same way each time, without stretch"
@@ -206,7 +206,7 @@ class MembraneSag(Protocol):
             )
             name = "membrane against the reference / its standard error, least"
             checks.append(CheckResult(name, min(apart), "1", SAME_SURFACE_SIGMAS, None, remedy))
-        if modulus := found.get("E_m"):
+        if modulus := values.get("E_m"):
             remedy = "make sure that the membrane is under the sensor, and check reference_m, length_m and thickness_m"
             checks.append(CheckResult("Young modulus", modulus, "Pa", *RUBBER_MODULI_PA, remedy))
         return tuple(checks)

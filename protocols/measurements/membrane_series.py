@@ -91,7 +91,7 @@ class MembraneSeries(SineDwell):
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
         free, stretched = _free_and_stretched(points)
-        found = [
+        estimates = [
             EstimatedQuantity.listed(
                 f"largest_twice_fundamental, {elongation_label(elongation)}",
                 2 * top.fundamental,
@@ -103,8 +103,8 @@ class MembraneSeries(SineDwell):
         if len(free) == 2:
             change, error = _relative_change(free[0], free[1])
             source = "free tactor after against before, mean over frequencies"
-            found.append(EstimatedQuantity.listed("free_response_drift", change, error, source))
-        return tuple(found)
+            estimates.append(EstimatedQuantity.listed("free_response_drift", change, error, source))
+        return tuple(estimates)
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """Return the influence of the way the membrane was stretched, and the drift, from complete passes."""
@@ -149,9 +149,9 @@ class MembraneSeries(SineDwell):
             return ()
         checks = []
         against = [(elongation, *_relative_change(free[0], group)) for elongation, group in stretched]
-        known = [(elongation, change, error) for elongation, change, error in against if math.isfinite(error)]
-        if known:
-            elongation, change, error = max(known, key=lambda each: each[1])
+        finite = [(elongation, change, error) for elongation, change, error in against if math.isfinite(error)]
+        if finite:
+            elongation, change, error = max(finite, key=lambda each: each[1])
             limit = -max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT)
             name, detail = (
                 "response with membrane against the free tactor, largest change",

@@ -61,11 +61,11 @@ def drive_ratio_check(seen_v: Sequence[float], commanded_v: float) -> tuple[Chec
 
 def coherence_check(coherences: Sequence[float]) -> tuple[CheckResult, ...]:
     """Return the check of the lowest coherence; none without coherences."""
-    known = [coherence for coherence in coherences if math.isfinite(coherence)]
-    if not known:
+    finite = [coherence for coherence in coherences if math.isfinite(coherence)]
+    if not finite:
         return ()
     remedy = "check for vibration, a loose clamp or a clipped sensor signal; average more periods"
-    return (CheckResult("coherence at the resonance, lowest", min(known), "1", COHERENCE_LIMIT, None, remedy),)
+    return (CheckResult("coherence at the resonance, lowest", min(finite), "1", COHERENCE_LIMIT, None, remedy),)
 
 
 def repeatability_check(name: str, groups: Sequence[Sequence[float]], remedy: str) -> tuple[CheckResult, ...]:

@@ -400,9 +400,9 @@ class SineDwell(Protocol):
             return ()
         if response.index(max(response)) in (0, len(response) - 1) or not all(math.isfinite(p.phase) for p in good):
             return ()
-        found = float(len(fit_resonance(good)) > 0)
+        count = float(len(fit_resonance(good)) > 0)
         remedy = "look at the points around the peak; measure more of them there"
-        return (CheckResult("modes fitted to the peak", found, "1", 1.0, None, remedy),)
+        return (CheckResult("modes fitted to the peak", count, "1", 1.0, None, remedy),)
 
     def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
         return self._membrane_absent(usable_points(points), reference)

@@ -223,10 +223,10 @@ class StaticLoading(Protocol):
         lines = []
         for side, name in SIDE_LABELS.items():
             used = tuple(i for i in line_indices(points, *cls.axes) if points[i].side == side)
-            if (found := compliance([points[i] for i in used])) is not None:
+            if (line := compliance([points[i] for i in used])) is not None:
                 ends = np.array([0.0, max(points[i].load for i in used)])
                 label = f"compliance, {name}"
-                lines.append(Series(ends, found[0] * ends, role=Role.FIT, label=label, fitted_rows=used))
+                lines.append(Series(ends, line[0] * ends, role=Role.FIT, label=label, fitted_rows=used))
         return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -240,10 +240,10 @@ class Sweep(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
         response = self._response(recordings)
         check_response_present(response)
-        asked_v = 0.5 * self.peak_to_peak_v
+        commanded_v = 0.5 * self.peak_to_peak_v
         amplitudes = [0.5 * float(np.ptp(recording.drive_v)) for recording in self._last(recordings)]
-        amplitude_v = max(amplitudes, key=lambda volts: abs(volts - asked_v))
-        drive_off = abs(amplitude_v - asked_v) > DRIVE_TOLERANCE * asked_v
+        amplitude_v = max(amplitudes, key=lambda volts: abs(volts - commanded_v))
+        drive_off = abs(amplitude_v - commanded_v) > DRIVE_TOLERANCE * commanded_v
         quality = point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off})
         return sweep_point(float(key[0]), response, amplitude_v, quality)
 

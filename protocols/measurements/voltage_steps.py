@@ -255,19 +255,19 @@ class VoltageSteps(Protocol):
         lines = []
         for sign, name in ((-1.0, "below"), (1.0, "above")):
             used = tuple(i for i in line_indices(points, *cls.axes) if sign * points[i].drive_step > LEVEL_TOLERANCE_V)
-            if (found := deflection_per_volt([points[i] for i in used])) is not None:
+            if (line := deflection_per_volt([points[i] for i in used])) is not None:
                 rest_v = float(np.mean([points[i].level - points[i].drive_step for i in used]))
                 farthest_v = max((points[i].level for i in used), key=lambda level: sign * level)
                 x = np.array(sorted((rest_v, farthest_v)))
                 label = f"deflection per volt {name} rest"
-                lines.append(Series(x, found[0] * (x - rest_v), role=Role.FIT, label=label, fitted_rows=used))
+                lines.append(Series(x, line[0] * (x - rest_v), role=Role.FIT, label=label, fitted_rows=used))
         return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [point for point in points if Quality(point.quality).usable]
         above = [p for p in good if p.drive_step > LEVEL_TOLERANCE_V]
         below = [p for p in good if p.drive_step < -LEVEL_TOLERANCE_V]
-        found = [
+        estimates = [
             EstimatedQuantity.listed(name, *value, SOURCE)
             for name, value in (
                 ("static_gain_above_rest", deflection_per_volt(above)),
@@ -280,8 +280,8 @@ class VoltageSteps(Protocol):
         ]
         if len(good) > 1:
             error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
-            found.append(EstimatedQuantity.listed("zero_drift", good[-1].zero - good[0].zero, error, SOURCE))
-        return tuple(found)
+            estimates.append(EstimatedQuantity.listed("zero_drift", good[-1].zero - good[0].zero, error, SOURCE))
+        return tuple(estimates)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)

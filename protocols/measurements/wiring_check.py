@@ -164,29 +164,29 @@ class WiringCheck(Protocol):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        found = _CheckMeasurements.from_points(list(points))
-        if found is None:
+        measured = _CheckMeasurements.from_points(list(points))
+        if measured is None:
             return ()
         return (
-            EstimatedQuantity.listed("static_gain_above_rest", *found.above, SOURCE),
-            EstimatedQuantity.listed("static_gain_below_rest", *found.below, SOURCE),
-            EstimatedQuantity.listed("bench_latency", found.sine.latency, found.sine.latency_errors, SOURCE),
-            EstimatedQuantity.listed("noise_floor", found.rest.noise, 0.0, SOURCE),
+            EstimatedQuantity.listed("static_gain_above_rest", *measured.above, SOURCE),
+            EstimatedQuantity.listed("static_gain_below_rest", *measured.below, SOURCE),
+            EstimatedQuantity.listed("bench_latency", measured.sine.latency, measured.sine.latency_errors, SOURCE),
+            EstimatedQuantity.listed("noise_floor", measured.rest.noise, 0.0, SOURCE),
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         """The table; without all recordings only how many there are."""
-        found = _CheckMeasurements.from_points(points)
-        if found is None:
+        measured = _CheckMeasurements.from_points(points)
+        if measured is None:
             remedy = "look at the recordings without a point, and check again"
             return (_limit("recordings with a point", float(len(points)), "1", RECORDINGS, None, remedy),)
-        rest, sine = found.rest, found.sine
+        rest, sine = measured.rest, measured.sine
         cable = "check the cable from the generator to the amplifier and to the card's drive channel"
         optics = "check the sensor's distance and wiring, that its output is not stuck, [sensor] in the bench file, and that high voltage is on"
         worst = max(points, key=lambda p: abs(p.drive - p.commanded))
         flagged = sum(bool(Quality(p.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)) for p in points)
-        gains = [abs(found.above[0]), abs(found.below[0])]
-        agreed = found.above[0] * found.below[0] > 0 and self.polarity * found.above[0] >= 0
+        gains = [abs(measured.above[0]), abs(measured.below[0])]
+        agreed = measured.above[0] * measured.below[0] > 0 and self.polarity * measured.above[0] >= 0
         moves = min(gains) >= self.gain_low_m_per_v  # where nothing moves there is no polarity, ratio or latency
         limit = self.drive_limit_v
         return (

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from protocols.runfile.foreign_file_check import READ_ERRORS, Found, as_text, walk
+from protocols.runfile.foreign_file_check import READ_ERRORS, FileItem, as_text, walk
 
 CHECKSUMS = "entry/checksums"
 """Text dataset with the digests: JSON, path -> digest."""
@@ -34,15 +34,15 @@ def stored_digests(file: h5py.File) -> dict[str, str] | None:
     """
     if CHECKSUMS not in file:
         return None
-    found = json.loads(bytes(file[CHECKSUMS][()]))
-    if not isinstance(found, dict):
+    digests = json.loads(bytes(file[CHECKSUMS][()]))
+    if not isinstance(digests, dict):
         raise ValueError(f"{CHECKSUMS} holds no digests")
-    return found
+    return digests
 
 
 def compute_digests(file: h5py.File) -> dict[str, str]:
     """Return the digest of every object but the checksums."""
-    return {found.name: compute_digest(found) for found in walk(file) if found.name != CHECKSUMS}
+    return {item.name: compute_digest(item) for item in walk(file) if item.name != CHECKSUMS}
 
 
 def changed_names(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
@@ -65,25 +65,25 @@ def pieces(data: h5py.h5d.DatasetID, chunk: int) -> Iterator[tuple[int, int]]:
         yield start, min(start + step, rows)
 
 
-def compute_digest(found: Found) -> str:
+def compute_digest(item: FileItem) -> str:
     """Return the digest of an object: kind, shape, type, attributes, and what HDF5 does not check; of a link, its target.
 
     The data of a dataset with Fletcher-32 checksums is left out. A damaged object has an empty digest.
     """
-    if found.problem is not None:
+    if item.problem is not None:
         return ""
-    if found.link == h5py.h5l.TYPE_EXTERNAL:
-        return _digest("external link", *map(as_text, found.target))
-    if found.id is None:
-        return _digest("link", as_text(found.target))
+    if item.link == h5py.h5l.TYPE_EXTERNAL:
+        return _digest("external link", *map(as_text, item.target))
+    if item.id is None:
+        return _digest("link", as_text(item.target))
     try:
-        if isinstance(found.id, h5py.h5g.GroupID):
-            place = f"{found.name}/".lstrip("/")
-            names = (name for name in map(as_text, found.names) if place + name != CHECKSUMS)
-            return _digest("Group" if found.path else "File", *_attribute_parts(found.id), *names)
-        if isinstance(found.id, h5py.h5d.DatasetID):
-            return _digest("Dataset", *_attribute_parts(found.id), *_dataset_parts(found.id))
-        return _digest("Datatype", *_attribute_parts(found.id))
+        if isinstance(item.id, h5py.h5g.GroupID):
+            place = f"{item.name}/".lstrip("/")
+            names = (name for name in map(as_text, item.names) if place + name != CHECKSUMS)
+            return _digest("Group" if item.path else "File", *_attribute_parts(item.id), *names)
+        if isinstance(item.id, h5py.h5d.DatasetID):
+            return _digest("Dataset", *_attribute_parts(item.id), *_dataset_parts(item.id))
+        return _digest("Datatype", *_attribute_parts(item.id))
     except READ_ERRORS:
         return ""
 
@@ -97,13 +97,13 @@ def _digest(*parts: Any) -> str:
     return digest.hexdigest()
 
 
-def _attribute_parts(found: Any) -> Iterator[Any]:
-    if not h5py.h5a.get_num_attrs(found):
+def _attribute_parts(item: Any) -> Iterator[Any]:
+    if not h5py.h5a.get_num_attrs(item):
         return
     names: list[bytes] = []
-    h5py.h5a.iterate(found, names.append)
+    h5py.h5a.iterate(item, names.append)
     for name in sorted(names):
-        attribute = h5py.h5a.open(found, name)
+        attribute = h5py.h5a.open(item, name)
         kind, memory = _types(attribute.get_type())
         value = np.empty(attribute.get_space().get_simple_extent_dims(), kind)
         attribute.read(value, memory)

@@ -63,23 +63,23 @@ def subgroup(group: "h5py.Group", name: str) -> "h5py.Group":
     """Return a group in a group."""
     import h5py
 
-    found = group[name]
-    if not isinstance(found, h5py.Group):
-        raise ValueError(f"{found.name} is not a group")
-    return found
+    item = group[name]
+    if not isinstance(item, h5py.Group):
+        raise ValueError(f"{item.name} is not a group")
+    return item
 
 
 def quantity_columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
     """Return the columns of a table: its datasets with units. Anything else in the group is ignored."""
     import h5py
 
-    found = {}
+    columns = {}
     for name, data in group.items():
         if isinstance(data, h5py.Dataset) and "units" in data.attrs:
             if data.dtype.kind not in "iuf" or data.ndim not in (1, 2):
                 raise ValueError(f"{data.name} is not a column of numbers")
-            found[visible_text(name)] = data
-    return found
+            columns[visible_text(name)] = data
+    return columns
 
 
 def attribute_texts(of: "h5py.Group | h5py.Dataset", name: str) -> list[str]:

@@ -40,7 +40,7 @@ class StructureError(Exception):
     """A file has a structure that no file of this program has; the message names the place."""
 
 
-class Found(NamedTuple):
+class FileItem(NamedTuple):
     """An object or a link of a file."""
 
     path: bytes
@@ -68,7 +68,7 @@ READ_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 """What h5py raises for a damaged object."""
 
 
-def walk(file: "h5py.File") -> Iterator[Found]:
+def walk(file: "h5py.File") -> Iterator[FileItem]:
     """Yield everything in a file, the root first. Objects are opened one by one, so that a caller can end the walk."""
     from h5py import h5g, h5l, h5o
 
@@ -87,10 +87,10 @@ def walk(file: "h5py.File") -> Iterator[Found]:
             elif kind in (h5l.TYPE_SOFT, h5l.TYPE_EXTERNAL):
                 target = group.links.get_val(name)
             if isinstance(opened, h5g.GroupID):
-                opened.links.iterate(lambda inside, info, found=kinds: found.update({inside: info.type}), info=True)
+                opened.links.iterate(lambda inside, info, kinds=kinds: kinds.update({inside: info.type}), info=True)
         except READ_ERRORS as error:
             problem = error
-        yield Found(path, depth, opened, kind, target, tuple(kinds), problem)
+        yield FileItem(path, depth, opened, kind, target, tuple(kinds), problem)
         before = path + b"/" if path else b""
         pending.extend((before + each, depth + 1, opened, each, kinds[each]) for each in kinds)
 
@@ -110,20 +110,20 @@ def check_structure(file: "h5py.File") -> None:
     from h5py import h5d, h5g, h5l
 
     declared = compressed = objects = 0
-    for found in walk(file):
-        if found.problem is not None:
-            raise found.problem
-        if found.link != h5l.TYPE_HARD:
-            _check_link(found, h5l.TYPE_EXTERNAL)
-        elif isinstance(found.id, h5d.DatasetID):
-            size, is_compressed = _checked_size(found, h5d.CHUNKED, h5d.VIRTUAL)
+    for item in walk(file):
+        if item.problem is not None:
+            raise item.problem
+        if item.link != h5l.TYPE_HARD:
+            _check_link(item, h5l.TYPE_EXTERNAL)
+        elif isinstance(item.id, h5d.DatasetID):
+            size, is_compressed = _checked_size(item, h5d.CHUNKED, h5d.VIRTUAL)
             declared += 0 if is_compressed else size
             compressed += size if is_compressed else 0
-        elif isinstance(found.id, h5g.GroupID):
-            objects += len(found.names)
+        elif isinstance(item.id, h5g.GroupID):
+            objects += len(item.names)
             if objects > MAX_OBJECTS:
                 raise StructureError(f"there are more than {MAX_OBJECTS} objects in it")
-            if found.depth > MAX_DEPTH:
+            if item.depth > MAX_DEPTH:
                 raise StructureError(f"its groups are nested more than {MAX_DEPTH} deep")
     # The size is read last: a file that is being written grows meanwhile.
     size = Path(file.filename).stat().st_size
@@ -153,42 +153,42 @@ def is_run_beside(name: str) -> bool:
     return not any(kind(name).is_absolute() or kind(name).anchor for kind in (PurePosixPath, PureWindowsPath))
 
 
-def _check_link(found: Found, external: int) -> None:
-    beside = found.link == external and found.path == CONTINUED_RUN_LINK and is_run_beside(_text(found.target[0]))
+def _check_link(item: FileItem, external: int) -> None:
+    beside = item.link == external and item.path == CONTINUED_RUN_LINK and is_run_beside(_text(item.target[0]))
     if not beside:
-        raise StructureError(f"{_text(found.path)} is {_describe_link(found.link, found.target)}")
+        raise StructureError(f"{_text(item.path)} is {_describe_link(item.link, item.target)}")
 
 
-def _checked_size(found: Found, chunked: int, virtual: int) -> tuple[int, bool]:
+def _checked_size(item: FileItem, chunked: int, virtual: int) -> tuple[int, bool]:
     """Return the bytes that a dataset declares, and whether they are compressed."""
-    kind = found.id.get_type()
-    width, elements = kind.get_size(), found.id.get_space().get_simple_extent_npoints()
+    kind = item.id.get_type()
+    width, elements = kind.get_size(), item.id.get_space().get_simple_extent_npoints()
     if elements > 1 and _is_variable(kind):
-        raise StructureError(f"{_text(found.path)} is an array of texts of any length")
-    if found.id.get_offset() is not None:  # in one piece in this file, without filters
+        raise StructureError(f"{_text(item.path)} is an array of texts of any length")
+    if item.id.get_offset() is not None:  # in one piece in this file, without filters
         return elements * width, False
-    created = found.id.get_create_plist()
+    created = item.id.get_create_plist()
     layout = created.get_layout()
     if layout == virtual:
-        raise StructureError(f"{_text(found.path)} is a virtual dataset, whose data is in other files")
+        raise StructureError(f"{_text(item.path)} is a virtual dataset, whose data is in other files")
     if created.get_external_count():
         name = _text(created.get_external(0)[0])
-        raise StructureError(f"{_text(found.path)} has its data in another file, '{name}'")
+        raise StructureError(f"{_text(item.path)} has its data in another file, '{name}'")
     filters = {created.get_filter(i)[0] for i in range(created.get_nfilters())}
     if unknown := filters - PLAIN_FILTERS - {DEFLATE}:
         raise StructureError(
-            f"{_text(found.path)} is stored with a filter that this program does not use (number {min(unknown)})"
+            f"{_text(item.path)} is stored with a filter that this program does not use (number {min(unknown)})"
         )
     if layout == chunked and (size := math.prod(created.get_chunk()) * width) > MAX_CHUNK_BYTES:
-        raise StructureError(f"{_text(found.path)} has chunks of {size / 1e6:.4g} MB")
+        raise StructureError(f"{_text(item.path)} has chunks of {size / 1e6:.4g} MB")
     return elements * width, DEFLATE in filters
 
 
 def _is_variable(kind: Any) -> bool:
     from h5py import h5t
 
-    found = kind.get_class()
-    return found == h5t.VLEN or (found == h5t.STRING and bool(kind.is_variable_str()))
+    item = kind.get_class()
+    return item == h5t.VLEN or (item == h5t.STRING and bool(kind.is_variable_str()))
 
 
 def _describe_link(kind: int, target: Any) -> str:

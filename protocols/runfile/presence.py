@@ -23,8 +23,8 @@ class FilePresence:
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
         self._descriptor = os.dup(descriptor) if os.name == "posix" else None
-        found = path.stat()
-        self._identity, self._size = (found.st_dev, found.st_ino), found.st_size
+        status = path.stat()
+        self._identity, self._size = (status.st_dev, status.st_ino), status.st_size
         self.problem = ""
         """What happened to the file; empty while it is where it was created."""
         self.moved_to: Path | None = None
@@ -39,24 +39,24 @@ class FilePresence:
         """
         if self.problem:
             raise FileLostError(f"the run file {self._path} {self.problem}")
-        found: os.stat_result | None = None
+        status: os.stat_result | None = None
         with contextlib.suppress(OSError):
-            found = self._path.stat()
-        if found is None or (found.st_dev, found.st_ino) != self._identity:
-            self.problem = self._what_happened(replaced=found is not None)
-        elif found.st_size < self._size:
+            status = self._path.stat()
+        if status is None or (status.st_dev, status.st_ino) != self._identity:
+            self.problem = self._describe_loss(replaced=status is not None)
+        elif status.st_size < self._size:
             self.is_cut = True
-            self.problem = f"was cut from {self._size} to {found.st_size} bytes while it was being written; the samples in it are lost"
+            self.problem = f"was cut from {self._size} to {status.st_size} bytes while it was being written; the samples in it are lost"
         else:
-            self._size = found.st_size
+            self._size = status.st_size
             return
         raise FileLostError(f"the run file {self._path} {self.problem}")
 
     def note_size(self) -> None:
         """Take the present size as the least size of the file from now on."""
         with contextlib.suppress(OSError):
-            found = os.fstat(self._descriptor) if self._descriptor is not None else self._path.stat()
-            self._size = max(self._size, found.st_size)
+            status = os.fstat(self._descriptor) if self._descriptor is not None else self._path.stat()
+            self._size = max(self._size, status.st_size)
 
     def restore(self, path: Path) -> None:
         """Copy the deleted or detached file to `path`, which does not exist.
@@ -81,14 +81,14 @@ class FilePresence:
             os.close(self._descriptor)
             self._descriptor = None
 
-    def _what_happened(self, replaced: bool) -> str:
+    def _describe_loss(self, replaced: bool) -> str:
         if self._descriptor is not None:
-            found = os.fstat(self._descriptor)
-            if not stat.S_ISREG(found.st_mode) or found.st_nlink == 0:
+            status = os.fstat(self._descriptor)
+            if not stat.S_ISREG(status.st_mode) or status.st_nlink == 0:
                 return f"was {'replaced by another file' if replaced else 'deleted'} while it was being written"
             with contextlib.suppress(OSError):
                 candidate = Path(f"/proc/self/fd/{self._descriptor}").readlink()
-                if os.path.samestat(candidate.stat(), found):
+                if os.path.samestat(candidate.stat(), status):
                     self.moved_to = candidate
                     return f"was moved to {candidate} while it was being written"
         return "can no longer be reached: it, its folder or its disk was moved or removed while it was being written"

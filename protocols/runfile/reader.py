@@ -131,17 +131,17 @@ class Run(Closeable):
 
     def earlier_runs(self) -> list[Path]:
         """Return the runs that this one continues, the oldest first, as far back as their files are there."""
-        found: list[Path] = []
-        known = {self.path.resolve()}
+        runs: list[Path] = []
+        visited = {self.path.resolve()}
         earlier = self.resumed_from
         while earlier is not None and earlier.exists():
-            if earlier.resolve() in known or len(found) == MAX_EARLIER_RUNS:
+            if earlier.resolve() in visited or len(runs) == MAX_EARLIER_RUNS:
                 raise StructureError(f"it continues {earlier.name}, which continues this run in its turn")
-            known.add(earlier.resolve())
-            found.append(earlier)
+            visited.add(earlier.resolve())
+            runs.append(earlier)
             with Run(earlier) as before:
                 earlier = before.resumed_from
-        return found[::-1]
+        return runs[::-1]
 
     @cached_property
     def trace(self) -> RunTrace:
@@ -193,11 +193,11 @@ class Run(Closeable):
 
     def entries(self) -> dict[int, StartedEntry]:
         """Return the started entries by their index in the plan, including those of the resumed run."""
-        found: dict[int, StartedEntry] = {}
+        entries: dict[int, StartedEntry] = {}
         for earlier in self.earlier_runs():
             with Run(earlier) as before:
-                found |= before._own_entries()
-        return found | self._own_entries()
+                entries |= before._own_entries()
+        return entries | self._own_entries()
 
     def series(self) -> tuple[Series, ...]:
         """Return the series of the entries; none in a run that was never finished."""
@@ -260,7 +260,7 @@ class Run(Closeable):
 
     def _rest_record(self) -> RestRecord | None:
         """Return where interference was measured at rest; None where it was not."""
-        found = None
+        record = None
         for event in self.events():
             if event.kind == InterferenceMeasured.kind:
                 first, last = event.fields["rows"]
@@ -271,8 +271,8 @@ class Run(Closeable):
                     and isinstance(true_hz := line.get("folded_from_hz"), float)
                     and math.isfinite(true_hz)
                 }
-                found = RestRecord((int(first), int(last)), folded)  # again after the run, where lines are folded
-        return found
+                record = RestRecord((int(first), int(last)), folded)  # again after the run, where lines are folded
+        return record
 
     def _own_entries(self) -> dict[int, StartedEntry]:
         started = (event.fields for event in self.events() if event.kind == EntryStarted.kind)
@@ -307,8 +307,8 @@ def _read_conditions(entry: "h5py.Group") -> RunConditions:
 
 def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
     """Return the quantities in their stored order; in files without one by their names, interference last."""
-    estimates = subgroup(entry, "estimates") if "estimates" in entry else {}
-    found = (
+    stored = subgroup(entry, "estimates") if "estimates" in entry else {}
+    estimates = (
         EstimatedQuantity(
             visible_text(current_name(name)),
             read_number(one, "value"),
@@ -316,10 +316,10 @@ def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
             attribute_text(one["value"], "units"),
             read_text(one, "source"),
         )
-        for name in estimates
-        for one in (subgroup(estimates, name),)
+        for name in stored
+        for one in (subgroup(stored, name),)
     )
-    return tuple(sorted(found, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
+    return tuple(sorted(estimates, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
 
 
 def _series_names(entry: "h5py.Group") -> tuple[str, ...]:

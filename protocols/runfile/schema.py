@@ -63,13 +63,13 @@ def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
     A tuple field has a fixed width that its protocol always fills.
     """
     hints = get_type_hints(point_type, include_extras=True)
-    found: dict[str, tuple[str, str, int]] = {}
+    columns: dict[str, tuple[str, str, int]] = {}
     for field in fields(point_type):
         inner, *metadata = get_args(hints[field.name])
         unit = next((m.unit for m in metadata if isinstance(m, Unit)), "1")
         description = next((m for m in metadata if isinstance(m, str)), "")
-        found[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)
-    return found
+        columns[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)
+    return columns
 
 
 def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:

@@ -54,14 +54,14 @@ class StudyHeader:
     @classmethod
     def of(cls, study: Study) -> Self:
         """Return the header of a study."""
-        known = variable_specs()
+        specs = variable_specs()
         return cls(
             title=study.title,
             signal=study.measure,
             unit=MEASURE_UNITS[study.measure],
             axes=study.axes,
             complex=study.measure == "receptance",
-            parameters=tuple(StudyParameter(n, v, known[n].unit, known[n].description) for n, v in study.fixed.items()),
+            parameters=tuple(StudyParameter(n, v, specs[n].unit, specs[n].description) for n, v in study.fixed.items()),
             description={
                 "measure": study.measure,
                 "n": study.n,

@@ -179,12 +179,12 @@ class RunTrace:
 
     def _calibration(self, channel: str) -> ChannelCalibration:
         """Return the conversion of a channel, read once: it takes as long as ten thousand samples."""
-        if (known := self._calibrations.get(channel)) is None:
+        if (calibration := self._calibrations.get(channel)) is None:
             sensor = self._sensor() if channel == "displacement" else None
-            known = ChannelCalibration(self.channel_scale(channel), sensor)
-            if known.scale.coefficients:  # a file that is being written may not have them yet
-                self._calibrations[channel] = known
-        return known
+            calibration = ChannelCalibration(self.channel_scale(channel), sensor)
+            if calibration.scale.coefficients:  # a file that is being written may not have them yet
+                self._calibrations[channel] = calibration
+        return calibration
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings of this file, in order, exactly as in the live run."""
@@ -232,7 +232,7 @@ class RunTrace:
         rows = (int(row["start_row"]), int(row["stop_row"]))
         if not 0 <= rows[0] <= rows[1]:
             raise ValueError(f"recording {index} begins at row {rows[0]} and ends at row {rows[1]}")
-        known: dict[str, Any] = {
+        attributes: dict[str, Any] = {
             "index": index,
             "rows": rows,
             "rate_hz": self.rate_hz,
@@ -245,6 +245,6 @@ class RunTrace:
         }
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(
-                lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **known
+                lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **attributes
             )
-        return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **known)
+        return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **attributes)

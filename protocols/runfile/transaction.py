@@ -61,15 +61,15 @@ class BufferedFile(io.RawIOBase):
         return self._place
 
     def readinto(self, buffer: Any) -> int:
-        wanted = memoryview(buffer).cast("B")
-        count = max(min(len(wanted), self._size - self._place), 0)
+        target = memoryview(buffer).cast("B")
+        count = max(min(len(target), self._size - self._place), 0)
         self._file.seek(self._place)
-        found = self._file.read(count)
-        wanted[:count] = found + bytes(count - len(found))
+        data = self._file.read(count)
+        target[:count] = data + bytes(count - len(data))
         for number in range(self._place // PAGE_BYTES, -(-(self._place + count) // PAGE_BYTES)):
             if (page := self._pages.get(number)) is not None:
                 start, stop = max(number * PAGE_BYTES, self._place), min((number + 1) * PAGE_BYTES, self._place + count)
-                wanted[start - self._place : stop - self._place] = page[start % PAGE_BYTES :][: stop - start]
+                target[start - self._place : stop - self._place] = page[start % PAGE_BYTES :][: stop - start]
         self._place += count
         return count
 

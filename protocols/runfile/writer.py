@@ -307,8 +307,8 @@ class RunFileWriter:
         try:
             if presence.moved_to is not None:
                 self.path = presence.moved_to
-                told = f"{reason}; the measured data are in {self.path}"
-                return self._append_results(self.path, told, results)
+                message = f"{reason}; the measured data are in {self.path}"
+                return self._append_results(self.path, message, results)
             if not presence.is_cut:
                 saved = _free_path(self.path)
                 try:
@@ -317,8 +317,8 @@ class RunFileWriter:
                     log.warning("the run file cannot be saved at %s: %s", saved, os_error_text(error))
                 else:
                     self.path = saved
-                    told = f"{reason}; the measured data are saved in {saved}"
-                    return self._append_results(saved, told, results)
+                    message = f"{reason}; the measured data are saved in {saved}"
+                    return self._append_results(saved, message, results)
             rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path
             for name, row in self._tables:
@@ -443,10 +443,10 @@ def append_estimates(file: h5py.File, estimates: Sequence[EstimatedQuantity]) ->
     """Append identified quantities; the group lists them in this order, the most important first."""
     if not estimates:
         return
-    found = file["entry"].create_group("estimates", track_order=True)
-    found.attrs["NX_class"] = "NXcollection"
+    group = file["entry"].create_group("estimates", track_order=True)
+    group.attrs["NX_class"] = "NXcollection"
     for estimate in estimates:
-        one = create_group(found, estimate.name.replace(" ", "_"), "NXcollection")
+        one = create_group(group, estimate.name.replace(" ", "_"), "NXcollection")
         for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
             one.create_dataset(name, data=value).attrs["units"] = estimate.unit
         one["source"] = estimate.source

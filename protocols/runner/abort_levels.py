@@ -204,8 +204,8 @@ class LevelMonitor:
 
     def _check_drive(self, block: Block, readback: DriveReadback) -> None:
         scale = self._scales[DRIVE_CHANNEL]
-        found = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
-        if found is None:
+        deviation = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
+        if deviation is None:
             self._deviating_since = None
             if readback.compared:
                 self._set_drive_lost(False, block)
@@ -217,9 +217,9 @@ class LevelMonitor:
             self._set_drive_lost(True, block)
             self._report(
                 "drive",
-                ("drive", found.value_v, found.limit_v, "V"),
-                f"the card sees {found.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
-                f"{found.value_v:.3f} V, limit {found.limit_v:.3f} V); check the cable from the generator to the card "
+                ("drive", deviation.value_v, deviation.limit_v, "V"),
+                f"the card sees {deviation.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
+                f"{deviation.value_v:.3f} V, limit {deviation.limit_v:.3f} V); check the cable from the generator to the card "
                 "and to the amplifier, the generator's output, and that no other program or person controls the generator",
             )
 

@@ -71,9 +71,9 @@ class PlanProgress:
         if repeat is Repeat.PREVIOUS and index > 0:
             self._queue[:0] = [index - 1, index]
         if not self._queue:
-            known = len(self.plan)
+            planned = len(self.plan)
             self._extend_plan()
-            self._queue = list(range(known, len(self.plan)))
+            self._queue = list(range(planned, len(self.plan)))
 
     def _extend_plan(self) -> None:
         """Append the protocol's refinements once all entries so far are measured."""
@@ -122,8 +122,8 @@ class PlanProgress:
 
     def new_warnings(self) -> list[str]:
         """Return the protocol's warnings that were not reported before."""
-        found = dict.fromkeys(self._protocol.warnings(self.points))
-        new = [warning for warning in found if warning not in self.warnings]
+        warnings = dict.fromkeys(self._protocol.warnings(self.points))
+        new = [warning for warning in warnings if warning not in self.warnings]
         self.warnings += tuple(new)
         return new
 

@@ -83,8 +83,8 @@ class DriveReadback:
         self.compared = False
         split = min(max(self.fresh_scan - start, 0), raw.size)
         shortest = MIN_CHECKED_S * self.rate_hz
-        if split > shortest and (found := self._check_transition(raw[:split], to_volts)):
-            return found
+        if split > shortest and (deviation := self._check_transition(raw[:split], to_volts)):
+            return deviation
         played_s = self.held_s if isinstance(self.drive, Hold) else self.drive.duration_s
         left = (self.start_scan - start) + (played_s - self._late_s) * self.rate_hz
         stop = raw.size if left >= raw.size else math.floor(left)

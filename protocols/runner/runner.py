@@ -186,16 +186,16 @@ class Runner:
 
     def _report_folded_lines(self) -> None:
         """Look at the interference at a second sample rate, now that rest is confirmed; flag the points it is folded onto."""
-        found, armed = self._executor.interference, self._armed
-        if found is None or not found.lines or armed is None:
+        interference, armed = self._executor.interference, self._armed
+        if interference is None or not interference.lines or armed is None:
             return
         try:
-            lines = tell_folded_lines(self._bench, found.lines, armed.rate_hz, self._protocol.rest_record_s)
+            lines = separate_folded_lines(self._bench, interference.lines, armed.rate_hz, self._protocol.rest_record_s)
         except (BenchError, ValueError) as error:
             self._recorder.publish(LogMessage(f"Whether interference is folded back could not be found out: {error}"))
             return
         if folded := tuple(line for line in lines if line.folded):
-            self._recorder.publish(InterferenceMeasured(found.rows, folded))
+            self._recorder.publish(InterferenceMeasured(interference.rows, folded))
             labels = self._plan_progress.flag_points(
                 Quality.FOLDED, lambda point: self._protocol.folded_onto(point, folded)
             )
@@ -258,7 +258,7 @@ class Runner:
         self._recorder.publish_always(SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message))
 
 
-def tell_folded_lines(
+def separate_folded_lines(
     bench: Bench, lines: tuple[InterferenceLine, ...], rate_hz: float, duration_s: float
 ) -> tuple[InterferenceLine, ...]:
     """Return the lines with the true frequencies of those that a second rate shows to be folded.

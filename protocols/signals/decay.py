@@ -98,9 +98,9 @@ def fit_decay(
         2
     ):  # creep moves the specimen later by the delay of the vibration, which is known from the first fit
         first_s = max(released_s + skipped / rate_hz - 2 * zeta / w, 1 / rate_hz)
-        found = _fit_from(w, zeta, x, t, band_hz, lines, (first_s, first_s + float(t[-1])))
-        w, zeta = 2 * np.pi * found.natural_hz, found.damping_ratio
-    return found
+        fit = _fit_from(w, zeta, x, t, band_hz, lines, (first_s, first_s + float(t[-1])))
+        w, zeta = 2 * np.pi * fit.natural_hz, fit.damping_ratio
+    return fit
 
 
 def _fit_from(

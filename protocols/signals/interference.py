@@ -54,18 +54,18 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
     """
     x = np.asarray(samples[:MAX_REST_SAMPLES], float)
     resolution_hz = rate_hz / x.size
-    found: list[float] = []
-    left = _without(x, rate_hz, found)
-    while len(found) < MAX_LINES and (peak := _largest_peak(left, rate_hz)) is not None:
-        if any(abs(peak - f) < SEPARATION_BINS * resolution_hz for f in found):
+    frequencies_hz: list[float] = []
+    left = _without(x, rate_hz, frequencies_hz)
+    while len(frequencies_hz) < MAX_LINES and (peak := _largest_peak(left, rate_hz)) is not None:
+        if any(abs(peak - f) < SEPARATION_BINS * resolution_hz for f in frequencies_hz):
             break  # no line but a peak with a width: noise, which no sine removes
-        found = _refined(x, rate_hz, [*found, peak])
-        left = _without(x, rate_hz, found)
-    measured = len(found)
+        frequencies_hz = _refined(x, rate_hz, [*frequencies_hz, peak])
+        left = _without(x, rate_hz, frequencies_hz)
+    measured = len(frequencies_hz)
     for f in _mains_multiples(min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)):
-        if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in found):
-            found.append(f)
-    solution, left = _fit(x, rate_hz, found)
+        if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in frequencies_hz):
+            frequencies_hz.append(f)
+    solution, left = _fit(x, rate_hz, frequencies_hz)
     noise = float(left.std())
     error = noise * math.sqrt(2 / x.size)
     lines = [
@@ -77,7 +77,7 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
             FREQUENCY_ERROR_SHARE * error / float(abs(component)) * resolution_hz if i < measured else math.nan,
             phase_rad=float(np.angle(component)),
         )
-        for i, (f, component) in enumerate(zip(found, solution, strict=True))
+        for i, (f, component) in enumerate(zip(frequencies_hz, solution, strict=True))
     ]
     return tuple(sorted((line for line in lines if line.amplitude_m > 0), key=lambda line: -line.amplitude_m))
 

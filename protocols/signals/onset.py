@@ -138,15 +138,15 @@ def _crossing(time_s: Array, response: Array, level: float, noise: float, find: 
 
 
 def _first(time_s: Array, reached: Mask, response: Array, level: float) -> float:
-    found = np.flatnonzero(reached)
-    return math.nan if not found.size else _interpolated(time_s, response, int(found[0]), level)
+    indices = np.flatnonzero(reached)
+    return math.nan if not indices.size else _interpolated(time_s, response, int(indices[0]), level)
 
 
 def _last(time_s: Array, outside: Mask, response: Array, level: float) -> float:
-    found = np.flatnonzero(outside)
-    if not found.size:
+    indices = np.flatnonzero(outside)
+    if not indices.size:
         return float(time_s[0])
-    return math.nan if found[-1] == time_s.size - 1 else _interpolated(time_s, response, int(found[-1]) + 1, level)
+    return math.nan if indices[-1] == time_s.size - 1 else _interpolated(time_s, response, int(indices[-1]) + 1, level)
 
 
 def _interpolated(time_s: Array, response: Array, i: int, level: float) -> float:

@@ -141,9 +141,9 @@ def joined_spectrum_peak(
     while True:
         parts = [piece.lines(resolution, beyond) for piece in pieces]
         f, lines = (np.concatenate(values) for values in zip(*parts, strict=True))
-        found = _half_power_lines(f, lines, band_hz, "spectrum of the displacement")
-        if found.stop - found.start >= 2 * MIN_LINES or resolution / 2 < finest:
-            return _fit_peak(f[found], lines[found], OVERLAP_CORRELATION)
+        peak = _half_power_lines(f, lines, band_hz, "spectrum of the displacement")
+        if peak.stop - peak.start >= 2 * MIN_LINES or resolution / 2 < finest:
+            return _fit_peak(f[peak], lines[peak], OVERLAP_CORRELATION)
         resolution /= 2
 
 
@@ -176,8 +176,8 @@ def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PE
         ValueError: no distinct peak in the band, or lines too coarse to fit it.
     """
     part = response.within(*band_hz)
-    found = _half_power_lines(part.x, part.plotted**2, band_hz, "response")
-    return _fit_peak(part.x[found], part.plotted[found] ** 2, part.correlation)
+    peak = _half_power_lines(part.x, part.plotted**2, band_hz, "response")
+    return _fit_peak(part.x[peak], part.plotted[peak] ** 2, part.correlation)
 
 
 def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quantity_name: str) -> slice:

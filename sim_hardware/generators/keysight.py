@@ -219,9 +219,9 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
 
     @property
     def commands(self) -> Sequence[wires.ScpiCommand]:
-        known = [c for c in super().commands if "LIMit" not in c.pattern]
+        supported = [c for c in super().commands if "LIMit" not in c.pattern]
         return [
-            *known,
+            *supported,
             wires.ScpiCommand("SYSTem:REMote", lambda _: None),
             wires.ScpiCommand("SYSTem:LOCal", lambda _: None),
             wires.ScpiCommand(SOURCE + "DATA:DAC", self._download),

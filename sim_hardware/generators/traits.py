@@ -91,11 +91,11 @@ def draw_options(
     """
     draw = random.Random(seed)
     drawn = {trait.name: draw.choice(trait.options) for trait in traits}
-    known = {t.name: t.options for t in (*traits, *deviations)}
+    options = {t.name: t.options for t in (*traits, *deviations)}
     for pair in chosen.split():
         name, _, option = pair.partition("=")
-        if option not in known.get(name, ()):
-            choices = ", ".join(f"{n}={'|'.join(o)}" for n, o in known.items()) or "none"
+        if option not in options.get(name, ()):
+            choices = ", ".join(f"{n}={'|'.join(o)}" for n, o in options.items()) or "none"
             raise ValueError(f"{key}: {pair!r} is no trait of a {owner}; it has {choices}")
         drawn[name] = option
     return drawn

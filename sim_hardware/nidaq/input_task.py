@@ -118,10 +118,10 @@ class NiInputTask(NiTask):
         run = self.acquisition
         if run is None:
             raise NiError(-200088, samples_read=0)
-        wanted, count = count, min(count, self.available())
+        requested, count = count, min(count, self.available())
         raw = run.read_raw(self.read_position, count)
         self.read_position += count
-        self._let_time_run(wanted)
+        self._let_time_run(requested)
         return raw, status
 
     def _let_time_run(self, count: int) -> None:

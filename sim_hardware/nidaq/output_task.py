@@ -40,14 +40,14 @@ class NiOutputTask(NiTask):
 
     def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
         device, _, line = text.partition("/")
-        found = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
+        match = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
         if device.lower() != self.device.name.lower():
             raise NiError(-200220, f"Device Specified: {device}")
-        if not found or int(found[1]) >= len(self.device.card.outputs):
+        if not match or int(match[1]) >= len(self.device.card.outputs):
             raise NiError(-200170, f"Physical Channel Name: {text}")
         if not -RANGE_V <= low_v < high_v <= RANGE_V:
             raise NiError(-200077, f"Property: AO.Max\nRequested Value: {high_v}\nMaximum Value: {RANGE_V}")
-        self.channels = [TaskChannel(name or text, int(found[1]), low_v, high_v)]
+        self.channels = [TaskChannel(name or text, int(match[1]), low_v, high_v)]
 
     def configure_clock(self, rate_hz: float, mode: int, scans: int) -> None:
         super().configure_clock(rate_hz, mode, scans)

@@ -100,8 +100,8 @@ class SimulatedNiDevice:
             if inside and int(inside[1]) < len(self.card.outputs):
                 numbers.append(FIRST_OUTPUT_READBACK_CHANNEL + int(inside[1]))
                 continue
-            found = re.fullmatch(r"ai(\d+)(?::(?:ai)?(\d+))?", line.strip(), re.IGNORECASE)
-            first, last = (int(found[1]), int(found[2] or found[1])) if found else (0, self.card.parameters.channels)
+            match = re.fullmatch(r"ai(\d+)(?::(?:ai)?(\d+))?", line.strip(), re.IGNORECASE)
+            first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, self.card.parameters.channels)
             if max(first, last) >= self.card.parameters.channels:
                 raise NiError(-200170, f"Physical Channel Name: {part.strip()}")
             numbers += range(first, last + 1)

@@ -336,9 +336,9 @@ def _build(target_type: Any, value: Any, key: str) -> Any:
     if not isinstance(value, dict):
         raise ValueError(f"{key}: expected a table, not {value!r}")
     hints = get_type_hints(target_type)
-    known = {f.name for f in fields(target_type)}
-    if unknown := sorted(set(value) - known):
-        raise ValueError(f"{key}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    names = {f.name for f in fields(target_type)}
+    if unknown := sorted(set(value) - names):
+        raise ValueError(f"{key}: unknown {', '.join(unknown)}; known are {', '.join(sorted(names))}")
     built: dict[str, Any] = {name: _build(hints[name], item, f"{key}.{name}") for name, item in value.items()}
     try:
         return target_type(**built)  # type: ignore[operator]

@@ -42,7 +42,7 @@ class VoltageHistory:
         self._entries = [HistoryEntry(-math.inf, ConstantSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
         self._read_until = 0.0
-        self._known_until = math.inf
+        self._readable_until = math.inf
 
     @contextmanager
     def at_instant(self, clock: Clock) -> Iterator[float]:
@@ -54,12 +54,12 @@ class VoltageHistory:
     def reading_ahead(self, now_s: float) -> Iterator[None]:
         """Reads beyond `now_s` are provisional until the block is left: the input may still be changed from `now_s` on."""
         with self._lock:
-            self._known_until = now_s
+            self._readable_until = now_s
         try:
             yield
         finally:
             with self._lock:
-                self._known_until = math.inf
+                self._readable_until = math.inf
 
     @property
     def change_count(self) -> int:
@@ -94,7 +94,7 @@ class VoltageHistory:
 
     def mark_read(self, until_s: float) -> None:
         """Close the past: no change may begin before `until_s` any more."""
-        self._read_until = max(self._read_until, min(until_s, self._known_until))
+        self._read_until = max(self._read_until, min(until_s, self._readable_until))
 
     def entries(self) -> list[HistoryEntry]:
         """All pieces so far, the first from minus infinity."""

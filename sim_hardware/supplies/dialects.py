@@ -151,11 +151,11 @@ def _e3632a(m: SimulatedScpiSupply) -> Sequence[wires.ScpiCommand]:
 
 def _e364xa(m: SimulatedScpiSupply) -> Sequence[wires.ScpiCommand]:
     """No over-current protection; those with two outputs select one, and can track."""
-    known = [c for c in _e3632a(m) if "CURRent:PROT" not in c.pattern]
+    supported = [c for c in _e3632a(m) if "CURRent:PROT" not in c.pattern]
     if m.identity.split(",")[1][4:5] < "6":
-        return known
+        return supported
     return [
-        *known,
+        *supported,
         wires.ScpiCommand("INSTrument:NSELect", accept_keywords("1", "2"), lambda _: "1"),
         m.setting("OUTPut:TRACk[:STATe]", "tracking", LAST, _bit),
     ]

@@ -67,17 +67,17 @@ def parse_number(
             if value is None:
                 raise ScpiError(-224)
             return value
-    found = _NUMBER.match(word)
-    if not found:
+    match = _NUMBER.match(word)
+    if not match:
         raise ScpiError(-104)
     scale = 1.0
-    if suffix := found.group(2):
+    if suffix := match.group(2):
         prefixes = _PREFIXES | ({"M": 1e6} if unit in ("HZ", "OHM") else {})
         prefix = suffix[: -len(unit)] if unit and suffix.endswith(unit) else None
         if prefix is None or prefix not in prefixes:
             raise ScpiError(-131)
         scale = prefixes[prefix]
-    return float(found.group(1)) * scale
+    return float(match.group(1)) * scale
 
 
 def parse_boolean(text: str) -> bool:
@@ -161,16 +161,16 @@ def restore_block(argument: str, blocks: list[str]) -> str:
 
 def _next_block(text: str, start: int, end: int) -> tuple[int, int, int] | None:
     """Begin, end and first data byte of the first block that begins in `text[look:end]`."""
-    found = []
+    parts = []
     if block := _BLOCK_HEADER.search(text, start, end):
         digits = int(block[1])
         length = text[block.end() : block.end() + digits]
         size = int(length) if length.isdigit() and len(length) == digits else 1 << 30
         data = block.end() + digits
-        found.append((block.start(), data + size, data))
+        parts.append((block.start(), data + size, data))
     if bare := _BARE_BLOCK_HEADER.search(text, start, end):
-        found.append((bare.end(), end, bare.end()))
-    return min(found, default=None)
+        parts.append((bare.end(), end, bare.end()))
+    return min(parts, default=None)
 
 
 ERROR_QUEUE_LENGTH = 20

@@ -158,7 +158,7 @@ def test_the_commands(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["runs", "no-such-folder"], "name the one your runs are in"),
+        (["runs", "no-such-folder"], "name the folder of your runs"),
         (["runs", ".", "--since", "soon"], "write a day"),
         (["runs", ".", "--status", "done"], "there are: completed"),
         (["export", "x.h5", "--part", "all"], "its parts are: about"),

@@ -188,4 +188,4 @@ def test_a_skin_that_the_figures_choose_themselves_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["figures", "--out", str(tmp_path), "--set", "delta=0.01"]) == ExitCode.USAGE
-    assert "--set delta: the figures choose their own skin" in capsys.readouterr().err
+    assert "--set delta: the figures define their own skin" in capsys.readouterr().err

@@ -254,7 +254,7 @@ class Notebook:
         monkeypatch.setattr(_bench, "open_instruments", self.connect)
         monkeypatch.setattr(_bench, "front_end", NotebookFrontEnd)
         with tb.connect("sim", folder=folder, speed="max", progress=False) as bench:
-            bench._front._real = True
+            bench._front_end._real = True
             return bench.run(*given, **more)
 
 

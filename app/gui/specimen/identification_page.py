@@ -351,7 +351,7 @@ class IdentificationPage(QWidget):
         )
         chi = f"chi-square with it {explanation.chi_square:.5g} for {explanation.degrees_of_freedom} degrees of freedom"
         text = make_label(
-            f"May be the cause: {explanation.cause_words}. {chi}." + (f" It moves {moved}." if moved else "")
+            f"May be the cause: {explanation.cause_text}. {chi}." + (f" It moves {moved}." if moved else "")
         )
         assert fit is not None
         parts: list[QWidget] = []

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from model import Mask, Membrane, Tactor, parameter_specs
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
@@ -91,7 +91,7 @@ class Cause:
         share = PLAUSIBLE_ERRORS.get(self.name) if self.kind == "parameter" else None
         if share is None:
             return None
-        held = known.start_value(self.name, fit.options.base_values())
+        held = fit_parameters.start_value(self.name, fit.options.base_values())
         return held, share * (abs(held) or 1.0)
 
     def _priors(self, fit: JointFit) -> dict[str, tuple[float, float]]:
@@ -106,7 +106,7 @@ class Cause:
 def free_as_well(fit: JointFit, names: tuple[str, ...]) -> FitOptions:
     """Return the options of a fit with these parameters free in addition, which begins where `fit` ended."""
     base = fit.options.base_values()
-    start = {name: known.start_value(name, base) for name in names}
+    start = {name: fit_parameters.start_value(name, base) for name in names}
     start |= dict(zip(fit.names, fit.theta.tolist(), strict=True))
     fixed = {name: value for name, value in fit.options.fixed.items() if name not in names}
     return replace(fit.options, free=fit.free_parameters, also=names, fixed=fixed, start=start)

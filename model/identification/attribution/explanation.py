@@ -45,9 +45,9 @@ class Explanation:
     shifts: tuple[ParameterShift, ...]
     """Parameters of the fit that it moves, the most moved first."""
     fit: JointFit
-    cause_words: str = ""
-    """What it means, with its size."""
-    words: str = ""
+    cause_text: str = ""
+    """Meaning of the cause, with its size."""
+    text: str = ""
     """The explanation with the changes of the fit."""
 
     @property

@@ -26,5 +26,5 @@ def with_model_error(fit: JointFit, adequacy: Adequacy, others: tuple[JointFit, 
 
 def _shift(fit: JointFit, other: JointFit) -> list[float]:
     """Return the change of each parameter of the fit, 0 for one that the other fit does not have."""
-    found = dict(zip(other.names, other.theta.tolist(), strict=True))
-    return [found.get(name, value) - value for name, value in zip(fit.names, fit.theta.tolist(), strict=True)]
+    values = dict(zip(other.names, other.theta.tolist(), strict=True))
+    return [values.get(name, value) - value for name, value in zip(fit.names, fit.theta.tolist(), strict=True)]

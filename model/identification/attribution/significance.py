@@ -83,16 +83,16 @@ def chance_of_smallest(fit: JointFit, Q: Array, directions: Sequence[Array], pat
 
     def smallest(r: Array) -> Array:
         """The logarithm of the smallest p-value of residuals (draws, rows)."""
-        found = [np.log(np.maximum(chdtrc(fit.degrees_of_freedom, np.sum(r * r, axis=1)), 1e-300))[:, None]]
+        samples = [np.log(np.maximum(chdtrc(fit.degrees_of_freedom, np.sum(r * r, axis=1)), 1e-300))[:, None]]
         if D:
-            found.append(log_p_value((r @ tests) ** 2, 1))
+            samples.append(log_p_value((r @ tests) ** 2, 1))
         if rows:
-            found.append(log_p_value(point_gains(r, Q, rows), freedom))
+            samples.append(log_p_value(point_gains(r, Q, rows), freedom))
         for p in patterns:
             part = r[:, p.rows]
             z = (np.einsum("di,ij,dj->d", part, p.form, part, optimize=True) - p.mean) / p.deviation
-            found.append(log_ndtr(-z)[:, None])
-        return np.asarray(np.concatenate(found, axis=1).min(axis=1))
+            samples.append(log_ndtr(-z)[:, None])
+        return np.asarray(np.concatenate(samples, axis=1).min(axis=1))
 
     observed = float(smallest(np.where(used, fit.weighted_residuals, 0.0)[None])[0])
     if observed < -25:

@@ -37,20 +37,20 @@ class UndecidableError:
     name: str
     moves: Mapping[str, float]
     """Relative change of each parameter divided by the scale's."""
-    words: str
+    text: str
 
 
 def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> tuple[UndecidableError, ...]:
     """Return the scale errors that the fit takes up; `effects`: of the causes on the weighted residuals."""
-    return tuple(_found(fit, effects))
+    return tuple(_undecidable_errors(fit, effects))
 
 
-def _found(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[UndecidableError]:
+def _undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[UndecidableError]:
     data = fit.run_slices[-1].stop
     scale = fit.parameter_scale
     J = fit.jacobian[:data] * scale
     own = [i for i, name in enumerate(fit.names) if name in fit.free_parameters]
-    for name, (what, remedy) in CHECKS.items():
+    for name, (quantity, remedy) in CHECKS.items():
         effect = effects.get(Cause("parameter", name))
         if effect is None or not np.any(effect[:data]):
             continue
@@ -60,14 +60,14 @@ def _found(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[Undecidabl
         if float(rest @ rest) * UNSEEN_ERROR**2 > 1:
             continue
         moves = {fit.names[i]: float(-s * scale[i] / fit.theta[i]) for i, s in zip(own, shares, strict=True)}
-        yield _undecidable(name, what, remedy, moves)
+        yield _undecidable(name, quantity, remedy, moves)
     if "mu" in fit.free_parameters:
         yield _undecidable("volts", *VOLTS, {"mu": -1.0})
 
 
-def _undecidable(name: str, what: str, remedy: str, moves: Mapping[str, float]) -> UndecidableError:
+def _undecidable(name: str, quantity: str, remedy: str, moves: Mapping[str, float]) -> UndecidableError:
     # A share of a value near zero has no meaning.
     named = {n: m for n, m in moves.items() if abs(m) > MIN_MOVE and NONIDEAL_DEFAULTS.get(n) != 0.0}
     text = ", ".join(f"{n} by {abs(m):.2g} %" for n, m in named.items())
     moved = f": 1 % would move {text}" if text else ""
-    return UndecidableError(name, named, f"these runs cannot show an error of {what}{moved}; {remedy} would")
+    return UndecidableError(name, named, f"these runs cannot show an error of {quantity}{moved}; {remedy} would")

@@ -41,7 +41,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.mark.parametrize("method", ["joint", "chain"])
 def test_the_truth_of_the_plant_comes_back_within_its_errors(runs: list[Path], method: str) -> None:
     found = identify([runs[0], runs[2]], method)  # type: ignore[arg-type]
-    estimates = {e.name: e for e in found.estimates if e.name not in found.known}
+    estimates = {e.name: e for e in found.estimates if e.name not in found.priors}
     assert set(estimates) == {"mu", "m_add", "c0"}
     allowance = 1e-4 if method == "joint" else 5e-3  # the chain's parabola through the peak has an error of its own
     for name, one in estimates.items():

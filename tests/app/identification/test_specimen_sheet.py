@@ -248,7 +248,7 @@ def test_uncertainties_of_slopes_and_delay_of_the_bench_file_enter_the_fit(tmp_p
     assert shares["slopes of AMT2012-CE3"] == pytest.approx(0.01 * abs(found.tactor.mu), rel=0.02)
     of_sensor = [source for source in found.budget.sources if source.endswith(f" {sensor.name} {sensor.serial}")]
     assert [source.split()[0] for source in of_sensor] == ["gain", "delay"]
-    assert not unstated_errors(found.found)
+    assert not unstated_errors(found.result)
 
 
 @pytest.mark.deep
