@@ -40,7 +40,7 @@ Source = str | Path | MeasuredRun | CatalogueEntry
 
 
 class _Fact(Fact[IdentificationResult, T]):
-    source = "found"
+    source = "result"
 
 
 class Identification:
@@ -60,7 +60,7 @@ class Identification:
         shapes: number of shape functions of the fit.
         budget: of a joint fit: `.names`, `.statistical`, `.systematic` and `.total`, (P,) each, and `.shares`, (S, P), of the
             squared total by `.sources`.
-        found: the whole result of the service.
+        result: the whole result of the service.
     """
 
     specimen = _Fact(lambda result: result.specimen)
@@ -94,7 +94,7 @@ class Identification:
             CalibrationError: a reason is needed, nothing was identified, or the file cannot be written.
 
         Example:
-            >>> found.accept(by="K. Tanaka", reason="only for the demonstration on Friday").decision  # doctest: +SKIP
+            >>> identification.accept(by="K. Tanaka", reason="only for the demonstration on Friday").decision  # doctest: +SKIP
             'NOT ADEQUATE: ... Accepted all the same: only for the demonstration on Friday'
         """
         where = Path(folder) if folder is not None else self._paths[0].parent
@@ -132,7 +132,7 @@ def identify(
         sheet: specimen sheet with dimensions and masses; default: the one beside the runs, or else the paper's Table I with the
             uncertainties of ruler and caliper; "none" holds them at Table I as exact.
         plain: the beam model alone; otherwise creep, hysteresis and the other usual nonidealities are fitted with it, and where
-            the model is not adequate the likeliest causes are added in turn (`found.steps`).
+            the model is not adequate the likeliest causes are added in turn (`result.steps`).
 
     Raises:
         RunReadError: a file is not a run.
