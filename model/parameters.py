@@ -1,4 +1,4 @@
-"""The paper's Table I as validated values, and the letters of Eqs. (1)-(6) that follow from them.
+"""The paper's Table I as validated values, and the derived letters of Eqs. (1)-(6).
 
 `Tactor` and `Membrane` are one specimen, validated on construction. `Beam` carries the same letters as floats or
 as arrays of one shape; the numerics underneath take a `Beam`, so that a study of ten thousand specimens is one call.

@@ -26,18 +26,18 @@ from model.identification.observations import FrequencyResponseObservation, obse
 from model.identification.receptance import ReceptanceSolver
 
 SIGNIFICANCE_LEVEL = 0.05
-"""Probability, over all tests together, below which the model is not adequate: false alarms among runs without any departure."""
+"""Probability over all tests together below which the model is not adequate: rate of false alarms among runs of a correct model."""
 MIN_PATTERN_ROWS = 6
-"""Residuals of a run from which on its neighbours are compared."""
+"""Smallest number of residuals of a run for a comparison of neighbours."""
 CLAMP = attribution.Cause("parameter", "clamp_flexibility")
 TESTED_HARMONICS = (2, 3, 4, 5)
 HARMONIC_TOLERANCE = 0.03
-"""Of a harmonic's predicted amplitude: the amplifier's map and the upper modes are not known better."""
+"""Relative error of a harmonic's predicted amplitude, by amplifier map and upper modes."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One way in which the data do not follow the model."""
+    """One discrepancy between data and model."""
 
     kind: str
     runs: tuple[str, ...]
@@ -45,13 +45,13 @@ class Finding:
     """A share (1 is one hundred percent), or a correlation for a pattern."""
     standard_error: float
     probability: float
-    """Of so much by chance in any of all tests made (Bonferroni)."""
+    """Bonferroni-corrected p-value."""
     text: str
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Adequacy of the model; `adequate` is None where the runs cannot test it."""
+    """Adequacy of the model; `adequate` is None for runs that cannot test it."""
 
     adequate: bool | None
     message: str
@@ -59,15 +59,15 @@ class Adequacy:
     """The most significant first, unexplained patterns last."""
     test_count: int
     diagnosis: attribution.Diagnosis | None = None
-    """Of a model that is not adequate: causes that explain the misfit."""
+    """Causes that explain the misfit of an inadequate model."""
     undecidable: tuple[attribution.UndecidableError, ...] = ()
-    """Scale errors that these runs cannot show, with the measurement that would."""
+    """Scale errors that these runs cannot show, with the measurement that can."""
 
 
 def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[], bool] | None = None) -> Adequacy:
-    """Test a fit for every discrepancy its runs could show, for patterns, harmonics, and the size of the misfit.
+    """Test a fit for every discrepancy that its runs can show, for patterns, harmonics, and the size of the misfit.
 
-    `attribute` fits the likeliest causes where the model is not adequate, which takes some times as long as the fit.
+    `attribute` fits the likeliest causes of an inadequate model, which takes several times as long as the fit.
 
     Raises:
         FitCancelled: `cancelled` returned true.
@@ -104,7 +104,7 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
 
 
 def _cause_message(diagnosis: attribution.Diagnosis) -> str:
-    """Return the likeliest cause as text, and those that the runs do not tell from it."""
+    """Return the likeliest cause as text, and the causes that the runs do not distinguish from it."""
     first, *others = diagnosis.likeliest
     text = f"the model is wrong for these runs, most likely because {first.text}"
     if others:
@@ -129,7 +129,7 @@ def _significant_findings(
 
 
 def _residual_error_scale(fit: JointFit, Q: Array, discrepancies: Sequence[Discrepancy]) -> float:
-    """Return the root of the reduced chi-square without these discrepancies; 1 where it can be chance."""
+    """Return the root of the reduced chi-square without these discrepancies; 1 if it can be chance."""
     basis = np.linalg.svd(
         np.column_stack((Q, *(w.direction / np.linalg.norm(w.direction) for w in discrepancies))), full_matrices=False
     )
@@ -225,7 +225,7 @@ def _pattern_tests(fit: JointFit, r: Array, Q: Array) -> list[Finding]:
 
 
 def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
-    """Measured harmonics against those the amplifier's two slopes make of the linear model."""
+    """Yield tests of measured harmonics against the harmonics of the linear model with the amplifier's two slopes."""
     out = []
     for run in fit.observations.of_type(FrequencyResponseObservation):
         noise = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m

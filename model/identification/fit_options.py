@@ -16,7 +16,7 @@ Loss = Literal["linear", "soft_l1", "cauchy"]
 
 
 class IdentificationError(ValueError):
-    """A fit that is not possible; the message names what is missing and the remedy."""
+    """A fit that is not possible; the message names the missing data and the remedy."""
 
 
 class FitCancelled(Exception):
@@ -25,19 +25,19 @@ class FitCancelled(Exception):
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of a joint fit: everything but the data.
+    """Options of a joint fit.
 
     Attributes:
-        tactor, membrane, contact_length: values of the parameters that are not free.
-        free: names of the free parameters (`model.identification.parameters`); None: what the runs are there for, and those
-            with a prior.
-        also: names that are free in addition.
-        fixed: further fixed values by name, instead of those of tactor and membrane; also c_s(1.27 mm) and the like.
+        tactor, membrane, contact_length: values of the held parameters.
+        free: names of the free parameters (`model.identification.parameters`); None: the parameters that the runs determine, and
+            those with a prior.
+        also: names of additional free parameters.
+        fixed: fixed values by name, which replace values of tactor and membrane; also c_s(1.27 mm) and similar.
         tied: name -> (other, factor): the parameter is always that many times the other.
-        priors: name -> (value, standard error): prior knowledge of a free parameter, e.g. from a calliper.
-        start: where to begin, by name; the present value if not named.
+        priors: name -> (value, standard error): prior of a free parameter, e.g. from a caliper.
+        start: start values by name; default: the present values.
         per_elongation: a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
-        loss: of one residual in units of its error: "linear" is least squares; the others are robust against outliers.
+        loss: loss of one residual in units of its error: "linear" is least squares; the others are robust against outliers.
         amplifier, n: the amplifier's map, and the number of shape functions.
     """
 
@@ -64,7 +64,7 @@ class FitOptions:
             fit_parameters.parameter_spec(name).check(value)
 
     def base_values(self) -> dict[str, float | None]:
-        """Every parameter that has a value without a fit."""
+        """Values of all parameters before the fit, by name."""
         return fit_parameters.default_values(self.tactor, self.membrane, self.contact_length) | dict(self.fixed)
 
     def free_parameters(self, observations: ObservationSet) -> tuple[str, ...]:
@@ -92,7 +92,7 @@ class FitOptions:
         return free
 
     def _check_free(self, free: Sequence[str], observations: ObservationSet) -> None:
-        """Raise ParameterError for a parameter that is free and held at once, a wrong tie or a wrong prior."""
+        """Raise ParameterError for a parameter that is both free and held, a wrong tie or a wrong prior."""
         for name in free:
             if name in self.fixed or name in self.tied:
                 raise ParameterError(f"{name} is both free and {'fixed' if name in self.fixed else 'tied'}: choose one")
@@ -114,5 +114,5 @@ class FitOptions:
 
     @property
     def _has_added_mass_prior(self) -> bool:
-        """Whether the mass in the cylinder is stated, so that m_add is what acts of it."""
+        """Whether the mass in the cylinder is stated, so that m_add is its acting part."""
         return self.fixed.get("mass_put_in", 0.0) > 0 or "mass_put_in" in self.priors

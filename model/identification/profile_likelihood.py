@@ -13,7 +13,7 @@ from model.identification.joint_least_squares import CancelCheck, joint_fit
 
 @dataclass(frozen=True)
 class ProfileInterval:
-    """Interval of one parameter; an end is None where chi-square never rises enough: open on that side."""
+    """Interval of one parameter; an end is None if chi-square never rises enough on that side."""
 
     name: str
     coverage: float
@@ -22,7 +22,7 @@ class ProfileInterval:
     values: Array
     """Evaluated values, ascending."""
     chi_square_rise: Array
-    """Chi-square above its least, each with all other parameters fitted again."""
+    """Chi-square above its minimum, each with all other parameters fitted again."""
 
 
 def profile_interval(
@@ -60,7 +60,7 @@ class _Profile:
         self._value = float(fit.theta[fit.names.index(name)])
         self._others = tuple(n for n in fit.free_parameters if n != name)
         self.evaluated = {self._value: 0.0}
-        """Rise by value."""
+        """Rise of chi-square by value of the parameter."""
         self.restart()
 
     def restart(self) -> None:
@@ -90,7 +90,7 @@ class _Profile:
         return repeat.cost + (0.0 if prior is None else ((v - prior[0]) / prior[1]) ** 2)
 
     def edge(self, reach: float) -> float | None:
-        """Return where chi-square has risen to the limit, searched in steps from `reach`, with its sign; None if nowhere."""
+        """Return the value with chi-square at the limit, searched in steps from `reach`, with its sign; None if there is none."""
         from scipy.optimize import brentq
 
         inside, limit = self._value, fit_parameters.parameter_spec(self._name, self._fit.observations)
@@ -105,7 +105,7 @@ class _Profile:
 
 
 def _single_parameter_cost(fit: JointFit, value: float) -> float:
-    """Least cost with the only free parameter held at `value`: the shared errors, all but linear, take one step."""
+    """Minimum of the cost with the only free parameter held at `value`: the nearly linear shared errors take one step."""
     theta = fit.theta.copy()
     theta[0] = value
     rows, J = fit.problem.evaluate(theta)

@@ -11,7 +11,7 @@ from model.identification.forward_model import ForwardModel
 from model.identification.observations import ObservationSet, observed_values, over_errors
 
 PRIOR_REACH = 12.0
-"""Standard uncertainties that a value known beforehand may move: a ruler errs by no more, whatever a wrong model asks for."""
+"""Largest shift of a prior value in standard uncertainties: a ruler errs by no more, even if a wrong model needs it."""
 
 
 class LeastSquaresProblem:
@@ -37,7 +37,7 @@ class LeastSquaresProblem:
         self.priors = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
         """Index, value and standard uncertainty of each parameter with a prior value, shared errors first."""
         self.prior_count = len(self.priors)
-        """Rows at the end that are no residuals of runs."""
+        """Number of rows at the end that are no residuals of runs."""
         self._data = [observed_values(run)[0] for run in observations.runs]
         limits = [fit_parameters.parameter_spec(n, observations).interval for n in self.names]
         self.logarithmic = np.array([i.gt == 0 for i in limits]) & (self.start > 0)

@@ -91,8 +91,8 @@ def amplifier_response(
 
 
 SEPARATE_HZ = (20.0, 40.0, 80.0, 160.0)
-"""Bounds between which the frequencies of a curve are computed separately: harmonics are needed up to one frequency, the fewer
-the higher the drive's is."""
+"""Bounds of the frequency ranges of a curve that are computed separately: harmonics are needed up to a fixed frequency, fewer for
+a higher drive frequency."""
 
 
 def driven_amplitudes(
@@ -142,7 +142,7 @@ def peak_to_peak(W: Complex) -> Array:
 
 
 def samples_per_period(orders: int) -> int:
-    """Samples of one period that resolve `orders` harmonics, a power of two."""
+    """Number of samples of one period that resolves `orders` harmonics, a power of two."""
     return max(1024, 8 << orders.bit_length())
 
 
@@ -155,7 +155,7 @@ def interpolated_maximum(w: Array) -> Array:
 
 
 def harmonic_orders(frequency_hz: Array) -> int:
-    """How many harmonics of the lowest frequency, of (F,) in Hz, matter: up to 6 kHz, at least 32, at most 512."""
+    """Number of relevant harmonics of the lowest of the frequencies, (F,), Hz: up to 6 kHz, at least 32, at most 512."""
     positive = frequency_hz[frequency_hz > 0]
     lowest = float(positive.min()) if positive.size else MAX_HARMONIC_HZ
     return int(np.clip(np.ceil(MAX_HARMONIC_HZ / lowest), 32, 512))
@@ -181,7 +181,7 @@ def check_position(tactor: Tactor, x: ArrayLike) -> Array:
 
 
 def output_rows(tactor: Tactor, x: ArrayLike, n: int = 7) -> Array:
-    """Rows that take generalised coordinates to w(x), shape (*x.shape, n)."""
+    """Rows that transform generalised coordinates into w(x), shape (*x.shape, n)."""
     l1, l2 = tactor.L1 / tactor.L, tactor.L2 / tactor.L
     N = shape_functions(check_position(tactor, x) / tactor.L, l1, l2, n)
     return np.moveaxis(N, 0, -1) @ gram(l1, l2, n).basis.T

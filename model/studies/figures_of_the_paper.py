@@ -1,6 +1,6 @@
 """The theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11 and 12 as data.
 
-Their captions say where the text and the equations differ; plots and exports add nothing to them.
+Their captions state differences of text and equations; plots and exports add nothing to them.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -181,7 +181,7 @@ def _frequency_figure(name: str, curves: tuple[Series, ...], caption: str) -> Pa
 
 
 def paper_figures(tactor: Tactor | None = None, membrane: Membrane | None = None) -> tuple[PaperFigure, ...]:
-    """All of them; Fig. 9 as six panels. With other parameters than Table I's the captions say so."""
+    """All figures; Fig. 9 as six panels. Captions state parameters that differ from Table I."""
     t, m = tactor or Tactor(), membrane or Membrane()
     drawn = (
         figure4(t),

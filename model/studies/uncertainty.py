@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from model import Array, Mask, ParameterError, ParameterSpec, variable_specs
 
 ParameterizedCurve = Callable[[Mapping[str, Array]], Array]
-"""Takes arrays of P values by name and gives P curves, (P, F)."""
+"""Function from arrays of P values by name to P curves, (P, F)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class EstimateSet:
     covariance: Array
     """(P, P), in the units of the values."""
     specs: Mapping[str, ParameterSpec] = field(default_factory=variable_specs, repr=False)
-    """What the values may be, by name: the variables of the model unless further ones are known."""
+    """Permitted values by name; default: the variables of the model."""
 
     def __post_init__(self) -> None:
         specs = self.specs
@@ -51,7 +51,7 @@ class EstimateSet:
             )
 
     def without(self, names: Collection[str]) -> "EstimateSet | None":
-        """Return the estimates but for some names; None if there are no others."""
+        """Return the estimates without some names; None if nothing is left."""
         at = [i for i, name in enumerate(self.names) if name not in names]
         if not at:
             return None

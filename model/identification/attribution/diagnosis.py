@@ -1,7 +1,7 @@
 """Diagnosis of a misfit: possible causes ranked by the chi-square of the fit with each.
 
-Every cause is one parameter more, or one point less. The linearized fit at the minimum screens all; the likeliest are fitted. They are
-ranked by the probability of so large an improvement by chance, times the number of causes of the kind that were tried.
+Every cause is one parameter more, or one point less. The linearized fit at the minimum screens all; the likeliest are fitted.
+They are ranked by the probability of an equal improvement by chance, times the number of tried causes of the kind.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -31,15 +31,15 @@ from model.identification.residuals import LeastSquaresProblem
 MAX_CHANCE = 0.1
 """Probability by chance, among all causes of a kind, above which a cause is left out."""
 REFITTED_CAUSES = 5
-"""Causes with the best linearized fit that are fitted."""
+"""Number of causes with the best linearized fit that are fitted."""
 WORTH_FITTING = 0.25
-"""Share of the largest improvement in the linearized fit from which on a cause is fitted."""
+"""Share of the largest improvement in the linearized fit above which a cause is fitted."""
 MAX_EXPLANATIONS = 5
-"""Explanations that are kept."""
+"""Largest number of explanations."""
 MAX_SHIFTS = 4
-"""Parameters of the fit whose change with a cause is stated."""
+"""Largest number of parameters whose change with a cause is stated."""
 REFIT_TOLERANCE = 1e-5
-"""Of chi-square: causes are compared by differences of some units."""
+"""Relative tolerance of chi-square: causes are compared by differences of some units."""
 
 
 def diagnose(
@@ -85,14 +85,14 @@ class Screened(NamedTuple):
 
     cause: Cause
     gain: float
-    """By which chi-square is smaller."""
+    """Decrease of chi-square."""
     log_probability: float
     among: int
-    """Causes of its kind."""
+    """Number of causes of its kind."""
 
 
 def effects(fit: JointFit) -> dict[Cause, Array]:
-    """Return what each possible cause but a point adds to the weighted residuals, (rows,), per unit of its size."""
+    """Return the addition of each possible cause, points excepted, to the weighted residuals, (rows,), per unit of its size."""
     causes = possible_causes(fit)
     names = tuple(c.name for c in causes if c.kind == "parameter")
     problem = LeastSquaresProblem(with_errors_of_runs(fit, causes), free_as_well(fit, names))
@@ -101,7 +101,7 @@ def effects(fit: JointFit) -> dict[Cause, Array]:
     J[data:] = 0.0
     rows = fit.weighted_residuals.size
     out = {c: J[:rows, problem.names.index(c.parameter)] for c in causes if c.kind != "prior"}
-    first = data + len(fit.observations.shared_errors)  # rows of the shared errors, then of what is known beforehand
+    first = data + len(fit.observations.shared_errors)  # rows of the shared errors, then of the priors
     for place, (name, (_, error)) in enumerate(fit.options.priors.items()):
         out[Cause("prior", name)] = np.eye(1, rows, first + place)[0] / error
     return out
@@ -128,7 +128,7 @@ def _screened_points(fit: JointFit, r: Array, Q: Array) -> Iterator[Screened]:
 def _explain(
     fit: JointFit, screened: Screened, cause_effects: Mapping[Cause, Array], cancelled: Callable[[], bool] | None
 ) -> Explanation | None:
-    """Fit with the cause; None where that is not possible."""
+    """Fit with the cause; None if this is not possible."""
     cause, count = screened.cause, screened.among
     observations, options = cause.extend(fit)
     if cause in cause_effects and cause.kind != "prior":
@@ -148,7 +148,7 @@ def _explain(
     if (plausible := cause.plausible(fit)) is not None:
         penalty = ((size - plausible[0]) / plausible[1]) ** 2
     chi_square = refit.cost - penalty
-    # where the rest is still too large, the errors may be too small: the improvement must exceed larger ones
+    # if the rest is still too large, the errors may be too small: the improvement must exceed enlarged errors
     enlarged = chi_square / left if left > 0 and chdtrc(left, chi_square) < MIN_P_VALUE else 1.0
     gain = (fit.cost - refit.cost) / max(1.0, enlarged)
     chance = min(0.0, float(log_p_value(np.array(gain), freedom)) + float(np.log(count)))
@@ -156,7 +156,7 @@ def _explain(
 
 
 def _linear_start(fit: JointFit, cause: Cause, effect: Array, start: Mapping[str, float]) -> dict[str, float]:
-    """Return where the linearized fit with the cause has its minimum, a step of at most half of each positive parameter."""
+    """Return the minimum of the linearized fit with the cause, a step of at most half of each positive parameter."""
     scale = np.append(fit.parameter_scale, 1.0)
     J = np.column_stack((fit.jacobian, effect)) * scale
     J[:, -1] *= 1 / max(float(np.linalg.norm(J[:, -1])), 1e-300)

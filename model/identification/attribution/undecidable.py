@@ -1,4 +1,4 @@
-"""Errors that a set of runs cannot show because the fit takes them up, and the independent measurement that would."""
+"""Errors that a set of runs cannot show because the fit absorbs them, and the independent measurement that can."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from model.identification.fit_result import JointFit
 from model.identification.nonidealities import DEFAULTS as NONIDEAL_DEFAULTS
 
 UNSEEN_ERROR = 0.1
-"""Standard error of a relative scale error from these runs alone beyond which they do not show it."""
+"""Standard error of a relative scale error above which these runs do not show it."""
 MIN_MOVE = 0.2
-"""Relative change of a parameter, divided by the scale's, from which on it is named."""
+"""Relative change of a parameter, divided by the change of the scale, above which the parameter is named."""
 
 CHECKS = {
     "sensor_gain": (
@@ -26,7 +26,7 @@ CHECKS = {
         "a static loading with known weights, or weighing the masses and fixing them at the centre,",
     ),
 }
-"""Scale errors: what each is of, and what would show it."""
+"""Scale errors: affected quantity, and the measurement that can show it."""
 VOLTS = "the volts on the specimen", "measuring them at the amplifier's output with a probe of known ratio"
 
 
@@ -41,7 +41,7 @@ class UndecidableError:
 
 
 def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> tuple[UndecidableError, ...]:
-    """Return the scale errors that the fit takes up; `effects`: of the causes on the weighted residuals."""
+    """Return the scale errors that the fit absorbs; `effects`: effects of the causes on the weighted residuals."""
     return tuple(_undecidable_errors(fit, effects))
 
 
@@ -66,7 +66,7 @@ def _undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterat
 
 
 def _undecidable(name: str, quantity: str, remedy: str, moves: Mapping[str, float]) -> UndecidableError:
-    # A share of a value near zero has no meaning.
+    # A relative change of a value near zero has no meaning.
     named = {n: m for n, m in moves.items() if abs(m) > MIN_MOVE and NONIDEAL_DEFAULTS.get(n) != 0.0}
     text = ", ".join(f"{n} by {abs(m):.2g} %" for n, m in named.items())
     moved = f": 1 % would move {text}" if text else ""
