@@ -15,7 +15,7 @@ FIX_PAPER_MASS = Prompt(
 
 
 class PaperItem(NamedTuple):
-    """One measurement: its name, the protocol, the names of the measurements it needs, and prompts that the protocol does not show."""
+    """One measurement: its name, the protocol, the names of its prerequisites, and prompts that the protocol does not show."""
 
     name: str
     protocol: str

@@ -1,8 +1,8 @@
 """Protocol registry: built-in protocols, protocols of installed packages, and protocols of a laboratory's file.
 
-An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by
-its path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to-write-a-protocol.md). A broken one is reported
-and left out. Both are loaded when a name is looked up that no other protocol has.
+An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by its
+path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to-write-a-protocol.md). A broken protocol is
+reported and left out. Both kinds are loaded at the first look-up of a name that no other protocol has.
 """
 
 import importlib
@@ -36,7 +36,7 @@ BUILT_IN_PROTOCOLS = {
 """Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""
 
 DEFAULT_PROTOCOL = "sine-dwell"
-"""Protocol of a new form, of a command without a name, and of a run whose own protocol is not installed."""
+"""Protocol of a new form, of a command without a name, and of a run of a protocol that is not installed."""
 WIRING_CHECK, HELD_LEVELS, TONES = "wiring-check", "voltage-steps", "sine-dwell"
 """Protocols that the Bench page and the command `bench check` start: the check of a bench, levels and sines played by hand."""
 
@@ -86,7 +86,7 @@ PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 def aspects_of(name: str) -> Aspects:
-    """Return the aspects of a protocol by name, of installed packages too; the defaults where it is not registered.
+    """Return the aspects of a protocol by name, of installed packages too; the defaults if it is not registered.
 
     A method of a laboratory's aspects that fails raises AspectsError, which readers of runs and imports report.
     """
@@ -95,7 +95,7 @@ def aspects_of(name: str) -> Aspects:
         return Aspects()
     if name in BUILT_IN_PROTOCOLS:
         return kind.aspects
-    from protocols.aspects import guarded_aspects  # reads run files, which a start needs not
+    from protocols.aspects import guarded_aspects  # reads run files, which a start does not need
 
     return guarded_aspects(kind.aspects, name)
 
@@ -132,9 +132,9 @@ def load_protocol_file(path: Path) -> type[Protocol]:
     name = f"tactor_bench_protocol_{path.stem}"
     module = ModuleType(name)
     module.__file__ = str(path)
-    sys.modules[name] = module  # pydantic looks annotations up there
+    sys.modules[name] = module  # pydantic looks annotations up in sys.modules
     try:
-        # From its text, always: Python's cache takes a file of the same size and second for the same file.
+        # Always compiled from the text: Python's cache mistakes a file of equal size and second for the same file.
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # noqa: S102 - the operator's own file
     except Exception as error:
         raise ProtocolFileError(f"{path} does not run: {type(error).__name__}: {error}") from error

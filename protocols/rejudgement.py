@@ -40,7 +40,7 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
 
     Args:
         path: the run file.
-        reference: model of the free specimen; default is the one stored in the run, or else the paper's tactor.
+        reference: model of the free specimen; default: the model stored in the run, or else the paper's tactor.
         store: whether to store the verdict in the run's sidecar, in place of an earlier one; the run file is not touched.
 
     Raises:
@@ -57,7 +57,7 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
 
 
 def complete_results(path: Path) -> str:
-    """Store estimates and verdict of a run that ended without them, from its points; return what was done as a sentence.
+    """Store estimates and verdict of a run that ended without them, from its points; return a sentence about the result.
 
     Curves are not computed again.
     """

@@ -1,7 +1,7 @@
-"""Resuming a run that was stopped, failed or crashed, or repeating some of its entries.
+"""Resuming a stopped, failed or crashed run, or repeating some of its entries.
 
-The new file carries over all points, links to the raw data of the old file, and is one run to its readers. The last good
-entry is first measured again, which shows drift: temperature, a bumped sensor, creep.
+The new file carries over all points, links to the raw data of the old file, and appears as one run to readers. First the last
+good entry is measured again, which shows drift: temperature, a moved sensor, creep.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ from protocols.registry import PROTOCOLS
 from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, translate_read_errors
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
-"""A change larger than both counts as drift: more than errors explain, and large enough to matter."""
+"""A change larger than both counts as drift: significant, and large enough to matter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def protocol_of_run(run: Run, run_name: str) -> Protocol:
     """Return the protocol of a run with its parameters; `run_name` names the run in messages.
 
     Raises:
-        RunReadError: it is not known here, or this version rejects its parameters.
+        RunReadError: the protocol is unknown, or this version rejects its parameters.
     """
     kind = PROTOCOLS.get(run.record.protocol)
     if kind is None:
@@ -109,7 +109,7 @@ def _check_measured(path: Path, run: Run) -> None:
 
 
 def _points_of_plan(run: Run, points: Mapping[int, Any], plan: Sequence[PlanEntry]) -> dict[int, Any]:
-    """Return the points of the plan's entries: refinements depend on points, and may differ once those were measured again."""
+    """Return the points of the plan's entries: refinements depend on points, and may differ after repeats of these."""
     begun = run.entries()
     return {
         i: point for i, point in points.items() if i < len(plan) and (i not in begun or begun[i].key == plan[i].key)
@@ -169,7 +169,7 @@ def _label_matches(label: str, text: str) -> bool:
 
 
 def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
-    """Compare an entry measured twice; return a message, and a prompt if the drift is too large."""
+    """Compare two measurements of an entry; return a message, and a prompt if the drift is too large."""
     column = protocol.axes[1]
     old, new = float(getattr(first, column)), float(getattr(second, column))
     error = math.hypot(float(getattr(first, f"{column}_errors", 0.0)), float(getattr(second, f"{column}_errors", 0.0)))
@@ -202,14 +202,16 @@ def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -
 
 
 def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
-    """Return points with their entries, in order of measurement; the last one of an entry is valid."""
+    """Return points with their entries, in order of measurement; the last point of an entry is valid."""
     columns = run.points()
     entries = columns.pop(ENTRY_COLUMN)
     points = []
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
         for field in fields(point_type):
-            value = np.asarray(columns[field.name][row] if field.name in columns else math.nan)  # an older file
+            value = np.asarray(
+                columns[field.name][row] if field.name in columns else math.nan
+            )  # a file of an earlier version
             values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])

@@ -8,8 +8,8 @@ from protocols.base.steps import Prompt
 class Operator(Protocol):
     """Shows prompts and is polled for answers. Ids are unique, so that a stale answer is never mistaken for a new one.
 
-    An operator may have a property `unreachable_reason`, a text that is not empty while nobody can answer: then an abort level with
-    the action "ask" ends the run at rest.
+    An operator may have a property `unreachable_reason`, a text that is empty while an answer is possible; otherwise an abort
+    level with the action "ask" ends the run at rest.
     """
 
     def show(self, ask_id: int, prompt: Prompt) -> None:

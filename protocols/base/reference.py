@@ -14,12 +14,12 @@ PAPER_SOURCE = "the paper's values"
 
 @dataclass(frozen=True, slots=True)
 class ReferenceModel:
-    """Model of the free specimen that a run is compared with.
+    """Model of the free specimen, for comparison with a run.
 
     Attributes:
         tactor: the specimen without skin.
         amplifier: static map of the bench's amplifier.
-        source: where the parameters come from.
+        source: origin of the parameters.
         calibrated: whether they were identified for this specimen.
     """
 

@@ -1,4 +1,4 @@
-"""Fit lines of points: which points they take, and the weighted mean as a line."""
+"""Fit lines of points: selection of the points, and the weighted mean as a line."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from model import Array
 from protocols.base import Quality, Role, Series
 
 CURVE_POINTS = 101
-"""Places of a line that is not straight."""
+"""Number of abscissae of a curved line."""
 
 
 def line_indices(points: Sequence[Any], x_name: str, y_name: str) -> tuple[int, ...]:
-    """Return the points with finite coordinates that a fit may use."""
+    """Return the usable points with finite coordinates."""
     return tuple(
         i
         for i, p in enumerate(points)

@@ -46,7 +46,7 @@ from protocols.signals import DecayFit
 SOURCE = "free decay after a step"
 
 SKIPPED_AFTER_EDGE_S = 2e-3
-"""Left out after the edge, until the drive is constant and the second mode, at 2.3 kHz, has decayed."""
+"""Time after the edge that is left out, until the drive is constant and the second mode, at 2.3 kHz, has decayed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class FreeDecay(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Follow each edge for a shorter time where the source's memory is small."""
+        """Record each edge for a shorter time if the source's memory is small."""
         changes = [{"dwell_s": round(self.dwell_s * 0.9**k, 4)} for k in range(1, 20)]
         return first_adapted(changes, self, rest_v, reason_unsupported)
 
@@ -186,7 +186,7 @@ class FreeDecay(Protocol):
         return "natural_frequency", "damping_ratio"
 
     def _decay_after_edge(self, recording: Recording, edge: int) -> tuple[Any, Any]:
-        """Times since an edge and the displacement from `SKIPPED_AFTER_EDGE_S` after it on, up to shortly before the next; (N,) each."""
+        """Return time since an edge and displacement, from `SKIPPED_AFTER_EDGE_S` to shortly before the next edge; (N,) each."""
         rate, drive = recording.rate_hz, recording.drive_v
         rest, high = np.median(drive[: max(round(0.01 * rate), 4)]), float(drive.max())
         up = np.flatnonzero(drive > rest + 0.5 * (high - rest))

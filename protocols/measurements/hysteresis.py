@@ -44,13 +44,13 @@ from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remo
 SOURCE = "line through the loop widths of this run over frequency"
 
 MIN_FREQUENCIES = 3
-"""Frequencies from which on a line separates hysteresis from damping."""
+"""Smallest number of frequencies for a line that separates hysteresis from damping."""
 
 PHASES_PER_CYCLE = 128
-"""Of a cycle, each the mean of at least two samples."""
+"""Parts of a cycle, each the mean of at least two samples."""
 
 DRIVE_TOLERANCE = 0.05
-"""How far the recorded amplitude may be from the one commanded."""
+"""Largest deviation of the recorded amplitude from the commanded one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,17 +85,17 @@ class LoopPoint:
 
 @dataclass(frozen=True, slots=True)
 class FoldedCycles:
-    """The cycles of a recording, each in `PHASES_PER_CYCLE` parts, the sensor's delay taken out; arrays are (cycles, PHASES)."""
+    """The cycles of a recording, each in `PHASES_PER_CYCLE` parts, the sensor's delay removed; arrays are (cycles, PHASES)."""
 
     frequency_hz: float
     drive_v: Array
     displacement_m: Array
     interference_m: float
-    """Amplitude of interference at harmonics of the loop's rate, which every cycle repeats; the rest is taken off."""
+    """Amplitude of interference at harmonics of the loop's rate, which repeats in every cycle; other interference is removed."""
 
 
 class Hysteresis(Protocol):
-    """Loops at several rates: width, area and asymmetry; separates hysteresis from damping."""
+    """Loops at several frequencies: width, area and asymmetry; separates hysteresis from damping."""
 
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "Hysteresis"
@@ -127,7 +127,7 @@ class Hysteresis(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Leave out the rates that the source cannot play, where enough are left to tell hysteresis from damping."""
+        """Omit the rates that the source cannot play, if enough are left to separate hysteresis from damping."""
         played = tuple(f for f in self.frequencies_hz if not reason_unsupported(self._drive(f, rest_v)))
         return self.model_copy(update={"frequencies_hz": played}) if len(set(played)) >= MIN_FREQUENCIES else self
 
@@ -140,7 +140,7 @@ class Hysteresis(Protocol):
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[0])
         yield Play(entry.drives[0], self.dropped / f)
-        yield Record((self.cycles + 0.5) / f)  # the sensor is late, and the clocks differ a little
+        yield Record((self.cycles + 0.5) / f)  # the sensor has a delay, and the clocks differ slightly
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoopPoint:
         return self._loop_point(recordings[-1], self._fold_cycles(recordings[-1]), simulated)
@@ -169,7 +169,7 @@ class Hysteresis(Protocol):
         return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> Series:
-        """Return the closed mean loop; its errors are of the shape alone, because its position drifts between cycles."""
+        """Return the closed mean loop; its errors refer to the shape alone, because its position drifts between cycles."""
         centre = folded.displacement_m.mean()
         shapes = folded.displacement_m - folded.displacement_m.mean(axis=1, keepdims=True)
         errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
@@ -189,7 +189,7 @@ class Hysteresis(Protocol):
         seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
         drive_off = abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v
         loop = measure_loops(folded.drive_v, folded.displacement_m)
-        # A difference of two places of the loop: the variances of a sine of unknown phase add.
+        # A difference of two points of the loop: the variances of a sine of unknown phase add.
         width_error, max_width_error, stroke_error = (
             math.hypot(error, folded.interference_m)
             for error in (loop.width_error, loop.max_width_error, loop.stroke_error)
@@ -243,18 +243,18 @@ class Hysteresis(Protocol):
         return ("loop_hysteresis",) if len(set(self.frequencies_hz)) >= MIN_FREQUENCIES else ()
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
-        # Two loops to spare, finite so that a generator left alone comes to rest.
+        # Two spare loops; finite, so that a generator left alone comes to rest.
         cycles = self.dropped + self.cycles + 2 + math.ceil(frequency_hz)
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
 
 
 def _close_loop(loop: Array) -> Array:
-    """With its first value once more at its end."""
+    """Return the loop closed by its first value."""
     return np.append(loop, loop[0])
 
 
 def _advance(samples: Array, shift: float) -> Array:
-    """The samples as they would be `by` samples earlier, on straight lines between them; shorter at the end."""
+    """Return the samples shifted `by` samples earlier by linear interpolation; shorter at the end."""
     at = np.arange(samples.size, dtype=float) + shift
     inside = at[(at >= 0) & (at <= samples.size - 1)]
     return np.asarray(np.interp(inside, np.arange(samples.size), samples))

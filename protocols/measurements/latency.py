@@ -1,8 +1,8 @@
 """Latency: time until the displacement reaches the perception threshold, after a step and after the onset of a sine.
 
-The steps are the fastest that the bench admits. A step's times count from the centroid of its edge in the recorded drive, so that they are
-times of an ideal step to first order; the remaining effect of the edge is in the uncertainty. A sine's times count from its begin.
-The sensor's delay is taken off. The amplifier is part of the actuator: times count from its input.
+The steps are the fastest that the bench admits. The times of a step begin at the centroid of its edge in the recorded drive, so
+that they equal times of an ideal step to first order; the remaining effect of the edge is in the uncertainty. The times of a sine
+begin at its onset. The sensor's delay is removed. The amplifier is part of the actuator: times refer to its input.
 """
 
 import math
@@ -52,23 +52,23 @@ from protocols.signals import (
 STEP, SINE = "step", "sine"
 
 LEAST_DWELL_S = 0.02
-"""Shorter than this no step is still moving when it is taken back: the first mode settles within 17 ms."""
+"""Shortest dwell after which a step has settled before its return: the first mode settles within 17 ms."""
 
 SLOWER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-"""Shares of the slope that are tried where the source's memory is too small for the fastest edge."""
+"""Shares of the slope, tried in turn if the source's memory is too small for the fastest edge."""
 
 SHOWN_S = 0.03
-"""How much of a response is stored as a curve, from `CURVE_LEAD_S` before the onset on."""
+"""Duration of the stored curve of a response, from `CURVE_LEAD_S` before the onset."""
 CURVE_LEAD_S = 1e-3
 
 FINAL_SHARE = 0.2
 """Share of a dwell at its end whose mean is the final value of a step."""
 
 HARMONICS = 8
-"""Harmonics of the steady response to a sine; the amplifier's two slopes make even ones."""
+"""Harmonics of the steady response to a sine; the amplifier's two slopes generate even ones."""
 
 SETTLED_NOISE = 1.5
-"""Uncertainty of a deviation from the steady state divided by a sample's: the steady state is fitted."""
+"""Uncertainty of a deviation from the fitted steady state, divided by the uncertainty of a sample."""
 
 RISE_LOW, RISE_HIGH = 0.1, 0.9
 DRIVE_TOLERANCE = 0.05
@@ -76,14 +76,14 @@ EDGE_LIMIT = 1.3
 """Largest recorded duration of an edge over the commanded one: a staircase of 5 µs adds 2 %."""
 
 LEAST_SIGMAS = 5.0
-"""A response of fewer standard uncertainties of a sample counts as none."""
+"""Smallest response in standard uncertainties of a sample."""
 
 SOURCE = "latency"
 
 
 @dataclass(frozen=True, slots=True)
 class LatencyPoint:
-    """One onset. Uncertainties are standard; the uncertainties of the sensor's gain and delay are common to all points and not in them."""
+    """One onset. Uncertainties are standard; the common errors of the sensor's gain and delay are excluded."""
 
     frequency: Annotated[float, Unit("Hz"), "frequency of the sine; 0: a step"]
     level: Annotated[float, Unit("V"), "level of the step, or highest level of the sine, at the amplifier's input"]
@@ -118,7 +118,7 @@ class LatencyPoint:
 
 
 def _onset_name(frequency_hz: float, level_v: float) -> str:
-    """Return the end of an estimate's name; files list estimates by name, steps first."""
+    """Return the suffix of an estimate's name; files list estimates by name, steps first."""
     return f"from the onset of {frequency_hz:g} Hz" if frequency_hz else f"after a step to {level_v:g} V"
 
 
@@ -170,7 +170,7 @@ class OnsetLatency(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Shorten the dwells where the source's memory is small, then slow down the edges."""
+        """Shorten the dwells if the source's memory is small, then slow down the edges."""
         dwells = [self.dwell_s * share for share in (0.7, 0.5, 0.35) if self.dwell_s * share >= LEAST_DWELL_S]
         dwell = {"dwell_s": min(self.dwell_s, LEAST_DWELL_S)}
         changes: list[dict[str, float]] = [{"dwell_s": round(s, 4)} for s in dwells]
@@ -193,7 +193,7 @@ class OnsetLatency(Protocol):
             yield SINE, f, f"sine of {f:g} Hz", Sine(f, self.peak_to_peak_v / 2, rest_v, cycles)
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
-        # Driven twice: a specimen with hysteresis answers differently to the first onset after another drive.
+        # Driven twice: a specimen with hysteresis responds differently to the first onset after another drive.
         yield Record(entry.drives[0].duration_s, entry.drives[0])
         yield Record(entry.drives[0].duration_s, entry.drives[0])
 
@@ -295,15 +295,15 @@ class OnsetLatency(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Onset:
-    """A response from its onset on, smoothed.
+    """A smoothed response from its onset.
 
     Attributes:
-        time_s: since the onset, sensor's delay removed, (N,).
-        signed, moved: displacement against rest, and in the direction of the final value or without its sign, (N,).
-        deviation: from the steady state, (N,); 0 before the onset.
+        time_s: time since the onset, sensor's delay removed, (N,).
+        signed, moved: displacement against rest, and its component in the direction of the final value or its modulus, (N,).
+        deviation: deviation from the steady state, (N,); 0 before the onset.
         noise: standard uncertainty of a smoothed sample.
-        averaged: `moved` averaged over the edge once more; the change bounds what the edge leaves. None for a sine.
-        since_begin_s: from the begin of the drive's edge to the onset.
+        averaged: `moved` averaged over the edge once more; the change bounds the remaining effect of the edge. None for a sine.
+        since_begin_s: time from the begin of the drive's edge to the onset.
     """
 
     time_s: Array
@@ -332,7 +332,7 @@ class _Onset:
 
 
 def _rest(recording: Recording, begin: int) -> tuple[float, float, float]:
-    """Return displacement at rest before the onset, its standard uncertainty with the hum's, and the noise of a sample."""
+    """Return displacement at rest before the onset, its standard uncertainty including hum, and the noise of a sample."""
     quiet = recording.displacement_m[max(begin // 4, 0) : max(begin - 5, 8)]
     hum = math.sqrt(sum(line.amplitude_m**2 / 2 for line in recording.interference if line.significant))
     noise = float(np.std(np.diff(quiet))) / math.sqrt(2)
@@ -391,7 +391,7 @@ def _sine_onset(recording: Recording) -> _Onset:
     first, last = int(away[0]), int(away[-1])
     frequency = fit_frequency(volts[first:last], rate, drive.frequency_hz)
     driven = fit_sine(volts[first:last], rate, frequency)
-    # The sine rises through its offset where its phase is a whole turn: the last time before it is seen away from it.
+    # The sine rises through its offset at whole turns of its phase: the last one before it is seen away from the offset.
     phase = float(np.angle(driven.fundamental)) / (2 * math.pi)
     begin_s = first / rate - (phase % 1.0) / frequency
     rest_m, rest_error, noise = _rest(recording, int(begin_s * rate))
@@ -421,7 +421,7 @@ def _sine_onset(recording: Recording) -> _Onset:
 
 
 def _mean_with_error(group: Sequence[Any], column: str) -> tuple[float, float] | None:
-    """Return the mean of the finite values and its uncertainty: their own, common to all, and the scatter of the mean."""
+    """Return the mean of the finite values and its uncertainty: their common uncertainty, and the scatter of the mean."""
     pairs = [(getattr(p, column), getattr(p, f"{column}_errors", 0.0)) for p in group]
     finite = np.array([(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)])
     if not finite.size:

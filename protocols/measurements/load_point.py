@@ -24,7 +24,7 @@ ValueWithError = tuple[float, float]
 
 
 def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """Return all quantities identified from the usable points; those without enough points are left out."""
+    """Return all quantities identified from the usable points; quantities without enough points are left out."""
     by_side = {side: [p for p in points if p.side == side] for side in SIDE_LABELS}
     lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
     estimates = [
@@ -48,14 +48,14 @@ def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]
 def compliance(points: Sequence[Any]) -> ValueWithError | None:
     """Slope of the weighted line through zero, m/N; None for fewer than two points or no load.
 
-    Each point is weighted with its own error, the load's included. Scatter of the points beyond that widens the
-    standard error (Birge ratio).
+    Each point is weighted with its own error, including the error of the load. Excess scatter of the points widens the standard
+    error (Birge ratio).
     """
     if len(points) < 2:
         return None
     load, moved = (np.array([getattr(p, name) for p in points]) for name in ("load", "deflection"))
     slope = float(load @ moved / (load @ load))
-    for _ in range(2):  # the load's error counts by the slope
+    for _ in range(2):  # the load's error times the slope
         weight = 1 / _variance(points, slope)
         slope = float((weight * load) @ moved / ((weight * load) @ load))
     left = moved - slope * load
@@ -64,7 +64,7 @@ def compliance(points: Sequence[Any]) -> ValueWithError | None:
 
 
 def nonlinearity(points: Sequence[Any]) -> ValueWithError | None:
-    """By how much the compliance at the largest load differs from that at none, as a share: d = c F (1 + n F / F_max).
+    """Return the relative difference of the compliance at the largest load from the compliance without load: d = c F (1 + n F / F_max).
 
     None for fewer than three different loads.
     """
@@ -125,15 +125,16 @@ def load_point(
     zero_limit_m: Callable[[float], float],
     simulated: bool,
 ) -> LoadPoint:
-    """The point of one weight; the last three recordings count.
+    """Return the point of one weight; the last three recordings count.
 
     Args:
-        key: side (1: MFC up, -1: aluminium up), mass in kg, which repeat.
-        recordings: what was recorded for it.
-        measure_level: the level of a recording.
+        key: side (1: MFC up, -1: aluminium up), mass in kg, number of the repeat.
+        recordings: recordings of the weight.
+        measure_level: function that returns the level of a recording.
         load_n: the weight's force and its standard uncertainty.
-        zero_limit_m: how far the zero may move over a deflection in m; further makes the point unsettled.
-        simulated: whether the bench was.
+        zero_limit_m: function that returns the largest change of the zero over a deflection in m; a larger one makes the point
+            unsettled.
+        simulated: whether the bench was simulated.
 
     Raises:
         ValueError: there are fewer than three recordings.
@@ -177,15 +178,15 @@ def load_point(
 DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
 
 MAX_ATTEMPTS = 3
-"""Number of repeats of a weight that does not fit, before its deflection is accepted as the specimen's."""
+"""Repeats of an implausible weight before its deflection is accepted as the specimen's."""
 
 
 CREEP_MARGIN = 1.5
-"""Times what a specimen creeps in a baseline under the weight before, which still counts as quiet."""
+"""Multiple of a specimen's creep in a baseline under the previous weight that counts as quiet."""
 
 
 class WeightStepWatcher:
-    """Detects in the laser signal that a weight is put on or taken off, from the level before (protocols.base.steps.Detector)."""
+    """Detects in the laser signal that a weight is put on or taken off, from the previous level (protocols.base.steps.Detector)."""
 
     def __init__(self, baseline: Recording, min_step_m: float, baseline_s: float) -> None:
         before = baseline.displacement_m[-round(baseline_s * baseline.rate_hz) :]
@@ -196,7 +197,7 @@ class WeightStepWatcher:
         self._detector.feed(before)
 
     def feed(self, drive_v: Any, displacement_m: Any) -> bool:
-        """Whether what came now, (n,) each, shows it."""
+        """Return whether the new samples, (n,) each, show the event."""
         return self._detector.feed(displacement_m) is not None
 
 
@@ -212,7 +213,7 @@ def turn_side_prompt(side: float, offset_kg: float) -> Prompt:
 
 
 def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prompt:
-    """Put a weight on; or report that the one before was wrong."""
+    """Return the prompt to put a weight on; or to report that the previous one was wrong."""
     return Prompt(
         "place-weight",
         f"Place the {format_quantity(mass_kg, 0.0, 'kg')} weight on the centre; the laser sees it land.",
@@ -223,13 +224,13 @@ def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prom
 
 
 def remove_weight_prompt(side: float, mass_kg: float) -> Prompt:
-    """Take a weight off; or report that it was wrong."""
+    """Return the prompt to take a weight off; or to report that it was wrong."""
     text = f"Take the {format_quantity(mass_kg, 0.0, 'kg')} weight off."
     return Prompt("remove-weight", text, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
 
 
 def repeat_or_keep_prompt(action: str, message: str, attempt: int) -> Prompt:
-    """Repeat at first; a deflection that recurs so often is accepted as the specimen's."""
+    """Return the repeat of an implausible weight; a deflection that recurs often is accepted as the specimen's."""
     if attempt < MAX_ATTEMPTS:
         return Prompt(action, f"{message} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
     return Prompt(action, f"{message} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))

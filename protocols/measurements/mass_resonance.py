@@ -1,9 +1,9 @@
 """Mass resonance: peak of the displacement spectrum for several added masses (paper, Sec. IV-1).
 
-A sweep too long for the waveform memory is played in pieces, from rest to rest, each over its share of the band at the
-same sweep rate; the responses of the pieces overlap and are joined. A card's analogue output plays it in one piece
-(`piece_s` = `sweep_s`). Where the memory is too small for pieces, sines at single frequencies take the sweep's place, closer
-together within the peak (`method` = `dwell`).
+A sweep too long for the waveform memory is played in pieces, from rest to rest, each over its share of the band at the same sweep
+rate; the responses of the pieces overlap and are joined. A card's analogue output plays it in one piece (`piece_s` = `sweep_s`).
+If the memory is too small for pieces, sines at single frequencies replace the sweep, closer together within the peak (`method` =
+`dwell`).
 """
 
 import contextlib
@@ -47,29 +47,30 @@ from protocols.measurements.result_checks import (
 from protocols.signals import FREQUENCY_RESPONSE, MIN_BINS_PER_LINE, FrequencyResponse, ModalFit
 
 RINGDOWN_S = 0.3
-"""Recorded after a sweep, until the free vibration has decayed."""
+"""Duration of the recording after a sweep, until the free vibration has decayed."""
 
 OVERLAP_LINES = 6
-"""Lines by which neighbouring pieces overlap, half of them beyond the share of each: begin and end of a piece disturb its outermost lines."""
+"""Overlap of neighbouring pieces in lines, half of it beyond the share of each: begin and end of a piece disturb its outermost
+lines."""
 
 MAX_OVERLAP = 0.5
-"""Longest overlaps of adapted pieces together, as a share of the band: they take their time from the lines."""
+"""Largest total overlap of adapted pieces, as a share of the band: overlaps reduce the time per line."""
 
 DRIVE_TOLERANCE = 0.05
 
 SWEEP = "sweep"
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.002, 1.5
-"""Relative change between windows that counts as settled under a sine, and how long it is waited for."""
+"""Largest relative change between windows of a settled response to a sine, and the longest wait for it."""
 
 DWELL_RECORD_S, DWELL_CYCLES, DWELL_MARGIN_S = 0.3, 20, 1.0
-"""Shortest recording of a sine, its fewest cycles, and how much longer than needed a sine lasts."""
+"""Shortest recording of a sine, its fewest cycles, and the spare duration of the drive."""
 
 DWELL_S, MAX_DWELLS = 1.2, 120
-"""Typical duration of one frequency, and the most frequencies of a mass."""
+"""Typical duration of one frequency, and the largest number of frequencies of a mass."""
 
 EDGE_MARGIN = 0.1
-"""A peak this near to the band's edge, as a share of its frequency, is reported."""
+"""Distance of a peak from the band's edge, as a share of its frequency, below which it is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +163,7 @@ class MassResonance(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Play shorter pieces where the source's memory is small, or single frequencies where the overlaps become too long."""
+        """Play shorter pieces if the source's memory is small, or single frequencies if the overlaps become too long."""
         counts = (math.ceil(self._piece_count * 1.2**k) for k in range(1, 40))
         pieces = (self.sweep_s / count for count in counts)
         most = MAX_OVERLAP * (self.stop_hz - self.start_hz)
@@ -259,7 +260,7 @@ class MassResonance(Protocol):
         spectrum = math.nan, math.nan
         with contextlib.suppress(
             ValueError
-        ):  # single frequencies have none, nor has a spectrum without a peak of its own, beside a response that has one
+        ):  # single frequencies have no spectrum, and a spectrum may lack the peak that the response has
             if self.method != SWEEP:
                 raise ValueError("single frequencies make no spectrum")
             peak = joined_spectrum_peak(
@@ -289,7 +290,7 @@ class MassResonance(Protocol):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
-        """A constant stiffness under the added mass: 1/f² on a straight line over the mass."""
+        """Return the line of a constant stiffness: 1/f² is linear in the added mass."""
         used = line_indices(points, *cls.axes)
         mass, f, error = (
             np.array([getattr(points[i], n) for i in used]) for n in ("mass", "frequency", "frequency_errors")
@@ -305,7 +306,7 @@ class MassResonance(Protocol):
         return (Series(drawn, squared**-0.5, role=Role.FIT, label=label, fitted_rows=used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """The peak of each mass; the damping ratios are in the points, and identifying k2 needs the model, see `identify`."""
+        """Return the peak of each mass; the damping ratios are in the points, and k2 needs the model, see `identify`."""
         source = (
             f"largest response from {self.low_hz:g} to {self.high_hz:g} Hz, sines or sweep of {self.peak_to_peak_v:g} V"
         )
@@ -349,7 +350,7 @@ class MassResonance(Protocol):
         return Sine(frequency_hz, self.peak_to_peak_v / 2, rest_v, math.ceil(longest_s * frequency_hz))
 
     def _sweeps(self, rest_v: float) -> tuple[LinearSweep, ...]:
-        """Return the pieces: of equal duration and pace, `sweep_s` together with their overlaps."""
+        """Return the pieces: equal in duration and sweep rate, `sweep_s` in total with their overlaps."""
         count, overlap = self._piece_count, OVERLAP_LINES * self._resolution_hz
         width = (self.stop_hz - self.start_hz + (count - 1) * overlap) / count
         starts = [self.start_hz + i * (width - overlap) for i in range(count)]

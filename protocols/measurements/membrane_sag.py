@@ -46,13 +46,13 @@ SOURCE = "membrane sag, bending with the tension of the deflection itself"
 LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"
 
 RUBBER_MODULI_PA = 1e4, 1e8
-"""Moduli of rubbers, the softest silicone to the hardest; any other is not a rubber, or there is no membrane."""
+"""Moduli of rubbers, from the softest silicone to the hardest; another value means no rubber or no membrane."""
 
 SAME_SURFACE_SIGMAS = 5.0
-"""A membrane nearer to the reference surface, in standard errors, may be that surface."""
+"""Distance to the reference surface, in standard errors, below which the membrane may be the surface itself."""
 
 MAX_ATTEMPTS = 3
-"""Attempts at a sag that is outside the sensor's range."""
+"""Attempts at a sag outside the sensor's range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class SagPoint:
 
 
 class MembraneSag(Protocol):
-    """The membrane's own weight bends and stretches it; the modulus of its rubber follows from how far."""
+    """The membrane's own weight bends and stretches it; its sag gives the modulus of the rubber."""
 
     name: ClassVar[str] = "membrane-sag"
     title: ClassVar[str] = "Membrane sag"
@@ -177,7 +177,7 @@ class MembraneSag(Protocol):
         if not mean_m > 0:
             return ()
         estimates = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
-        with contextlib.suppress(ParameterError):  # where no modulus explains this sag, the sag itself is reported
+        with contextlib.suppress(ParameterError):  # if no modulus explains this sag, the sag alone is reported
             estimates.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
             linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
             estimates.append(
@@ -234,7 +234,7 @@ class MembraneSag(Protocol):
         return error * 2e-3 * sag_m / abs(high - low)
 
     def _young_modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
-        """E_m and its standard error: what each uncertain input does to it, in quadrature."""
+        """Return E_m and its standard error: effects of the uncertain inputs in quadrature."""
 
         def E_m(changed: "MembraneSag", w: float = sag_m) -> float:
             return young_modulus_from_sag(
@@ -252,7 +252,7 @@ class MembraneSag(Protocol):
                 ("density_kg_per_m3", self.density_kg_per_m3, self.density_error_kg_per_m3),
             )
         ]
-        # No membrane is stretched by less than nothing: near 0 only the upper side exists.
+        # A stretch is not negative: near 0 only the upper side exists.
         stretched = self.model_copy(update={"elongation_m": self.elongation_m + self.elongation_error_m})
         return best, math.hypot(*steps, E_m(stretched) - best)
 

@@ -1,7 +1,7 @@
 """Membrane series: sine dwells at several elongations of the skin membrane (paper, Sec. IV-4).
 
-The free tactor is measured before and after; the change between the two is drift. A membrane can only stiffen the tactor,
-and more so the further it is stretched; a response that contradicts this gives a warning.
+The free tactor is measured before and after; the change between the two is drift. A membrane can only stiffen the tactor, and
+more so with more stretch; a response that contradicts this gives a warning.
 """
 
 import math
@@ -18,11 +18,11 @@ from protocols.measurements.result_checks import usable_points
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
 
 FREE = "free"
-"""In a key in place of an elongation: without a membrane."""
+"""Value of a key without a membrane, in place of an elongation."""
 
 SIGNIFICANCE_SIGMAS = 5.0
 DRIFT_LIMIT = 0.02
-"""A change of the free tactor between before and after that is reported, as a share."""
+"""Relative change of the free tactor from before to after above which it is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class MembraneSeries(SineDwell):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
+        """Return the largest response at each elongation, and the change of the free tactor from before to after."""
         free, stretched = _free_and_stretched(points)
         estimates = [
             EstimatedQuantity.listed(
@@ -107,7 +107,7 @@ class MembraneSeries(SineDwell):
         return tuple(estimates)
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
-        """Return the influence of the way the membrane was stretched, and the drift, from complete passes."""
+        """Return the checks of order and drift from complete passes."""
         warnings = []
         parts = [p.part for p in points]
         free, stretched = _free_and_stretched(p for p in points if parts.count(p.part) == len(self.frequencies_hz))
@@ -137,13 +137,13 @@ class MembraneSeries(SineDwell):
         return (*super().checks(points), *self._order_checks(points))
 
     def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:
-        return ()  # of several elongations together
+        return ()  # mean over several elongations
 
     def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
         return self._membrane_absent([p for p in usable_points(points) if math.isnan(p.elongation)], reference)
 
     def _order_checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """The free tactor must respond most, and the same before and after."""
+        """Return the checks that the free tactor responds most, and equally before and after."""
         free, stretched = _free_and_stretched(points)
         if not free or not stretched:
             return ()
@@ -196,9 +196,9 @@ def _compliance(point: Any) -> float:
 def _relative_change(
     reference: Sequence[Any], points: Sequence[Any], lowest_octave: bool = False
 ) -> tuple[float, float]:
-    """Mean relative change of the response at the frequencies both have, and its error; `below`: in the lowest octave only.
+    """Return the mean relative change of the response at common frequencies, and its error; `below`: in the lowest octave only.
 
-    There a tactor answers with its stiffness alone; near its resonance less damping or mass could look like less stiffness.
+    There a tactor responds by its stiffness alone; near its resonance less damping or mass could look like less stiffness.
     """
     top_hz = 2 * min(point.frequency for point in reference) if lowest_octave else math.inf
     pairs = [

@@ -1,7 +1,7 @@
 """Sine dwell: settled response at one frequency after the other; resonance (paper, Sec. IV-3).
 
-A point has the paper's amplitude, max - min, and the fundamental of a least-squares sine fit: the amplifier's two slopes
-make harmonics, and near half the resonance the two differ by a fifth. Several recordings under one sine are averaged.
+A point has the paper's amplitude, max - min, and the fundamental of a least-squares sine fit: the amplifier's two slopes make
+harmonics, and near half the resonance both amplitudes differ by a fifth. Several recordings under one sine are averaged.
 """
 
 import math
@@ -59,10 +59,10 @@ from protocols.signals import (
 )
 
 HARMONIC_COUNT = 8
-"""Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
+"""Number of fitted components; under a sine the amplifier generates 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
 
 MIN_RESPONSE_SIGMAS = 5.0
-"""A fundamental of fewer standard uncertainties than this counts as no response."""
+"""Standard uncertainties of the smallest fundamental of a response."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class SinePoint:
 
 @dataclass(frozen=True, slots=True)
 class _RecordingFit:
-    """Fits of drive and displacement of one recording. `components` are turned so that the drive has phase 0; (K,), m."""
+    """Fits of drive and displacement of one recording. `components` are rotated so that the drive has phase 0; (K,), m."""
 
     frequency: float
     components: np.ndarray
@@ -105,7 +105,7 @@ class _RecordingFit:
     extremes: MaxMin
     samples: int
     coincident: Mapping[int, float]
-    """Amplitude of the interference at a harmonic of the drive that cannot be told from the response, by its order."""
+    """Amplitude of inseparable interference by order of the drive's harmonic."""
 
     @property
     def drive_amplitude(self) -> float:
@@ -119,7 +119,7 @@ class _RecordingFit:
 
 
 def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
-    """The point of recordings under one sine; several, and parts of a long one, are averaged as vectors, each against its own drive.
+    """Return the point of recordings under one sine; several, or parts of a long one, are averaged as vectors against their drives.
 
     Raises:
         ValueError: a recording was not made under a sine, or is too short for the fit.
@@ -204,7 +204,7 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
 
 
 def is_folded_onto(lines: Sequence[InterferenceLine], frequency_hz: float, duration_s: float) -> bool:
-    """Return whether a line from above half the sample rate lies at a frequency, in a recording of this duration."""
+    """Return whether an aliased line lies at a frequency, in a recording of this duration."""
     return any(
         line.folded and line.significant and abs(line.frequency_hz - frequency_hz) * duration_s < SEPARATION_BINS
         for line in lines
@@ -212,22 +212,22 @@ def is_folded_onto(lines: Sequence[InterferenceLine], frequency_hz: float, durat
 
 
 MIN_SAMPLES_PER_CYCLE = 20
-"""Least samples in a cycle, as the paper has at 250 Hz and 5 kS/s."""
+"""Fewest samples per cycle, as in the paper at 250 Hz and 5 kS/s."""
 
 MAX_RECORDINGS = 20
-"""Recordings averaged at one frequency without a time budget."""
+"""Largest number of averaged recordings of one frequency without a time budget."""
 
 FREQUENCY_TOLERANCE_HZ = 0.05
-"""Frequencies nearer than this are one."""
+"""Distance below which frequencies count as equal."""
 
 SETTLING_LIMIT = 0.05
-"""Largest move of the mean displacement while a frequency is recorded, over the amplitude: what still creeps or drifts."""
+"""Largest change of the mean displacement during a recording, over the amplitude: creep or drift."""
 
 MIN_POINTS_OF_RESONANCE = 5
-"""Usable points from which on a peak between them must give a resonance."""
+"""Smallest number of usable points for which a peak must give a resonance."""
 
 LOOK_SCANS = 1 << 17
-"""Scans from which it is seen, before the point is computed, whether there is a response at all."""
+"""Number of scans for a first test of the response, before the point is computed."""
 
 PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
 
@@ -296,7 +296,7 @@ class SineDwell(Protocol):
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:
         highest = max(self.frequencies_hz)
-        # Fewer samples a cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
+        # Fewer samples per cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
         check_sample_rate(self.sample_rate_hz, MIN_SAMPLES_PER_CYCLE * highest, f"for a sine of {highest:g} Hz")
         for f in self.dwell_frequencies_hz:
             if self.settle_limit_s < 3 * self._window_s(f) - 1e-9:
@@ -315,7 +315,7 @@ class SineDwell(Protocol):
 
     @property
     def dwell_frequencies_hz(self) -> tuple[float, ...]:
-        """The frequencies that are measured, in order: those listed, off the mains where `mains_shift_hz` asks for it."""
+        """The measured frequencies in order: the list, shifted off the mains by `mains_shift_hz`."""
         return tuple(self._off_mains(f) for f in self.frequencies_hz)
 
     def _off_mains(self, f: float) -> float:
@@ -329,7 +329,7 @@ class SineDwell(Protocol):
         return tuple(self._plan_entry(f, rest_v) for f in self.dwell_frequencies_hz)
 
     def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
-        """Halve the gaps to either side of the highest point while they are wider than `refine_to_hz`."""
+        """Halve the gaps on both sides of the highest point while they are wider than `refine_to_hz`."""
         if not self.refine_to_hz:
             return ()
         added, left_s = [], self.budget_s - sum(self._expected_s(p.frequency) for p in points)
@@ -342,7 +342,7 @@ class SineDwell(Protocol):
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[-1])
         yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
-        # The card is not read during this, and the point follows: a first part of a long recording suffices.
+        # The card is not read during this computation, and the point follows: a first part of a long recording suffices.
         looked_at = PART_SCANS if self.target_relative_uncertainty else LOOK_SCANS
         have = [(yield Record(self._record_s(f))).parts(looked_at)[0]]
         point = sine_point(have, simulated=False)
@@ -393,7 +393,7 @@ class SineDwell(Protocol):
         return checks + self._resonance_check(good)
 
     def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """Where the points bracket a peak, one mode must fit them."""
+        """Return the check that one mode fits points that bracket a peak."""
         by_frequency = sorted(good, key=lambda p: p.frequency)
         response = [p.fundamental / p.drive_amplitude for p in by_frequency]
         if len(response) < MIN_POINTS_OF_RESONANCE or not all(map(math.isfinite, response)):
@@ -438,7 +438,7 @@ class SineDwell(Protocol):
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
 
     def _window_s(self, frequency_hz: float) -> float:
-        # A window much shorter than the decay sees a ringing response hardly change, and takes it for steady.
+        # In a window much shorter than the decay a ringing response hardly changes and looks steady.
         return max(2, math.ceil(max(0.04, self.decay_s) * frequency_hz)) / frequency_hz
 
     def _record_s(self, frequency_hz: float) -> float:
@@ -446,7 +446,7 @@ class SineDwell(Protocol):
 
 
 def refinement_frequencies(points: Sequence[Any], resolution_hz: float) -> list[float]:
-    """Frequencies in the middle between the highest usable point and its neighbours, where those are not close enough."""
+    """Return the middles between the highest usable point and its neighbours that are not close enough."""
     usable = sorted((p for p in points if Quality(p.quality).usable), key=lambda p: p.frequency)
     if len(usable) < 3:
         return []
@@ -470,13 +470,13 @@ SOURCE = "complex fit of one mode and what higher modes leave to the fundamental
 
 
 def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """One resonant mode and the remainder of the modes above it, by least squares; see `fit_sdof`.
+    """Fit one resonant mode and the residual of higher modes by least squares; see `fit_sdof`.
 
     Args:
         points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.
 
     Returns:
-        Natural and damped frequency in hertz and damping ratio; empty where the points do not span a resonance.
+        Natural and damped frequency in hertz and damping ratio; empty if the points do not span a resonance.
     """
     from protocols.signals import fit_sdof  # imported here: slow to load
 

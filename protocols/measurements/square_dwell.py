@@ -1,9 +1,9 @@
 """Square dwell: response to a square wave beside the response to a sine, at one frequency after the other.
 
-A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle and the edges of an
-RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for the same time and more; both swing by
-the same volts. Displacement over drive, fundamental by fundamental, is the same under both where the tactor is linear and the duty is 0.5: else
-the amplifier's two slopes add to the square wave's fundamental.
+A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle and the edges
+of an RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for at least the same time; both
+have the same volts peak to peak. The ratio of the fundamentals of displacement and drive is equal for both if the tactor is
+linear and the duty is 0.5; otherwise the amplifier's two slopes add to the square wave's fundamental.
 """
 
 import math
@@ -45,20 +45,20 @@ from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMA
 from protocols.signals import estimate_max_min, fit_frequency, fit_sine, fold, remove_lines
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
-"""Relative change between windows that counts as settled under the sine, and how long it is waited for."""
+"""Largest relative change between windows of a settled response to the sine, and the longest wait for it."""
 
 MIN_CYCLES = 20
 DRIVE_MARGIN_S = 1.5
-"""How much longer than needed a drive lasts; finite, so that a generator left alone comes to rest."""
+"""Spare duration of a drive; finite, so that a generator left alone comes to rest."""
 
 MIN_SAMPLES_PER_CYCLE = 20
 DRIVE_TOLERANCE = 0.05
 MAX_PHASES = 128
-"""Values of a period in its series."""
+"""Number of values of a period in its series."""
 CLOCK_TOLERANCE = 0.01
-"""By which a period may be shorter than told, as a share of it."""
+"""Relative amount by which a period may be shorter than commanded."""
 SYMMETRIC_DUTY = 0.5
-"""Only here the amplifier's two slopes make even harmonics alone."""
+"""The duty for which the amplifier's two slopes generate only even harmonics."""
 
 LINEARITY_LIMIT = 0.05
 """Largest deviation from 1 of the response per volt under the square wave over that under the sine."""
@@ -102,7 +102,7 @@ class SquarePoint:
 
 
 class SquareDwell(Protocol):
-    """Response to a square wave with a duty cycle and RC edges, beside that to a sine of the same volts."""
+    """Response to a square wave with a duty cycle and RC edges, compared with a sine of the same volts."""
 
     name: ClassVar[str] = "square-dwell"
     title: ClassVar[str] = "Square dwell"
@@ -127,7 +127,7 @@ class SquareDwell(Protocol):
         highest = max(self.frequencies_hz)
         check_sample_rate(self.sample_rate_hz, MIN_SAMPLES_PER_CYCLE * highest, f"for a square wave of {highest:g} Hz")
         for f in self.frequencies_hz:
-            self._square(f, 0.0)  # it must cross its offset
+            self._square(f, 0.0)  # the wave must cross its offset
         return self
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
@@ -155,8 +155,8 @@ class SquareDwell(Protocol):
             raise ValueError(f"{key[0]} Hz: a recording under a sine and one under a square wave are needed")
         sine, square = sine_point(recordings[:-1], simulated), recordings[-1]
         rate = square.rate_hz
-        # The clock's error is the sine's: harmonics that fold back bias a fit to the square wave, and a wrong frequency
-        # makes its high harmonics look like noise.
+        # The clock's error is taken from the sine: aliased harmonics bias a fit to the square wave, and a wrong frequency\n
+        # # makes its high harmonics look like noise.
         sine_drive = recordings[0].drive
         nominal_hz = sine_drive.frequency_hz if isinstance(sine_drive, Sine) else drive.frequency_hz
         frequency = drive.frequency_hz * sine.frequency / nominal_hz

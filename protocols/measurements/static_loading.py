@@ -1,7 +1,7 @@
 """Static loading: weights on both sides of the shorted tactor, no high voltage (paper, Sec. IV-1).
 
-Each entry is one weight: zero, weight on, zero again. The laser detects placing and removing, so that the operator has
-both hands of the operator free; a deflection that does not fit the weight is queried immediately.
+Each entry is one weight: zero, weight on, zero again. The laser detects placing and removing, so that the operator has both hands
+free; the operator is asked immediately about an implausible deflection.
 """
 
 import math
@@ -58,7 +58,7 @@ from protocols.measurements.result_checks import (
 from protocols.signals import LevelEstimate, estimate_level
 
 WeightClass = Literal["F1", "F2", "M1", "M2", "M3", "own"]
-"""`own`: the uncertainties are given, as in a calibration certificate."""
+"""`own`: the uncertainties are given, e.g. by a calibration certificate."""
 
 NOMINAL_KG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 MAX_ERROR_MG = {
@@ -82,10 +82,10 @@ def uncertainty_kg(mass_kg: float, weight_class: str) -> float:
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
 
 MIN_STEP_SHARE = 0.2
-"""Of the deflection that the smallest weight should cause: a smaller one is not a weight put on."""
+"""Share of the expected deflection of the smallest weight; a smaller deflection is no weight."""
 
 OPERATOR_ACTION_S = 3.0
-"""Approximate time for putting a weight on or taking it off."""
+"""Approximate time to put a weight on or take it off."""
 
 
 class StaticLoading(Protocol):
@@ -177,7 +177,7 @@ class StaticLoading(Protocol):
         can_go_back = self._has_previous_entry(entry, rest_v)
         while True:
             attempt += 1
-            # Vibration from the manual action before, or from the key press, has decayed by the end of it.
+            # Vibration of the previous manual action, or of the key press, has decayed at its end.
             zero: Recording = yield Record(self.settle_s + self.record_s)
             _check_rest(zero, rest_v)
             placed = yield WaitForDetection(
@@ -219,7 +219,7 @@ class StaticLoading(Protocol):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
-        """The compliance of either side: a line through zero."""
+        """Return the compliance of each side: a line through zero."""
         lines = []
         for side, name in SIDE_LABELS.items():
             used = tuple(i for i in line_indices(points, *cls.axes) if points[i].side == side)
@@ -267,7 +267,7 @@ class StaticLoading(Protocol):
         return tuple(self.weights_kg[i] for i in order)
 
     def _has_previous_entry(self, entry: PlanEntry, rest_v: float) -> bool:
-        """Whether there is an entry before on the same side."""
+        """Return whether there is a previous entry on the same side."""
         first = next(planned for planned in self.plan(rest_v) if planned.key[0] == entry.key[0])
         return first.key != entry.key
 
@@ -286,7 +286,7 @@ class StaticLoading(Protocol):
         return estimate_level(samples, recording.rate_hz, interference=recording.interference)
 
     def _plausibility_message(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
-        """Why what happened is not what this weight does; empty where it is."""
+        """Return the reason why the deflection does not match this weight; empty if it does."""
         weight = f"the {format_quantity(mass_kg, 0.0, 'kg')} weight"
         if (zero.quality | loaded.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED):
             return f"The sensor is out of its range under {weight}: move it so that both ends are inside."
@@ -308,7 +308,7 @@ class StaticLoading(Protocol):
         return self._measure_level(loaded).value - self._measure_level(zero).value < -expected_m / self.plausible_factor
 
     def _zero_limit_m(self, deflection_m: float) -> float:
-        """How far the zero may move over a weight that deflects the centre by `deflection_m`."""
+        """Return the largest change of the zero over a weight with a deflection of `deflection_m`."""
         return max(self.zero_limit_m, self.zero_limit_share * abs(deflection_m))
 
 

@@ -45,11 +45,11 @@ DIRECTION_CODES = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}
 """The order of levels as a column of a file: rising, falling, shuffled."""
 
 LEVEL_TOLERANCE_V = 0.02
-"""How far the card may see a level from the one commanded: the supply's accuracy and its own."""
+"""Largest deviation of a recorded level from the commanded one: accuracy of supply and card."""
 
 
 def deflection_per_volt(points: Sequence[Any]) -> tuple[float, float] | None:
-    """Deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
+    """Return the deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
     if len(points) < 2:
         return None
     v, w = np.array([p.drive_step for p in points]), np.array([p.deflection for p in points])
@@ -98,7 +98,7 @@ def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
 
 
 def _mean_variance(repeats: Sequence[Any]) -> float:
-    """Of the mean of repeats: from their scatter where there are some, at least what their own errors make."""
+    """Return the error of the mean of repeats: from their scatter, at least from their own errors."""
     own = sum(float(p.deflection_errors) ** 2 for p in repeats) / len(repeats) ** 2
     scatter = float(np.var([p.deflection for p in repeats], ddof=1)) / len(repeats) if len(repeats) > 1 else 0.0
     return max(own, scatter)
@@ -114,7 +114,7 @@ def _group_by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, lis
 SOURCE = "voltage steps"
 
 CREEP_LIMIT = 0.2
-"""Largest creep per decade over the deflection: MFCs creep by 2 to 10 %; more is the clamp, the glue or the sensor."""
+"""Largest creep per decade over the deflection: MFCs creep by 2 to 10 %; more indicates clamp, glue or sensor."""
 
 PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 
@@ -122,10 +122,10 @@ RAMP_V_PER_S = 5.0
 """Default slope of held levels in the bench file; only the expected duration depends on it."""
 
 ZERO_GUARD_S = 0.01
-"""Kept free between the zero and the ramp: the ramp's begin is known to a few milliseconds."""
+"""Gap between the zero and the ramp: the ramp's begin is certain to a few milliseconds."""
 
 RINGDOWN_S = 0.1
-"""After the ramp, before creep is looked at: the first mode has died down by then."""
+"""Time after the ramp before the fit of creep, in which the first mode has decayed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +314,7 @@ class VoltageSteps(Protocol):
         return tuple(f"static_gain_{side}_rest" for side, count in sides if count > 1)
 
     def _level_order(self, repeat: int) -> tuple[str, tuple[float, ...]]:
-        """The levels of one repeat in their order, and what that order is called."""
+        """Return the levels of one repeat in order, and the name of the order."""
         if self.order == RANDOM:
             shuffled = np.random.default_rng([self.seed, repeat]).permutation(self.levels_v)
             return RANDOM, tuple(shuffled.tolist())
@@ -323,7 +323,7 @@ class VoltageSteps(Protocol):
 
     @property
     def _lead_s(self) -> float:
-        """Recorded before the ramp: the window of the zero, and something to spare."""
+        """Duration of the recording before the ramp: the window of the zero, and a margin."""
         return self.window_s + 0.05
 
     def _creep(self, moved: Any, rate: float, ramp: DetectedRamp, zero: float) -> tuple[float, float]:

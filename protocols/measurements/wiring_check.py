@@ -1,7 +1,7 @@
 """Wiring check: verifies cables, gains and noise of the bench with a tenth of a volt.
 
-Rest, a small step to either side and a small sine are recorded and compared with limits, which are parameters;
-`checks` is the table that `tactor-bench check` prints.
+Rest, a small step to each side and a small sine are recorded and compared with limits, which are parameters; `checks` is the
+table that `tactor-bench check` prints.
 """
 
 import math
@@ -33,14 +33,14 @@ from protocols.signals import fit_frequency, fit_sine
 SOURCE = "wiring check"
 
 RECORDINGS = 4
-"""Rest, either side and the sine."""
+"""Purposes of the recordings: rest, both sides and the sine."""
 
 _limit = partial(CheckResult, consequence=Outcome.DID_NOT_PASS)
 
 
 @dataclass(frozen=True, slots=True)
 class WiringPoint:
-    """What was seen under one small drive. A held level has no frequency, no amplitude and no latency (NaN)."""
+    """Figures of one small drive. A held level has no frequency, amplitude and latency (NaN)."""
 
     commanded: Annotated[float, Unit("V"), "level or offset commanded at the amplifier's input"]
     commanded_amplitude: Annotated[float, Unit("V"), "peak amplitude commanded; 0 for a held level"]
@@ -68,7 +68,7 @@ class WiringPoint:
 
 
 class WiringCheck(Protocol):
-    """Small voltages before any high one: polarity, gain, latency, noise, sensor in range, drive read back."""
+    """Small voltages before high voltage: polarity, gain, latency, noise, sensor in range, recorded drive."""
 
     name: ClassVar[str] = "wiring-check"
     rest_record_s: ClassVar[float] = 0.0
@@ -135,12 +135,12 @@ class WiringCheck(Protocol):
             commanded_v, commanded_amplitude_v, commanded_hz = drive.offset_v, drive.amplitude_v, drive.frequency_hz
             driven = fit_sine(recording.drive_v, rate, commanded_hz)
             amplitude_v = abs(driven.fundamental)
-            if amplitude_v > 0.5 * drive.amplitude_v:  # where the drive is too small, there is no phase to fit
+            if amplitude_v > 0.5 * drive.amplitude_v:  # a drive that is too small has no phase
                 frequency = fit_frequency(recording.drive_v, rate, commanded_hz)
                 driven = fit_sine(recording.drive_v, rate, frequency)
                 answer = fit_sine(recording.displacement_m, rate, frequency, 4)
                 amplitude, noise, drive_noise = abs(answer.fundamental), answer.noise, driven.noise
-                # A tactor that moves away from the sensor, or a swapped sign, is half a turn and no latency.
+                # A tactor that moves away from the sensor, or a swapped sign, gives half a turn, which is no latency.
                 turn = float(np.angle(driven.fundamental / answer.fundamental))
                 turn -= 2 * math.pi * frequency * recording.sensor_delay_s
                 latency = math.remainder(turn, math.pi) / (2 * math.pi * frequency)
@@ -175,7 +175,7 @@ class WiringCheck(Protocol):
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """The table; without all recordings only how many there are."""
+        """Return the table; if recordings are missing, only their number."""
         measured = _CheckMeasurements.from_points(points)
         if measured is None:
             remedy = "look at the recordings without a point, and check again"
@@ -187,7 +187,7 @@ class WiringCheck(Protocol):
         flagged = sum(bool(Quality(p.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)) for p in points)
         gains = [abs(measured.above[0]), abs(measured.below[0])]
         agreed = measured.above[0] * measured.below[0] > 0 and self.polarity * measured.above[0] >= 0
-        moves = min(gains) >= self.gain_low_m_per_v  # where nothing moves there is no polarity, ratio or latency
+        moves = min(gains) >= self.gain_low_m_per_v  # without motion there is no polarity, ratio or latency
         limit = self.drive_limit_v
         return (
             _limit("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),
