@@ -9,9 +9,9 @@ from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigur
 from protocols.runfile import RunRecord
 
 FELT = "latency"
-"""How the names of times to the threshold begin."""
+"""Prefix of the names of times to the threshold."""
 BETWEEN = "rise_time, after a step"
-"""How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
+"""Prefixes of the names of times between two moments of a response, which the sensor's delay does not shift."""
 
 TIMES_NOTE = (
     "± total standard uncertainty, with the sensor's gain and delay. A step's times count from the centroid of its "
@@ -27,8 +27,8 @@ class OnsetLatencyAspects(Aspects):
     def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterator[RunFigure]:
         """Yield the estimates with the sensor's delay and gain in their total uncertainty.
 
-        An error of the delay shifts all times from an onset. An error of the gain moves the threshold, which the displacement
-        reaches at the measured speed; shares of the final value do not depend on it.
+        An error of the delay shifts all times from an onset. An error of the gain shifts the threshold, which the displacement
+        reaches at the measured speed; shares of the final value are independent of the gain.
         """
         sensor, threshold_m = run.sensor, float(run.parameters["threshold_m"])
         speeds = {f.name.rpartition(", ")[2]: f.value for f in estimates if f.unit == "m/s"}
@@ -41,7 +41,7 @@ class OnsetLatencyAspects(Aspects):
             yield figure._replace(total=math.hypot(figure.total, delay_s, moved_s))
 
     def figures(self, points: RunPoints) -> Iterator[Figure]:
-        """Yield the responses after an onset, and the times against the frequency beside the times of other actuators."""
+        """Yield the responses after an onset, and the times over the frequency beside the times of other actuators."""
         from model.response import PUBLISHED_LATENCIES  # slow to import
 
         threshold_m = float(points.run.record.parameters["threshold_m"])

@@ -59,7 +59,7 @@ class MassResonanceAspects(RunningSweepAspects):
 
 
 def _frequency_column(points: RunPoints) -> str:
-    """Return the column of the largest response; of the fitted mode where a table has only this."""
+    """Return the column of the largest response; of the fitted mode if a table has no other."""
     return "frequency" if np.isfinite(points.columns["frequency"]).any() else "natural_frequency"
 
 

@@ -31,19 +31,19 @@ from protocols.runfile import RunRecord
 from protocols.signals import fit_frequency, fit_sine
 
 CARD_READBACK_MARGIN_V = 0.02
-"""How far a recorded drive may lie beyond the amplifier's range."""
+"""Largest excess of a recorded drive over the amplifier's range."""
 
 MEASURED_COLUMNS = ("peak_to_peak", "fundamental", "receptance")
 INPUT_UNCERTAINTIES = {"frequency": "Hz", "elongation": "m"}
 
 MIN_CYCLES = 3
-"""Of a time series."""
+"""Fewest cycles of a time series."""
 
 MAX_NOISE_RATIO = 0.1
 """Residual of the sine fit relative to the amplitude above which a recorded drive is no single sine."""
 
 SAME_FREQUENCY_HZ = 0.05
-"""Distance of two time series' frequencies up to which they are repeats."""
+"""Largest distance between the frequencies of repeated time series."""
 
 
 class SineDwellAspects(Aspects):
@@ -98,7 +98,7 @@ class SineDwellAspects(Aspects):
         )
 
     def series_runs(self, series: Sequence[ImportedSamples]) -> Iterator[RunOfSamples]:
-        """Yield one run of all series, a point each."""
+        """Yield one run of all series, one point each."""
         points = [_series_point(each) for each in series]
         warnings = [f"{each.name} has no drive: its phase is not known" for each in series if each.drive_v is None]
         for i, point in enumerate(points):
@@ -180,7 +180,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
         points.good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0)
         for name in ("fundamental", "peak_to_peak")
     )
-    good = sine if sine.any() else width  # an imported table may have one of them only
+    good = sine if sine.any() else width  # an imported table may have only one of them
     phase = columns["phase"]
     measured: dict[str, Any] = {}
     if sine.any():
@@ -189,7 +189,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
         has_phase = np.isfinite(phase[good]).all()
         if imported and has_phase and (phase_errors[good] > 0).all():
             measured["phase_errors_rad"] = phase_errors
-        elif not imported:  # the phase has the noise of the drive channel, too, which the ratio to the drive shares
+        elif not imported:  # the phase includes the noise of the drive channel, which the ratio to the drive shares
             measured["harmonic_errors_m"] = errors
             errors = np.fmax(errors, size * phase_errors)
         measured |= {"fundamental_m": size * (np.exp(1j * phase) if has_phase else 1.0), "errors_m": errors}
@@ -216,7 +216,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
 
 
 def _within_range(amplitude_v: Array, offset_v: Array, amplifier: AmplifierMap) -> Array:
-    """Return the recorded amplitudes: no admitted drive leaves the amplifier's range, so that a value beyond is the card's error."""
+    """Return the recorded amplitudes: no admitted drive leaves the amplifier's range, so that an excess is the card's error."""
     room_v = np.minimum(offset_v - amplifier.low_v, amplifier.high_v - offset_v)
     return np.where(amplitude_v < room_v + CARD_READBACK_MARGIN_V, np.minimum(amplitude_v, room_v), amplitude_v)
 
@@ -294,7 +294,7 @@ def _series_point(series: ImportedSamples) -> SinePoint:
 
 
 def _stated_drive(series: ImportedSamples) -> tuple[float, float]:
-    """Return frequency and amplitude of a drive that was not recorded."""
+    """Return frequency and amplitude of an unrecorded drive."""
     f, volts = series.settings.get("frequencies_hz", ()), series.settings.get("peak_to_peak_v")
     if len(f) != 1 or volts is None:
         raise series.refusal(

@@ -11,7 +11,7 @@ class SquareDwellAspects(Aspects):
     """Square dwell beside its measurement."""
 
     def figures(self, points: RunPoints) -> Iterator[Figure]:
-        """Yield both amplitudes, beside those under a sine of the same volts by the model."""
+        """Yield both amplitudes, beside the model's amplitudes under a sine of the same volts."""
         yield amplitude_figure(points)
 
 

@@ -27,7 +27,7 @@ SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
 SEEN = "seen by the laser"
 SIDE_LABELS: dict[Side, str] = {"mfc": "MFC side", "aluminium": "aluminium side", "both": "both sides"}
 MAX_ANSWER_S = 0.5
-"""From the answer to a prompt to the recording that follows it, at most."""
+"""Longest time from the answer to a prompt to the following recording."""
 
 
 class StaticLoadingAspects(Aspects):
@@ -115,7 +115,7 @@ def _deflection(state: ModelState, load_n: Array) -> Array:
 
 
 def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
-    """Return the error of each weight: the same in every repeat, on both sides and in all runs with it."""
+    """Return the error of each weight, shared by all repeats, both sides and all runs with it."""
     load, mass = points.columns["load"], points.columns["mass"]
     grams = 1e3 * load / GRAVITY if np.isnan(mass).any() else 1e3 * mass
     errors = []
@@ -127,10 +127,10 @@ def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
 
 
 def history_of_loads(points: RunPoints) -> DriveHistory | None:
-    """Return the loads in time; None where the file does not have them all, as in an import.
+    """Return the history of the loads; None if the file does not have them all, as in an import.
 
-    A recording follows a weight that the laser saw put on or lifted by the `record_s` in which it was seen to lie still. Where it
-    did not, and a key was pressed, it was about halfway since the recording before.
+    A recording follows a weight detected by the laser by the `record_s` of quiet samples. For a weight confirmed by a key, the
+    time is halfway since the previous recording.
     """
     recordings = points.recording_times(3)
     load = points.columns["load"]
@@ -144,7 +144,7 @@ def history_of_loads(points: RunPoints) -> DriveHistory | None:
     begins, ends = recordings[:, 1:, 0], recordings[:, :-1, 1]
     seen = np.abs(begins[..., None] - np.array([*seen_s, -np.inf])).min(axis=-1) < MAX_ANSWER_S
     placed, lifted = np.where(seen, np.maximum(begins - protocol.record_s, ends), (begins + ends) / 2).T
-    load = np.where(points.columns["side"] < 0, -load, load)  # as the specimen is bent
+    load = np.where(points.columns["side"] < 0, -load, load)  # in the direction of bending
     none = np.zeros(load.size)
     return DriveHistory.of_points(
         np.stack((placed, placed, lifted, lifted), axis=1),

@@ -16,31 +16,32 @@ from protocols.measurements import Sweep, check_response_present, sweep_point
 from protocols.signals import FREQUENCY_RESPONSE, MAINS_HZ, estimate_swept_response
 
 MAX_SWEPT_CYCLES = 2000
-"""Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
+"""Largest number of cycles per period at the highest frequency for loops computed in time, which takes 1 us per sample."""
 
 LINE_TOLERANCE = 0.01
-"""Of the distance of lines: how far an excited line, an odd multiple of one over the period, may seem to lie from it."""
+"""Largest apparent distance of an excited line from an odd multiple of one over the period, as a share of the distance of lines."""
 
 SAMPLES_PER_CYCLE = 64
-"""Of such a sweep at its highest frequency: turning points are missed by 0.1 % of the amplitude at most."""
+"""Samples per cycle of such a sweep at its highest frequency: turning points are missed by at most 0.1 % of the amplitude."""
 
 MIN_CROSSINGS = 40
-"""Of the middle of the drive's range: fewer are no sweep."""
+"""Fewest crossings of the middle of the drive's range by a sweep."""
 
 MIN_FREQUENCY_RATIO = 1.5
-"""Of the highest to the lowest frequency of a sweep."""
+"""Smallest ratio of the highest to the lowest frequency of a sweep."""
 
 MIN_MONOTONY = 0.98
-"""Correlation of time and frequency, by rank."""
+"""Smallest rank correlation of time and frequency."""
 
 LINEAR_TOLERANCE = 0.05
-"""Deviation of the frequency from a straight line over time, as a share of the band, from which on a caution is given."""
+"""Deviation of the frequency from a straight line over time, as a share of the band, above which a caution is given."""
 
 BLOCK_HZ = 1.0
-"""Lines that lie closer are averaged over this width; at a damping of 0.2 that blunts the resonance by less than 1e-4."""
+"""Width over which closer lines are averaged; at a damping of 0.2 this lowers the resonance by less than 1e-4."""
 
 SHARE_OF_SPACING = 0.25
-"""Lines this near to a harmonic of the mains, as a share of their distance, are left out: hum repeats with every period."""
+"""Distance to a harmonic of the mains, as a share of the distance of lines, below which a line is left out: hum repeats with
+every period."""
 
 
 class SweepAspects(RunningSweepAspects):
@@ -57,8 +58,8 @@ class SweepAspects(RunningSweepAspects):
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield the lines of each sweep as sines of the sweep's amplitude.
 
-        The amplifier's two slopes are their mean and an even part; the sweep is played both ways up, so that only the mean is in
-        its lines, as in the fundamental of a sine.
+        The amplifier's two slopes are their mean and an even part; the sweep is played with both signs, so that only the mean is
+        in its lines, as in the fundamental of a sine.
         """
         run, map_ = points.run, points.run.record.amplifier_map
         curves = {curve.entry: curve for curve in run.series() if curve.name == FREQUENCY_RESPONSE}
@@ -84,7 +85,7 @@ class SweepAspects(RunningSweepAspects):
 
 
 def response_lines(curve: Series, overlaps: bool) -> Series:
-    """Return the usable lines of a frequency response; `overlaps` where neighbours share half of their samples."""
+    """Return the usable lines of a frequency response; `overlaps` if neighbours share half of their samples."""
     lines = curve.at(np.argsort(curve.x)[:: 2 if overlaps else 1])
     f, errors = lines.x, lines.errors
     assert errors is not None
@@ -97,7 +98,7 @@ def response_lines(curve: Series, overlaps: bool) -> Series:
 
 
 def _averaged(lines: Series) -> Series:
-    """Return weighted means over blocks of `BLOCK_HZ`; lines farther apart stay as they are."""
+    """Return weighted means over blocks of `BLOCK_HZ`; lines farther apart are unchanged."""
     f, errors = lines.x, lines.errors
     if errors is None or f.size < 2 or np.median(np.diff(f)) > 0.5 * BLOCK_HZ:
         return lines
@@ -111,9 +112,9 @@ def _averaged(lines: Series) -> Series:
 
 
 def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:
-    """Return what a hysteresis of 1 adds at the lines of a sweep, (F,): its loops are no sine's where it begins and turns.
+    """Return the addition of a hysteresis of 1 at the lines of a sweep, (F,): its loops differ from a sine's at begin and turns.
 
-    None, as under sines, for a long sweep, for one in pieces, whose bands overlap, and for lines that are averages of others.
+    None, as under sines, for a long sweep, for a sweep in pieces, whose bands overlap, and for averaged lines.
     """
     protocol, amplifier = points.read_protocol(), points.run.record.amplifier_map
     assert isinstance(protocol, Sweep)
@@ -136,7 +137,7 @@ def sweep_frequencies(drive: Array, rate_hz: float) -> tuple[Array, Array] | Non
     if at.size < MIN_CROSSINGS:
         return None
     crossings = (at + centred[at] / (centred[at] - centred[at + 1])) / rate_hz
-    # Whole cycles, so that an offset does not count, averaged over five.
+    # Whole cycles, so that an offset has no effect, averaged over five.
     cycles = crossings[2:] - crossings[:-2]
     time = 0.5 * (crossings[2:] + crossings[:-2])
     parts = max(cycles.size // 5, 8)

@@ -21,14 +21,14 @@ from protocols.base import (
 from protocols.measurements import ZERO_GUARD_S, VoltageSteps
 
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
-"""Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
+"""Age of the earlier drive or load whose creep continues, before the begin of a run: any time from seconds to minutes."""
 
 DEFAULT_READ_S = 1.0
-"""From reaching a level to its reading, where a table does not state it."""
+"""Assumed time from reaching a level to its reading, for a table that does not state it."""
 
 LEVEL_COLUMNS = ("level", "drive", "specimen_voltage")
 MAX_BEYOND_V = 0.05
-"""How far an imported level may lie beyond the amplifier's input range."""
+"""Largest excess of an imported level over the amplifier's input range."""
 
 
 class VoltageStepsAspects(Aspects):
@@ -122,21 +122,21 @@ class VoltageStepsAspects(Aspects):
 
 
 def _input_v(points: RunPoints) -> Array:
-    """Return the volts at the amplifier's input: as recorded, or as commanded where a table has only this."""
+    """Return the volts at the amplifier's input: as recorded, or as commanded if a table has no other."""
     drive = points.columns["drive"]
     return np.where(np.isfinite(drive), drive, points.columns["level"])
 
 
 def _rising(points: RunPoints) -> Mask | None:
-    """Return whether each level was reached from below; None if that is not known of all."""
+    """Return whether each level is reached from below; None if unknown for a level."""
     direction = np.nan_to_num(points.columns["direction"])
     return direction > 0 if (direction != 0).all() else None
 
 
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
-    """Return levels and rests in time; None where the points do not have them all, as in most imported tables.
+    """Return the history of levels and rests; None if the points do not have them all, as in most imported tables.
 
-    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp did.
+    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp.
     """
     ramp, level = points.columns["ramp_time"], points.columns["drive"]
     if points.run.resumed_from is not None or not (np.isfinite(ramp) & np.isfinite(level)).all():
@@ -161,7 +161,7 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
 
 
 def _rest_errors(label: str, zero_m: Array) -> tuple[SharedError, ...]:
-    """Return the drifts at rest by creep from the unknown drive before the run: each at most the movement of the zeros."""
+    """Return the drifts at rest by creep from an unknown drive before the run: each at most the change of the zeros."""
     moved = float(np.ptp(zero_m)) if zero_m.size and np.isfinite(zero_m).all() else 0.0
     if moved == 0:
         return ()

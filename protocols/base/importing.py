@@ -79,7 +79,8 @@ class ImportedSamples:
     """An evenly sampled time series of a file, in SI, (samples,) each.
 
     Attributes:
-        name: name of the file. place: place of the file, for messages.
+        name: name of the file.
+        place: place of the file, for messages.
         drive_v: volts at the amplifier's input; None if not recorded.
         delay_s: delay of the sensor's output, which is removed from phases.
         settings: parameters given by the user.

@@ -1,4 +1,4 @@
-"""Storage errors: what HDF5 raises while writing a run or study file, as one message."""
+"""Storage errors: errors of HDF5 while writing a run or study file, as one message."""
 
 import os
 import re
@@ -16,11 +16,11 @@ READ_FAILURES = (
     TypeError,
     ValueError,
 )
-"""Errors that reading a damaged or hostile file raises."""
+"""Errors of reading a damaged or hostile file."""
 
 
 class StorageError(Exception):
-    """The file cannot be written. The message contains the path and the reason; what was written before stays readable."""
+    """The file cannot be written. The message contains the path and the reason; earlier data stay readable."""
 
 
 class FileLostError(StorageError):
@@ -31,7 +31,7 @@ class FileLostError(StorageError):
 def translate_write_errors(
     kind: str, path: Path, advice: str = "everything before this moment is in it"
 ) -> Iterator[None]:
-    """Raise StorageError for what HDF5 raises while it writes the run or study file."""
+    """Raise StorageError for errors of HDF5 while it writes the run or study file."""
     try:
         yield
     except (OSError, RuntimeError, ValueError, KeyError) as error:

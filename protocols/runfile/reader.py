@@ -1,4 +1,4 @@
-"""Run file reader: a run that is finished, still being written, or left by a crash."""
+"""Run file reader: a finished, growing or crashed run."""
 
 import math
 import socket
@@ -80,10 +80,10 @@ class StartedEntry:
 
 
 LARGEST_POINT_COLUMNS = ("frequency", "peak_to_peak", "peak_to_peak_errors", "drive_amplitude", "quality")
-"""Columns of points from which the largest response is found."""
+"""Columns of points with the largest response."""
 
 MAX_EARLIER_RUNS = 1000
-"""Runs that one run continues, one after the other."""
+"""Largest number of runs that a run continues in succession."""
 
 
 @reads_run
@@ -91,8 +91,8 @@ class Run(Closeable):
     """An open run file, read-only.
 
     Raises:
-        RunReadError: the file is missing, is not a run, is damaged or hostile, or comes from a newer version of this
-            program. Every property and method raises it where the damage is met only then.
+        RunReadError: the file is missing, is not a run, is damaged or hostile, or comes from a newer version of this program.
+            Every property and method raises it for damage detected later.
     """
 
     def __init__(self, path: Path, file: "h5py.File | None" = None) -> None:
@@ -111,9 +111,9 @@ class Run(Closeable):
 
     @cached_property
     def record(self) -> RunRecord:
-        """All facts of the run, as they were when this was first read.
+        """All facts of the run, at the time of the first access.
 
-        A verdict that was stored after its end is the verdict, unless the file has changed since: `caution` then states it.
+        A verdict stored after the end replaces the verdict, unless the file has changed since: then `caution` has a text.
         """
         record = self.stored_record()
         try:
@@ -123,14 +123,14 @@ class Run(Closeable):
 
     @property
     def resumed_from(self) -> Path | None:
-        """The run that this one resumed."""
+        """The run that this run resumes."""
         earlier = read_raw_text(self._entry, "continues") if "continues" in self._entry else ""
         if earlier and not is_run_beside(earlier):
             raise StructureError(f"it continues '{visible_text(earlier)}'")
         return self.path.parent / earlier if earlier else None
 
     def earlier_runs(self) -> list[Path]:
-        """Return the runs that this one continues, the oldest first, as far back as their files are there."""
+        """Return the runs that this run continues, the oldest first, as far back as their files exist."""
         runs: list[Path] = []
         visited = {self.path.resolve()}
         earlier = self.resumed_from
@@ -156,14 +156,14 @@ class Run(Closeable):
         yield from self.trace.recordings()
 
     def points(self) -> dict[str, Array]:
-        """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
+        """Return the points' columns by name, of equal length; `entry` is the plan entry of each point."""
         return self._stored_points()
 
     def _stored_points(self) -> dict[str, Array]:
         datasets = self._point_columns
         length = min((data.shape[0] for data in datasets.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
-        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
+        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: entries in order
         return columns
 
     def units(self) -> dict[str, str]:
@@ -200,12 +200,12 @@ class Run(Closeable):
         return entries | self._own_entries()
 
     def series(self) -> tuple[Series, ...]:
-        """Return the series of the entries; none in a run that was never finished."""
+        """Return the series of the entries; none in an unfinished run."""
         every = subgroup(self._entry, SERIES_GROUP) if SERIES_GROUP in self._entry else {}
         return tuple(series for name in every for series in read_series(subgroup(every, name)))
 
     def stored_record(self) -> RunRecord:
-        """Return the record as the file has it.
+        """Return the record of the file.
 
         Raises:
             RunReadError: a field is damaged.
@@ -243,7 +243,7 @@ class Run(Closeable):
         )
 
     def _is_abandoned(self) -> bool:
-        """Whether the process that wrote the file is gone."""
+        """Whether the writing process of the file has ended."""
         if REPAIRED in self._entry:
             return True
         own = self._text("host") == socket.gethostname()
@@ -255,11 +255,11 @@ class Run(Closeable):
             ended_early = judged and status not in (RunStatus.RUNNING, RunStatus.COMPLETED)
             return Verdict.of_status(status, reason) if ended_early else Verdict()
         verdict = Verdict.from_record(read_object(self._entry, "verdict_details"))
-        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
+        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for a wrong type
         return verdict
 
     def _rest_record(self) -> RestRecord | None:
-        """Return where interference was measured at rest; None where it was not."""
+        """Return the record of interference at rest; None if not measured."""
         record = None
         for event in self.events():
             if event.kind == InterferenceMeasured.kind:
@@ -271,7 +271,9 @@ class Run(Closeable):
                     and isinstance(true_hz := line.get("folded_from_hz"), float)
                     and math.isfinite(true_hz)
                 }
-                record = RestRecord((int(first), int(last)), folded)  # again after the run, where lines are folded
+                record = RestRecord(
+                    (int(first), int(last)), folded
+                )  # measured again after the run, if lines are folded
         return record
 
     def _own_entries(self) -> dict[int, StartedEntry]:
@@ -289,7 +291,7 @@ class Run(Closeable):
 
 
 def _read_conditions(entry: "h5py.Group") -> RunConditions:
-    # A newer version may have something else of this name.
+    # A newer version may use the name for another object.
     user = subgroup(entry, "operator") if hasattr(entry.get("operator"), "keys") else None
     air = subgroup(entry, "instrument") if "instrument" in entry else {}
     temperature_c, humidity = (
@@ -306,7 +308,7 @@ def _read_conditions(entry: "h5py.Group") -> RunConditions:
 
 
 def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
-    """Return the quantities in their stored order; in files without one by their names, interference last."""
+    """Return the quantities in their stored order; without a stored order by their names, interference last."""
     stored = subgroup(entry, "estimates") if "estimates" in entry else {}
     estimates = (
         EstimatedQuantity(

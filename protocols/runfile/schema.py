@@ -1,7 +1,7 @@
 """Run file schema: format version, names, record types and file names.
 
-NeXus: /entry (NXentry) with NXinstrument, NXdata groups and units on every dataset, so that a NeXus viewer opens it to a
-plot; simple enough for MATLAB's `h5read`.
+NeXus: /entry (NXentry) with NXinstrument, NXdata groups and units on every dataset, so that a NeXus viewer shows a plot; simple
+enough for MATLAB's `h5read`.
 """
 
 from dataclasses import fields
@@ -32,20 +32,20 @@ RECORDING_DTYPE = np.dtype(
     [("start_row", "i8"), ("stop_row", "i8"), ("quality", "i8"), ("entry", "i8"), ("drive", f"S{MAX_TEXT_BYTES}")]
 )
 ENTRY_COLUMN = "entry"
-"""Column of the points with the plan entry each belongs to."""
+"""Column of the points with their plan entries."""
 
 REPAIRED = "repaired"
-"""Time at which a crashed run was repaired; absent from all others."""
+"""Time at which a crashed run was repaired; absent from all other runs."""
 
 RESERVE_BYTES = 32_000_000
-"""A disk with less free space counts as full: HDF5 cannot recover from a failed write."""
+"""Smallest free space of a disk: HDF5 cannot recover from a failed write."""
 
 CHANNELS = ("drive", "displacement")
 FURTHER_CHANNELS = "further_channels"
-"""Attribute of /entry/trace with the names of the further inputs; absent where there are none."""
+"""Attribute of /entry/trace with the names of the further inputs; absent without further inputs."""
 MAX_FURTHER_CHANNELS = 64
 MAX_SCALING_COEFFICIENTS = 4
-"""Scaling coefficients kept per channel."""
+"""Number of scaling coefficients per channel."""
 
 
 def is_hdf5(path: Path) -> bool:
@@ -60,7 +60,7 @@ def is_hdf5(path: Path) -> bool:
 def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
     """Return the columns of a point type: name -> (unit, description, width); width 0 is a scalar.
 
-    A tuple field has a fixed width that its protocol always fills.
+    A tuple field has a fixed width, which its protocol always fills.
     """
     hints = get_type_hints(point_type, include_extras=True)
     columns: dict[str, tuple[str, str, int]] = {}
@@ -73,5 +73,5 @@ def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
 
 
 def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:
-    """Return a path that sorts by time and names specimen and protocol: `20261121T091502Z_T7_sine-dwell.h5`."""
+    """Return a path with time, specimen and protocol, which sorts by time: `20261121T091502Z_T7_sine-dwell.h5`."""
     return folder / f"{started_at:%Y%m%dT%H%M%SZ}_{safe_name(specimen)}_{protocol}.h5"

@@ -17,7 +17,7 @@ SERIES_GROUP = "curves"
 
 
 def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str = "") -> None:
-    """Append series, each an NXdata group; the first of the name `default_plot` is what a NeXus viewer opens to."""
+    """Append series, each an NXdata group; a NeXus viewer shows the first one named `default_plot`."""
     if not series:
         return
     from protocols.runfile.creation import create_group
@@ -38,10 +38,10 @@ def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str
 
 
 def read_series(group: "h5py.Group") -> Iterator[Series]:
-    """Yield the series of a group; earlier files have further columns of the same x, which are series of their own.
+    """Yield the series of a group; in earlier files further columns of the same x become series of their own.
 
     Raises:
-        ValueError: the columns differ in length, or one of the axes is missing.
+        ValueError: the columns differ in length, or an axis is missing.
     """
     x, y = attribute_text(group, "axes"), attribute_text(group, "signal")
     datasets = quantity_columns(group)

@@ -31,12 +31,12 @@ from protocols.runfile.transaction import has_journal
 
 
 class FileState(StrEnum):
-    """What a verification finds."""
+    """Result of a verification."""
 
     GOOD = "good"
     DAMAGED = "damaged"
     NOT_CHECKABLE = "not checkable"
-    """Without checksums, or not closed; everything that can be checked is good."""
+    """Without checksums, or not closed; all checkable parts are good."""
     NO_RUN = "no run"
 
 
@@ -50,7 +50,7 @@ class Verification:
 
 
 def verify_run(path: Path) -> Verification:
-    """Read everything in a run file and compare it with its checksums. Read errors are findings, not raised."""
+    """Read a whole run file and compare it with its checksums. Read errors are findings and not raised."""
     verification = _verify(path)
     if verification.state is FileState.DAMAGED and has_journal(path):
         return Verification(path, FileState.NOT_CHECKABLE, (str(UnfinishedStorageError(path)),))
@@ -93,7 +93,7 @@ def _unreadable(item: FileItem, skip_tails: bool) -> Iterator[str]:
         yield f"{item.name or '/'} cannot be read: {item.problem}"
     elif item.id is not None:
         try:
-            h5py.h5o.get_info(item.id)  # also what only a listing needs, such as the free space of its names
+            h5py.h5o.get_info(item.id)  # including data of listings only, such as the free space of its names
         except READ_ERRORS as error:
             yield f"{item.name or '/'} cannot be listed by other programs: {error}"
     if not isinstance(item.id, h5py.h5d.DatasetID):
