@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, slots=True)
 class LevelPulse:
-    """A level that is reached from rest by a straight line in `rise_s`, held for `hold_s`, and left for rest in `rise_s`.
+    """A level reached from rest by a straight line in `rise_s`, held for `hold_s`, and left for rest in `rise_s`.
 
-    It is how a source plays a `Hold` that must end at rest without a further command.
+    The form of a `Hold` that must end at rest without a further command.
     """
 
     kind: ClassVar[str] = "Hold"

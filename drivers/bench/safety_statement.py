@@ -1,4 +1,4 @@
-"""Safety statement: how soon an armed bench is at rest after a stop, and after the death of program and watchdog."""
+"""Safety statement: time to rest of an armed bench after a stop, and after the death of program and watchdog."""
 
 import math
 
@@ -10,8 +10,8 @@ def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, predicted_rest_
     """Return the statement for the log of a run; empty if nothing can be stated.
 
     Args:
-        amplifier: with the source.
-        watchdog: of the bench.
+        amplifier: amplifier with the source.
+        watchdog: watchdog of the bench.
         predicted_rest_s: duration of the way to rest from the farthest level, NaN if unknown.
     """
     clauses = []

@@ -1,6 +1,6 @@
 """Unsuitable generators: models advised against by name, because nothing guarantees the level at which they idle.
 
-They are recognised by their identity before anything else is sent. 0 V at the amplifier's input is -500 V on the specimen.
+They are recognised by their identity before any other message. 0 V at the amplifier's input is -500 V on the specimen.
 """
 
 import re
@@ -15,10 +15,10 @@ class UnsuitableGenerator:
 
     Args:
         name: maker and series.
-        maker: regular expression for the maker in the reply to `*IDN?`; empty where its form varies.
+        maker: regular expression for the maker in the reply to `*IDN?`; empty if its form varies.
         model: regular expression for the model.
-        reason: what its output does, as part of a sentence.
-        evidence: guide, public driver with commit, or empty if the reason is that no source says otherwise.
+        reason: behaviour of its output, as part of a sentence.
+        evidence: guide, public driver with commit, or empty if the reason is a missing source.
     """
 
     name: str
@@ -69,7 +69,7 @@ UNSUITABLE_GENERATORS = (
 
 
 def reason_unsuitable(identity: Identity) -> str:
-    """Return why an instrument is advised against, as a sentence with the remedy; empty if it is not."""
+    """Return the reason against an instrument, as a sentence with the remedy; empty for a suitable one."""
     for series in UNSUITABLE_GENERATORS:
         if series.is_about(identity):
             return (
