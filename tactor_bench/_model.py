@@ -29,8 +29,8 @@ __all__ = ["AmplifierMap", "Membrane", "ParameterError", "Response", "Skin", "Ta
 SHAPES = 7
 
 PARTS_HZ = (15.0, 60.0)
-"""Where the frequencies of a band are divided: the lowest one decides how many harmonics all have, so that parts take a
-seventh of the time. They are within 2e-5 of the whole, which is enough for derivatives."""
+"""Divisions of the frequencies of a band: the lowest frequency of a part defines its number of harmonics, so that parts take a
+seventh of the time. They agree with the whole within 2e-5, enough for derivatives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,9 +42,9 @@ class Response(PeriodicResponse):
         peak_to_peak: max - min of the displacement, all harmonics superposed, m, (F,): the paper's measured amplitude.
         fundamental: complex amplitude of the fundamental, m, (F,): peak amplitude, phase against the input sine.
         receptance: complex displacement per volt on the specimen, m/V, (F,).
-        peak_to_peak_band, fundamental_band: of `peak_to_peak` and of `abs(fundamental)`, None where nothing has an error.
-            `.lower`, `.upper` and `.standard_error` are in m, (F,).
-        specimen: tactor, membrane and skin that were computed.
+        peak_to_peak_band, fundamental_band: bands of `peak_to_peak` and of `abs(fundamental)`, None without errors. `.lower`,
+            `.upper` and `.standard_error` are in m, (F,).
+        specimen: computed tactor, membrane and skin.
     """
 
     receptance: Complex
@@ -70,23 +70,23 @@ def response(
     calibration: "Calibration | Identification | None" = None,
     coverage: float = 0.95,
 ) -> Response:
-    """Compute the frequency response of a tactor under the amplifier's drive, as `tactor-bench model frequency-response`.
+    """Compute the frequency response of a tactor under the amplifier's drive, like `tactor-bench model frequency-response`.
 
     Args:
         frequencies_hz: greater than 0, (F,).
         tactor: default: from `calibration`, or the paper's Table I.
-        skin: a given distributed stiffness and damping under the cylinder; default is the free tactor.
-        membrane: the membrane that represents skin; default, where it is stretched: from `calibration` or Table I.
+        skin: a given distributed stiffness and damping under the cylinder; default: the free tactor.
+        membrane: the membrane that represents skin; default for a stretched membrane: from `calibration` or Table I.
         elongation_m: elongation of the membrane, m.
-        pre_stretch: the same as a share of the membrane's free length.
+        pre_stretch: elongation as a share of the membrane's free length.
         peak_to_peak_v: drive at the amplifier's input, V, for example `run.parameters["peak_to_peak_v"]`.
-        offset_v: its mean, V.
+        offset_v: mean of the drive, V.
         waveform: `sine` or `square`.
         amplifier: the amplifier's map from input to specimen volts.
-        position_m: distance from the clamp, m; default is the centre.
-        shapes: number of shape functions, 3 to 300; default: as in the identification, 7 with a
-            calibration, else as many as keep the response within 0.1 % of the closed form.
-        calibration: where the values and their errors come from: a `calibration(...)`, or the result of `identify(...)`.
+        position_m: distance from the clamp, m; default: the centre.
+        shapes: number of shape functions, 3 to 300; default: as in the identification, 7 with a calibration, else the number that
+            keeps the response within 0.1 % of the closed form.
+        calibration: source of values and errors: a `calibration(...)`, or the result of `identify(...)`.
         coverage: probability of the bands.
 
     Raises:

@@ -9,10 +9,10 @@ PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware")
 
 
 def import_own_packages() -> None:
-    """Import the packages of this application, which are in the same folder, so that no others can replace them later.
+    """Import the packages of this application from this folder, so that no others can replace them later.
 
     Raises:
-        ImportError: something else has the name of one of them; the message names it and its place. It is not imported.
+        ImportError: another module has the name of a package; the message names it and its place. It is not imported.
     """
     home = Path(__file__).resolve().parent.parent
     for name in PACKAGES:

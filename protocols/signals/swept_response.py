@@ -154,7 +154,6 @@ def estimate_swept_response(
     if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
     # The mean by the amplifier's two slopes begins with the sweep: a step, as broad as the band. Faded in over a few cycles
-    #
     # of the lowest frequency it vanishes in the band. The lines passed during the fade are left out.
     faded = min(round(TAPER_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
     least_hz = MIN_BINS_PER_LINE * rate_hz / fast_length(duration)
