@@ -62,7 +62,7 @@ def protocol_of_run(run: Run, run_name: str) -> Protocol:
     """
     kind = PROTOCOLS.get(run.record.protocol)
     if kind is None:
-        raise RunReadError(f"{run_name} is a run of '{run.record.protocol}', a protocol that is not known here")
+        raise RunReadError(f"{run_name} is a run of '{run.record.protocol}', an unknown protocol")
     try:
         return kind(**run.record.parameters)
     except ValidationError as error:

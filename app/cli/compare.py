@@ -73,7 +73,7 @@ def _common_protocol(a: Run, b: Run) -> type[Protocol]:
     """Return the protocol of both runs.
 
     Raises:
-        UsageError: they are of two protocols, or of one that is not known here.
+        UsageError: they are of two protocols, or of an unknown one.
     """
     from protocols import PROTOCOLS
 

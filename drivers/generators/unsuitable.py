@@ -33,7 +33,7 @@ class UnsuitableGenerator:
         return all(re.match(p, t, re.IGNORECASE) for p, t in ((self.maker, maker), (self.model, model)))
 
 
-NOT_DOCUMENTED = "no guide and no public driver available to us says at which level its output waits between two bursts"
+NOT_DOCUMENTED = "no guide and no public driver available to us states the level of its output between two bursts"
 
 UNSUITABLE_GENERATORS = (
     UnsuitableGenerator(
@@ -49,7 +49,7 @@ UNSUITABLE_GENERATORS = (
         "",
         r"SDG8[013][05](?!X)|T3AFG(5|10)$",
         "it has a USB port only, on which a Siglent loses uploaded waveforms without an error, so that its output waits on another "
-        "one than was sent",
+        "waveform than the sent one",
         "benchctrl at 0c6e51e (uploads over USB); SDG programming guide (WVDT: numbered memories on SDG800)",
     ),
     UnsuitableGenerator(

@@ -96,7 +96,7 @@ class WatchdogClient:
                 else f"has sent nothing for {silence.elapsed_s:.1f} s"
             )
             raise BenchError(
-                f"the watchdog {how}, and the bench does not stay live without it. Find out what ended it (too little "
+                f"the watchdog {how}, and the bench does not stay live without it. Find the cause (too little "
                 "memory, a task manager), then run again"
             )
 

@@ -108,7 +108,7 @@ def _cause_message(diagnosis: attribution.Diagnosis) -> str:
     first, *others = diagnosis.likeliest
     text = f"the model is wrong for these runs, most likely because {first.text}"
     if others:
-        text += "; these runs do not tell this from: " + "; or ".join(e.cause_text for e in others)
+        text += "; these runs do not distinguish it from: " + "; or ".join(e.cause_text for e in others)
     return text
 
 

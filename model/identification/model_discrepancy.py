@@ -69,7 +69,7 @@ DiscrepancyParts = tuple[str, str, dict[str, Any]]
 
 def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
     tuned = _frequency_stretch_derivatives(fit)
-    others = "the other runs say" if len(fit.observations.runs) > 1 else "the parameters that are held allow"
+    others = "the other runs state" if len(fit.observations.runs) > 1 else "the parameters that are held allow"
     for run in fit.observations.runs:
         p = y[run.label]
         match run:

@@ -63,7 +63,7 @@ def figure5(t: Tactor) -> PaperFigure:
             Series(mass, literal, label="eta = m_add / (L - L2), the text's words"),
         ),
         "Fundamental frequency without damping. The text takes eta as added mass over the length of the third segment; only with "
-        "half of it, since the cylinder sits on both halves of the beam, does 7.73 g resonate near 160 Hz as the text says.",
+        "half of it, since the cylinder sits on both halves of the beam, does 7.73 g resonate near 160 Hz as the text states.",
     )
 
 

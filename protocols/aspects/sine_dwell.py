@@ -100,7 +100,7 @@ class SineDwellAspects(Aspects):
     def series_runs(self, series: Sequence[ImportedSamples]) -> Iterator[RunOfSamples]:
         """Yield one run of all series, one point each."""
         points = [_series_point(each) for each in series]
-        warnings = [f"{each.name} has no drive: its phase is not known" for each in series if each.drive_v is None]
+        warnings = [f"{each.name} has no drive: its phase is unknown" for each in series if each.drive_v is None]
         for i, point in enumerate(points):
             same = (j for j in range(i) if abs(points[j].frequency - point.frequency) < SAME_FREQUENCY_HZ)
             if (j := next(same, None)) is not None:

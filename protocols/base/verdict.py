@@ -231,7 +231,7 @@ def identification_checks(
     if not promised:
         return ()
     name, identified_count = f"estimates identified of {len(promised)}", len(promised) - len(missing)
-    remedy = "measure more points, or look at those that are not usable"
+    remedy = "measure more points, or check the unusable ones"
     outcome = Outcome.DOUBTFUL if identified_count else Outcome.NO_RESULT
     detail = f"missing: {', '.join(map(quantity_label, missing))}" if missing else ""
     return (CheckResult(name, float(identified_count), "1", float(len(promised)), None, remedy, outcome, detail),)

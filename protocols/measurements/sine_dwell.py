@@ -466,7 +466,7 @@ def format_percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} %" if math.isfinite(fraction) else "no response"
 
 
-SOURCE = "complex fit of one mode and what higher modes leave to the fundamentals of this run"
+SOURCE = "complex fit of one mode and the residual of higher modes to the fundamentals of this run"
 
 
 def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -194,7 +194,7 @@ class Runner:
         try:
             lines = separate_folded_lines(self._bench, interference.lines, armed.rate_hz, self._protocol.rest_record_s)
         except (BenchError, ValueError) as error:
-            self._recorder.publish(LogMessage(f"Whether interference is folded back could not be found out: {error}"))
+            self._recorder.publish(LogMessage(f"The test for interference folded back by sampling failed: {error}"))
             return
         if folded := tuple(line for line in lines if line.folded):
             self._recorder.publish(InterferenceMeasured(interference.rows, folded))

@@ -97,7 +97,7 @@ class WeightStepDetector:
             )
         if self._window_length < 8 or self.window_count < 3:
             raise ValueError(
-                f"{self.window_count} windows of {self.window_s:g} s at {self.rate_hz:g} Hz cannot tell quiet: "
+                f"{self.window_count} windows of {self.window_s:g} s at {self.rate_hz:g} Hz cannot detect a quiet trace: "
                 "at least 3 windows of 8 samples are needed"
             )
 

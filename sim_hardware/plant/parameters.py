@@ -338,7 +338,7 @@ def _build(target_type: Any, value: Any, key: str) -> Any:
     hints = get_type_hints(target_type)
     names = {f.name for f in fields(target_type)}
     if unknown := sorted(set(value) - names):
-        raise ValueError(f"{key}: unknown {', '.join(unknown)}; known are {', '.join(sorted(names))}")
+        raise ValueError(f"{key}: unknown {', '.join(unknown)}; valid are {', '.join(sorted(names))}")
     built: dict[str, Any] = {name: _build(hints[name], item, f"{key}.{name}") for name, item in value.items()}
     try:
         return target_type(**built)  # type: ignore[operator]
