@@ -1,6 +1,6 @@
-"""Actions after each finished run, on a thread of their own: backup of its file, a command of the user, plug-ins.
+"""Actions after each finished run, on a separate thread: backup of its file, a command of the user, plug-ins.
 
-None of them affects the run: it has ended, its file is closed, and what fails is reported.
+None of them affects the run: it has ended, its file is closed, and failures are reported.
 """
 
 import os
@@ -101,7 +101,7 @@ def _call_plug_in(point: EntryPoint, path: Path, ended: RunEnded) -> str:
 
 
 def _run_command(command: tuple[str, ...], path: Path, ended: RunEnded) -> str:
-    """Run the command; return what failed."""
+    """Run the command; return the failure as text."""
     words = [word.replace(RUN_PLACEHOLDER, str(path)) for word in command]
     if not any(RUN_PLACEHOLDER in word for word in command):
         words.append(str(path))

@@ -23,7 +23,7 @@ AUDITED_SUFFIXES = (".h5", ".calibrations.json", ".campaign.json", ".notes.json"
 
 @dataclass(frozen=True, slots=True)
 class AuditResult:
-    """Result of a verification: what is wrong, and the hash of the last line."""
+    """Result of a verification: faults, and the hash of the last line."""
 
     entries: tuple[AuditEntry, ...]
     problems: tuple[str, ...]
@@ -51,11 +51,11 @@ def begin_audit(folder: Path, progress: Progress = NO_PROGRESS) -> AuditEntry:
 
 
 def verify_audit(folder: Path, head: str = "", progress: Progress = NO_PROGRESS) -> AuditResult:
-    """Verify the chain of lines, that it holds a head hash known from elsewhere, and all files that it names.
+    """Verify the chain of lines, the presence of a head hash stored elsewhere, and all files that it names.
 
     Args:
         folder: of the audit trail.
-        head: hash of a line, or its beginning, as it was printed or copied; empty if none is known.
+        head: hash of a line, or its begin, as printed or copied; empty without one.
         progress: reports files.
 
     Raises:

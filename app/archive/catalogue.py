@@ -32,7 +32,7 @@ PAGE_BYTES, MAPPED_BYTES = 65_536, 200_000_000
 """Largest pages of SQLite and a mapped file: a list of ten thousand runs takes two thirds of the time."""
 
 STAMP_COLUMNS = ("path", "state", "modified_ns", "size", "notes_ns")
-"""What a scan compares. The whole summary is one column beside them: thirty columns take SQLite twice as long."""
+"""Columns compared by a scan. The whole summary is one further column: thirty columns take SQLite twice as long."""
 
 UNSETTLED, SETTLED_NS = -1, 2_000_000_000
 """Two changes within this time may give a folder the same modification time: some file systems store even seconds."""
@@ -43,7 +43,7 @@ FILES_PER_COMMIT = 100
 
 @dataclass(frozen=True, slots=True)
 class ScanResult:
-    """Result of a scan: how many entries changed, and what could not be read."""
+    """Result of a scan: number of changed entries, and unreadable files."""
 
     added: int = 0
     changed: int = 0
@@ -123,7 +123,7 @@ class Catalogue:
         return [RunSummary._make(marshal.loads(row)) for (row,) in rows]  # noqa: S302 - only this user writes the index
 
     def scan(self, progress: Progress = NO_PROGRESS, exclude: Collection[Path] = ()) -> ScanResult:
-        """Update the index: read files that were added, changed or moved, remove those that were deleted.
+        """Update the index: read added, changed or moved files, remove deleted ones.
 
         Args:
             progress: the scan ends between two files if it is cancelled; only a long scan reports with a text.
@@ -171,7 +171,7 @@ class Catalogue:
         return any(_modified_ns(self.folder / inside) != seen for inside, seen in known.items())
 
     def upsert(self, entries: Sequence[RunSummary]) -> None:
-        """Insert or replace entries unchecked; the next scan corrects those that do not match the files."""
+        """Insert or replace entries unchecked; the next scan corrects entries that do not match the files."""
         with self._connection() as db:
             _upsert(db, entries)
 
@@ -240,7 +240,7 @@ def index_path(folder: Path) -> Path:
 
 
 def _own_temporary_folder() -> Path:
-    """Return a folder in the temporary directory into which only this user writes: what is in the index is trusted."""
+    """Return a folder in the temporary directory into which only this user writes, because the index is trusted."""
     if not hasattr(os, "getuid"):
         return Path(tempfile.gettempdir())
     place = Path(tempfile.gettempdir()) / f"tactor-bench-{os.getuid()}"
@@ -263,7 +263,7 @@ def _plain(value: str | float | None) -> str | float | None:
 
 
 def _list_file(walk: _FolderListing, folder: Path, path: str, item: os.DirEntry[str]) -> None:
-    """Add a run file or notes to the listing; one that cannot be looked at does not hide the others."""
+    """Add a run file or notes to the listing; an inaccessible one does not hide the others."""
     try:
         path.encode()
         stat = item.stat()

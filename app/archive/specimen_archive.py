@@ -109,7 +109,7 @@ def _check_runs(folder: Path, specimen: str, runs: Sequence[RunSummary]) -> None
 
 
 def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRESS) -> CopyResult:
-    """Put the files of an archive into a folder, each after its hash was found right. No file is replaced.
+    """Put the files of an archive into a folder, each after its hash was verified. No file is replaced.
 
     Raises:
         ArchiveError: it is not an archive of a specimen, is damaged, or the folder has another file of the same name.
@@ -175,7 +175,7 @@ def _entries(archive: Path, file: zipfile.ZipFile) -> Iterator[tuple[zipfile.Zip
         name = PurePosixPath(identifier).name
         if info is None:
             raise ArchiveError(f"{archive}: {identifier} is listed and missing; take another copy")
-        # The name alone is used, so that no path leaves the folder; the rest is what Windows and terminals stumble over.
+        # Only the name is used, so that no path leaves the folder, without characters that Windows and terminals reject.
         if name in ("", ".", "..") or name in names or "\\" in name or ":" in name or name != visible_text(name):
             raise ArchiveError(f"{archive}: {visible_text(identifier)} has no usable name, or the name of another file")
         if info.file_size > MAX_PACKING_RATIO * max(info.compress_size, 1):

@@ -1,8 +1,8 @@
 """Measurement campaign of one specimen: ordered items, their status and the next one.
 
-The status of an item is computed from the run files on every request; runs made outside the campaign count too. The campaign
-file holds only the plan and what each run was based on, so it cannot contradict the run files, and a killed program leaves
-nothing to repair.
+The status of an item is computed from the run files on every request; runs made outside the campaign count too. The campaign file
+holds only the plan and the basis of each run, so it cannot contradict the run files, and a killed program leaves nothing to
+repair.
 """
 
 import json
@@ -196,7 +196,7 @@ class Campaign:
             self._save(item.name, {"added": item.protocol})
 
     def run_started(self, run: Path, name: str = "") -> None:
-        """Record a run that this program is writing and that must not be opened; of an item also what it is based on."""
+        """Record a run that this program is writing and that must not be opened; for an item also its basis."""
         with self._lock:
             self._active_run = (name, run)
             if name:
@@ -211,11 +211,11 @@ class Campaign:
             self._active_run = None
 
     def skip(self, name: str, reason: str = "left out on purpose") -> None:
-        """Skip an item; items that need it no longer wait for it. An empty reason restores it."""
+        """Skip an item; dependent items no longer wait for it. An empty reason restores it."""
         self._change(name, skipped=reason)
 
     def repeat(self, name: str) -> None:
-        """Require a new run of an item. What counts now counts until there is one, an accepted run until that is accepted."""
+        """Require a new run of an item. The present result counts until the new run, an accepted one until its acceptance."""
         self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
 
     def accept(self, name: str, run: str = "") -> None:
@@ -288,7 +288,7 @@ class Campaign:
     def _runs_of(self, item: CampaignItem, runs: Sequence[RunSummary]) -> list[RunSummary]:
         """Return the runs of an item, oldest first.
 
-        A run of a series is one of another item only if it has all of that item's parameters, also those that are not set.
+        A run of a series is a run of another item only if it has all of that item's parameters, including unset ones.
         """
         every = self._parameters(item)
         settings = {name: every[name] for name in item.settings}

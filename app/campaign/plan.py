@@ -53,15 +53,15 @@ class CampaignItem:
     Attributes:
         name: name within the campaign.
         protocol: name of the protocol.
-        settings: parameters that differ from the protocol's defaults; runs with others are not runs of it.
-        needs: names of the items that must be done before.
+        settings: parameters that differ from the protocol's defaults; runs with other parameters do not belong to the item.
+        needs: names of the prerequisite items.
         prepare: setup prompts that the protocol itself does not show.
-        skipped: why it is skipped; empty if it is not.
-        since: when a new run was requested (ISO, UTC); earlier results count until there is one, earlier runs are not resumed.
+        skipped: reason for skipping it; empty if it is not skipped.
+        since: time of the request for a new run (ISO, UTC); earlier results count until there is one, earlier runs are not resumed.
         rejected: names of run files that do not count.
         accepted: names of run files whose results the operator has accepted; the last one counts.
-        varied: parameter that is varied, with one run for each of `values`; empty: a single run.
-        values: of the varied parameter, in the unit of its field.
+        varied: varied parameter, with one run for each of `values`; empty: a single run.
+        values: values of the varied parameter, in the unit of its field.
     """
 
     name: str
@@ -174,7 +174,7 @@ CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay_time"}
 def drop_unknown_protocols(
     items: Collection[CampaignItem], known_protocols: Collection[str]
 ) -> tuple[CampaignItem, ...]:
-    """Return the items with a known protocol; dependencies on dropped items pass to the dependencies of those."""
+    """Return the items with a known protocol; dependencies on dropped items pass to their dependencies."""
     lost = {item.name: item.needs for item in items if item.protocol not in known_protocols}
 
     def needs(names: Collection[str]) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ def next_action_reason(state: ItemState) -> str:
 
 
 def first_clause(reason: str) -> str:
-    """Return the first clause of a reason: what happened, without remedy and library messages."""
+    """Return the first clause of a reason: the event, without remedy and library messages."""
     return re.split(r"; |\. | \((?=NI )", reason, maxsplit=1)[0].rstrip(".")
 
 

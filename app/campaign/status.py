@@ -1,4 +1,4 @@
-"""Status of campaign items, computed from run summaries and from what each run was based on."""
+"""Status of campaign items, computed from run summaries and the basis of each run."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -103,7 +103,7 @@ class ItemState:
     started_at: str = ""
     """Start time of that run, ISO, UTC."""
     estimates: tuple[EstimatedQuantity, ...] = ()
-    """Estimates of the valid run, on which later items are based."""
+    """Estimates of the valid run, the basis of later items."""
     resumed_run: Path | None = None
     """The run that `NextAction.RESUME` continues."""
     candidate: RunSummary | None = None
@@ -238,7 +238,7 @@ def _valid_run(
     previous: Mapping[str, ItemState],
     based_on: Mapping[str, Basis],
 ) -> RunSummary | None:
-    """Return the run that counts: the one accepted last, while what it rests on has not changed; otherwise the newest."""
+    """Return the valid run: the last accepted one while its basis is unchanged; otherwise the newest."""
     valid = {run.name: run for run in results if run.name not in item.rejected}
     accepted = next((valid[name] for name in reversed(item.accepted) if name in valid), None)
     if accepted is not None and not _stale_reason(item, accepted, previous, based_on.get(accepted.name)):
@@ -252,7 +252,7 @@ def _result_text(run: RunSummary) -> str:
 
 
 def _later_text(run: RunSummary) -> str:
-    """Return what became of a run without a result, as a predicate."""
+    """Return the end of a run without a result, as a predicate."""
     if run.outcome is Outcome.NO_RESULT:
         return "has no result"
     return str(run.verdict) if run.outcome is Outcome.DID_NOT_PASS else f"is {run.state}"

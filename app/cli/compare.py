@@ -97,7 +97,7 @@ def _setting_columns(pairs: Sequence[tuple[Point, Point]], x: str, units: Mappin
 
 
 def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:
-    """Pair points at the same setting, whatever their position in the plans; several at one setting in their order."""
+    """Pair points of equal settings, independent of their position in the plans; several of one setting in order."""
     named = [
         n for n in MATCH_COLUMNS if left and right and all(math.isfinite(p.get(n, math.nan)) for p in (*left, *right))
     ]

@@ -187,7 +187,7 @@ def headless_session(
 ) -> Iterator[HeadlessSession]:
     """Open a bench as a session with the terminal as its front end; at the end it is closed at rest.
 
-    What the watchdog wrote into `folder` since the last start is printed first.
+    New lines of the watchdog's log in `folder` are printed first.
 
     Raises:
         UsageError: faults were planned for a real bench.

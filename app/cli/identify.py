@@ -54,7 +54,7 @@ INADEQUATE_MODEL_HINT = (
     "next best: find the cause of the discrepancies; further runs would only make a wrong model more certain"
 )
 USUAL_EVALUATIONS = 30
-"""Evaluations at which the bar of a fit is half full; how many a fit needs is unknown."""
+"""Number of evaluations at which the bar of a fit is half full; the total is unknown in advance."""
 SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
@@ -213,7 +213,7 @@ def _correction(options: AcceptCommand) -> Correction | None:
 def _add_proposals(
     result: CommandResult, identification: IdentificationResult, fit: JointFit, options: AcceptCommand
 ) -> CommandResult:
-    """Return the result with profiles and proposals of a joint fit, and a note on what to measure next."""
+    """Return the result with profiles and proposals of a joint fit, and a note on the next measurement."""
     tables, notes = list(result.tables), list(result.notes)
     if options.profile:
         tables.append(profile_table(fit, options.profile, options.coverage))

@@ -310,7 +310,7 @@ def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[st
     Args:
         title: of the table.
         estimates: the parameters.
-        statistical: by name, the part of the uncertainty by the scatter of the points; None or {} where it is not known.
+        statistical: part of the uncertainty by the scatter of the points, by name; None or {} if unknown.
     """
     relative_errors = [abs(e.standard_error / e.value) if e.value else None for e in estimates]
     parts = [(statistical or {}).get(e.name) for e in estimates]

@@ -180,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def prepare_console() -> None:
-    """Print `?` for what the console's encoding lacks: a pipe on Windows is cp1252, which has no check mark."""
+    """Print `?` for characters missing in the console's encoding: a pipe on Windows is cp1252, which has no check mark."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -262,7 +262,7 @@ def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: Act
 
 
 def describe_specimen(specimen: Specimen) -> str:
-    """Describe how the specimen vibrates: free, or on which skin."""
+    """Describe the support of the specimen: free, or its skin."""
     skin = specimen.skin
     if specimen.membrane is None and skin.k_s == 0 and skin.c_s == 0:
         return "vibrating freely"

@@ -141,10 +141,10 @@ def write_report(
 
 
 def _read_limits(options: ReportCommand) -> Limits | None:
-    """Return the limits of the option, or those in the folder of the runs; None if there are none.
+    """Return the limits of the option, or of the folder of the runs; None without limits.
 
     Raises:
-        LimitsError, UsageError: they are invalid, or compare with a golden unit that is not named.
+        LimitsError, UsageError: they are invalid, or compare with an unnamed golden unit.
     """
     beside = options.folder / LIMITS_FILE_NAME
     path = options.limits or (beside if beside.exists() else None)

@@ -22,13 +22,14 @@ class ResultSummary:
     """Contents of the result card of a run.
 
     Attributes:
-        reason: how the run ended, for the reasons of the verdict.
+        reason: end of the run, for the reasons of the verdict.
         quantities: the protocol's own results: name and value with its standard error, in display units.
-        totals: standard uncertainty of each quantity, with the uncertainty of the sensor's gain, as text; empty where the gain has no effect.
-        others: what every run estimates beside them, likewise.
+        totals: standard uncertainty of each quantity, with the uncertainty of the sensor's gain, as text; empty if the gain has
+            no effect.
+        others: further estimates of every run, likewise.
         point_names: names of the two axes; of the columns of `points`.
-        points: where nothing was identified, the usable points: value on either axis, with its error.
-        hints: the protocol's warnings about the points: what to change next time.
+        points: the usable points of a run without identified quantities: values on both axes, with errors.
+        hints: the protocol's warnings about the points, for the next run.
         planned: number of planned points; 0 if unknown.
     """
 

@@ -20,7 +20,7 @@ FOLDER = "certificates"
 SUFFIX = ".certificate.json"
 ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
 WARNING_DAYS = 30
-"""Days before the due date from which on every run warns."""
+"""Days before the due date in which every run warns."""
 
 
 class CertificateError(ValueError):
@@ -42,12 +42,12 @@ class Certificate:
     """A calibration certificate.
 
     Attributes:
-        number: as the laboratory gave it.
+        number: number by the laboratory.
         date: of the calibration, ISO 8601.
-        due: last day on which the calibration holds, ISO 8601; empty if it is not stated.
+        due: last day of the calibration's validity, ISO 8601; empty if not stated.
         role: of the instrument at a bench.
         item: maker and model.
-        serial: serial number, by which the instruments of a run are matched.
+        serial: serial number, which identifies the instrument in a run.
         columns: table of points.
         files: names of the attached files with their SHA-256.
     """
@@ -75,7 +75,7 @@ class Certificate:
 
     @property
     def name(self) -> str:
-        """What it is of, as text."""
+        """Calibrated instrument as text."""
         return " ".join(filter(None, (self.role, self.item, self.serial and f"#{self.serial}")))
 
     def days_left(self, today: Day) -> int | None:

@@ -1,6 +1,7 @@
 """Digital calibration certificates (DCC, XML version 3 of the PTB): number, laboratory, dates, item and tables with uncertainties.
 
-Schemas: ptb.de/dcc/v3.3.0/dcc.xsd, and ptb.de/si (D-SI) for the values; elements are found by their names, whatever else is around them.
+Schemas: ptb.de/dcc/v3.3.0/dcc.xsd, and ptb.de/si (D-SI) for the values; elements are found by their names, independent of other
+elements.
 """
 
 import math

@@ -9,7 +9,7 @@ from app.config.driver_registry import SOURCES, built_in_names, load_driver, sup
 from drivers import SUPPLY_DIALECTS, BenchError, Identity, reason_unsuitable
 
 LAN_PORTS = (5025, 5555)
-"""Ports on which function generators take messages."""
+"""Ports of function generators for messages."""
 
 QUERY_TIMEOUT_S = 1.0
 
@@ -53,7 +53,7 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
 
 
 def _query_instrument(resource: str) -> tuple[FoundDevice, str]:
-    """Return the instrument, and a warning if it is one that is advised against."""
+    """Return the instrument, and a warning if it is advised against."""
     from drivers import ScpiSession, VisaLink
 
     with closing(VisaLink(resource, QUERY_TIMEOUT_S)) as link:

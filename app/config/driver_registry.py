@@ -52,12 +52,12 @@ class PlugIn:
 
 
 def built_in_names(group: str) -> tuple[str, ...]:
-    """Return the names of the drivers of this program; nothing is imported for it."""
+    """Return the names of the drivers of this program, without imports."""
     return tuple(generator_families() if group == SOURCES else BUILT_IN[group])
 
 
 def driver_names(group: str) -> list[str]:
-    """Return the names that a bench file may choose; nothing is imported for it."""
+    """Return the valid driver names of a bench file, without imports."""
     chosen = [AUTO] if group == SOURCES else []
     return [*chosen, *built_in_names(group), *(point.name for point in _entry_points(group))]
 

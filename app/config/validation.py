@@ -42,7 +42,7 @@ def read_toml(kind: type[Model], text: str, where: str, error_of: Callable[[str]
 def validation_messages(
     error: ValidationError, text: str = "", unit_of_key: Callable[[str], str] = lambda _: ""
 ) -> list[str]:
-    """Return one line per error: where it is, the value, and what is allowed, in the unit of the key."""
+    """Return one line per error: place, value, and permitted values, in the unit of the key."""
     lines = []
     for fault in error.errors():
         path = [str(part) for part in fault["loc"]]
@@ -67,7 +67,7 @@ def _describe_error(error: Any, unit_of_key: Callable[[str], str]) -> str:
 
 
 def _line_of(path: list[str], text: str) -> int:
-    """Return the line of a key in a TOML text, 0 if it is not found."""
+    """Return the line of a key in a TOML text, 0 if it is missing."""
     tables, key = path[:-1], path[-1] if path else ""
     table: list[str] = []
     for number, line in enumerate(text.splitlines(), 1):

@@ -33,7 +33,7 @@ class DesignQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DesignAnswers:
-    """The answers as sentences, and what they are from."""
+    """The answers as sentences, and their source."""
 
     mass: str
     drive: str
@@ -71,7 +71,7 @@ def divided(answer: DesignAnswer, share: EstimatedQuantity) -> DesignAnswer:
 
 
 def describe_reach(specimen: Specimen, drive: DesignAnswer, frequency_hz: float, n: int) -> str:
-    """Return what a drive is on the specimen and what the largest one gives, or that it cannot be reached."""
+    """Return the volts of a drive on the specimen and the result of the largest drive, or that the target cannot be reached."""
     full_v = 2 * FULL_AMPLITUDE_V
     largest = float(response_curve(specimen, np.array([frequency_hz]), FULL_AMPLITUDE_V, n=n).peak_to_peak[0])
     if drive.value > full_v:

@@ -18,7 +18,7 @@ MAX_EVALUATIONS = 60
 """Largest number of evaluations of the fit with free dimensions, whose derivatives alone are used."""
 ERRORS_NOTE = "± has noise and dimensions by ruler and caliper; the other sliders and the sensor's gain count as exact ('Identify …' has all sources)"
 FREE_PARAMETERS = ("m_add", "c0", "mu")
-"""The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
+"""The parameters that the response of a free tactor determines for a given stiffness; the others keep their values."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ DERIVED_PARAMETERS = ("k_s", "c_s", "contact_length")
 
 @dataclass(frozen=True, slots=True)
 class ExploreSetting:
-    """The values of all sliders: `values` holds only those that were moved, SI; the others are the paper's Table I."""
+    """The values of all sliders: `values` holds the moved ones, SI; the others are the paper's Table I."""
 
     values: Mapping[str, float] = field(default_factory=dict)
     on_skin: bool = False

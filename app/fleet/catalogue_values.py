@@ -25,7 +25,7 @@ NO_BATCH = "no batch"
 
 
 class FleetError(Exception):
-    """There is nothing to compare; the message says what is missing."""
+    """There is nothing to compare; the message names the missing data."""
 
 
 @dataclass(frozen=True, slots=True)

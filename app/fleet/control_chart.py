@@ -39,7 +39,7 @@ VALUES_PER_FALSE_ALARM = 92
 
 
 class TooFewValuesError(ValueError):
-    """A control chart has no baseline; the message says how many values it needs."""
+    """A control chart has no baseline; the message states the number of values that it needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,12 @@ class Signal:
 
 @dataclass(frozen=True)
 class ControlChart:
-    """Centre and sigma of the baseline, and what is beyond them.
+    """Centre and sigma of the baseline, and signals.
 
     Attributes:
-        values: in their order of time.
-        baseline: number of first values that set centre and sigma; they are judged as well.
-        sigma: of a single value, from the moving range of the baseline.
+        values: values in order of time.
+        baseline: number of first values that define centre and sigma; they are judged as well.
+        sigma: sigma of a single value, from the moving range of the baseline.
         average: EWMA, a value for each.
         average_limit: distance of the EWMA's limits from the centre, a value for each.
         signals: every broken rule, by value.

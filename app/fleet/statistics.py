@@ -17,7 +17,7 @@ MAD_TO_SIGMA = 0.6745
 """Median absolute deviation of a normal distribution in its standard deviations."""
 MEAN_DEVIATION_TO_SIGMA = 1.253314
 MIN_FOR_OUTLIERS = 5
-"""Fewer values tell no outlier."""
+"""Fewest values for the detection of outliers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +25,8 @@ class Spread:
     """Mean and spread of values.
 
     Attributes:
-        sd: standard deviation, NaN of a single value.
-        mean_uncertainty: root mean square of the values' total uncertainties: what measurement alone scatters.
+        sd: standard deviation, NaN for a single value.
+        mean_uncertainty: root mean square of the values' total uncertainties: the scatter by measurement alone.
         median: of the values.
     """
 
@@ -40,7 +40,7 @@ class Spread:
 
     @property
     def true_sd(self) -> float:
-        """Spread of the specimens without the measurement's part; 0 where measurement explains all of it."""
+        """Spread of the specimens without the measurement's part; 0 if measurement explains all of it."""
         return math.sqrt(max(self.sd**2 - self.mean_uncertainty**2, 0.0)) if self.count > 1 else math.nan
 
 

@@ -124,7 +124,7 @@ def group_table(selection: FleetSelection, by: str) -> Table:
 
 
 def fleet_notes(fleet: Fleet, selections: Sequence[FleetSelection]) -> list[str]:
-    """Return significant trends, what is left out, and how to read the tables, as sentences."""
+    """Return significant trends, omissions, and explanations of the tables, as sentences."""
     notes = []
     for selection in selections:
         values, _ = arrays(selection.values)
@@ -153,7 +153,7 @@ def times_of(selection: FleetSelection) -> Array:
 
 
 def verdict_table(selection: FleetSelection, golden: str, charts: Sequence[GoldenChart]) -> Table:
-    """Return a row for each sensor: centre, sigma, first signal with its rules, and what drifted."""
+    """Return a row for each sensor: centre, sigma, first signal with its rules, and cause of the drift."""
     first, shown = [each.first_signal for each in charts], selection.display_unit
     return Table(
         "charts",

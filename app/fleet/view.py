@@ -1,4 +1,4 @@
-"""Views of many specimens for the window: what a filter selects, with its tables, its groups for a plot, and control charts."""
+"""Views of many specimens for the window: selection by a filter, with its tables, its groups for a plot, and control charts."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class FleetQuery:
 
 @dataclass(frozen=True)
 class FleetView:
-    """What a query selects.
+    """Selection of a query.
 
     Attributes:
         groups: every value of the quantity in SI over seconds since 1970, by group, and the values themselves.
@@ -71,10 +71,10 @@ class FleetView:
 
 
 def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) -> FleetView:
-    """Return what a query selects.
+    """Return the selection of a query.
 
     Raises:
-        FleetError: nothing does.
+        FleetError: the selection is empty.
     """
     words = query.search.casefold().split()
     chosen = fleet.filtered(batch=query.batch, since=read_since(query.since) if query.since else "")
@@ -149,7 +149,7 @@ class ChartView:
 
     Attributes:
         broken: for each chart the values that break a rule, with date, value, rules and run.
-        notes: what drifted, and how often the rules signal by chance.
+        notes: causes of drifts, and the rate of chance signals of the rules.
         points: of all charts, for export.
     """
 

@@ -152,5 +152,5 @@ def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:
 
 
 def same_elongation(one_m: float, other_m: float) -> bool:
-    """Return whether two elongations (m) are one that was set twice."""
+    """Return whether two elongations (m) are equal settings."""
     return math.isclose(one_m, other_m, rel_tol=1e-5, abs_tol=1e-8)

@@ -71,7 +71,7 @@ def _sample_digests(run: Run) -> dict[int, bytes]:
 
 
 def _table_digest(protocol: str, columns: dict[str, Any]) -> bytes:
-    """Return the digest of what a table measured, whatever uncertainties were stated for it."""
+    """Return the digest of a table's measured values, without stated uncertainties."""
     names = sorted(n for n in columns if n not in (ENTRY_COLUMN, "quality") and not n.endswith("_errors"))
     digest = hashlib.sha256(protocol.encode())
     for name in names:

@@ -66,7 +66,7 @@ class Correction:
         return RecalibratedRun(path, self)
 
     def describe_changes(self, path: Path) -> str:
-        """Return what the correction changes in one run as text; empty without changes."""
+        """Return the changes by the correction in one run as text; empty without changes."""
         with Run(path) as run:
             if run.record.imported:
                 return f"{path.name} was imported and has no raw samples: it is used unchanged"

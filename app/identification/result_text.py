@@ -1,4 +1,4 @@
-"""First lines of an identification: adequacy, what dimensions are from, and the parameters that were held, with their values."""
+"""First lines of an identification: adequacy, source of the dimensions, and held parameters with their values."""
 
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
@@ -22,12 +22,12 @@ def verdict_line(identification: IdentificationResult) -> str:
 
 
 def steps_line(identification: IdentificationResult, also: str, plain: str) -> str:
-    """Return which causes were added to a model that was not adequate, how that ended, and how to agree to it, as text.
+    """Return the causes added to an inadequate model, the outcome, and the way of agreement, as text.
 
     Args:
         identification: the fit.
-        also: what agrees to the causes.
-        plain: what fits without any.
+        also: option that agrees to the causes.
+        plain: option of a fit without causes.
     """
     if not identification.steps:
         return ""

@@ -57,7 +57,7 @@ def read_sheet(path: Path) -> SpecimenSheet:
     Raises:
         SheetError: it cannot be read, or an entry is invalid.
     """
-    with suppress(OSError):  # what cannot be looked at cannot be read, either
+    with suppress(OSError):  # an inaccessible file cannot be read, either
         if not path.is_file():
             raise SheetError(f"{path} is no file; give the specimen sheet, a TOML file")
     return parse_sheet(read_toml_text(path, f"the specimen sheet {path}", "specimen sheet", SheetError), path)
@@ -149,7 +149,7 @@ def _read_entry(where: str, name: str, given: Any) -> SheetEntry:
 
 
 def _number(where: str, key: str, given: Mapping[str, Any], unit: str, whole: float | None = None) -> float:
-    """Return a number of an entry in SI; `whole` is what a percentage is of."""
+    """Return a number of an entry in SI; `whole` is the reference of a percentage."""
     if key not in given:
         raise SheetError(f"{where}: {key} is missing")
     text = given[key]
@@ -299,7 +299,7 @@ def group_of(name: str) -> str:
 def _replace_line(text: str, group: str, name: str, line: str, only_in_table: bool = False) -> str:
     """Replace the line of a key in a table, or its commented one; append it to the table, or a table to the text.
 
-    A key that is in use is found in any table, unless `only_in_table`.
+    An active key is found in any table, unless `only_in_table`.
     """
     lines, table = text.split("\n"), ""
     headers = {"": -1}

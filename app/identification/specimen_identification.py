@@ -36,7 +36,7 @@ from protocols.runfile import Run
 
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
-"""A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as exact."""
+"""A specimen sheet; None: the sheet beside the runs, "none": exact dimensions and masses."""
 
 NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
 """Parameters of the fit that the beam model does not have."""
@@ -66,19 +66,19 @@ class IdentificationResult:
     adequacy: Adequacy | None = None
     """Of a joint fit: whether the misfit is noise or a model error."""
     shapes: int = FitOptions.n
-    """Number of shape functions of the fit; curves of it should use the same number."""
+    """Number of shape functions of the fit; its curves should use the same number."""
     budget: UncertaintyBudget | None = None
     """Of a joint fit: the sources of the uncertainties of its estimates."""
     sheet: SpecimenSheet | None = None
-    """What dimensions and masses are from; None where the options alone say it."""
+    """Source of dimensions and masses; None if the options define them."""
     steps: tuple[ExtensionStep, ...] = ()
     """Causes that were added to a first fit whose model was not adequate, in turn."""
     first_fit: JointFit | None = field(default=None, repr=False)
-    """Of a joint fit: the one without any of them."""
+    """The joint fit without added causes."""
 
     @property
     def priors(self) -> Mapping[str, tuple[float, float]]:
-        """Value and standard uncertainty of the parameters that were known beforehand, such as lengths."""
+        """Prior value and standard uncertainty of the parameters with a prior, such as lengths."""
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
 
     @property
@@ -93,7 +93,7 @@ class IdentificationResult:
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates without the parameters that were known beforehand."""
+        """The estimates without the parameters with a prior."""
         return tuple(e for e in self.estimates if e.name not in self.priors)
 
     @property

@@ -14,11 +14,11 @@ _PATTERN = re.compile(rf"(?P<specimen>.*\S) #(?P<hash>[0-9a-f]{{{HASH_DIGITS}}})
 
 @dataclass(frozen=True, slots=True)
 class SpecimenLabel:
-    """What a label states.
+    """Contents of a label.
 
     Attributes:
         sheet_hash: first digits of the SHA-256 of the specimen's sheet; empty without a sheet.
-        batch, serial: of the sheet.
+        batch, serial: batch and serial number of the sheet.
     """
 
     specimen: str
@@ -45,7 +45,7 @@ def make_label(folder: Path, specimen: str) -> SpecimenLabel:
         SheetError: the sheet cannot be read, or is of another specimen.
         OSError: the sheet cannot be read.
     """
-    from app.identification.sheet_file import load_sheet  # reading a scanned text needs none of it
+    from app.identification.sheet_file import load_sheet  # not needed for reading a scanned text
 
     sheet = load_sheet(folder, specimen)
     digest = file_hash(sheet_path(folder, specimen)) if sheet.path is not None else ""

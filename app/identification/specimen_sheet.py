@@ -58,12 +58,12 @@ class SheetEntry:
     measured: bool = True
     """False where it is Table I's, since the sheet has no value."""
     weighed: Weighing | None = None
-    """What a linear density is from, if a mass and a length are stated."""
+    """Source of a linear density, if a mass and a length are stated."""
 
 
 @dataclass(frozen=True)
 class SpecimenSheet:
-    """The sheet of one specimen; without a file (`path` None) all of it is Table I's."""
+    """The sheet of one specimen; without a file (`path` None) all values are from Table I."""
 
     specimen: str = ""
     entries: Mapping[str, SheetEntry] = field(default_factory=dict)

@@ -25,16 +25,16 @@ from model.identification import (
 )
 
 MIN_SHARE = 0.01
-"""Share of the squared total uncertainty from which on a source is named."""
+"""Smallest share of the squared total uncertainty of a named source."""
 
 OTHERS = "others"
 """Sources with smaller shares, together."""
 
 SEEN_SIGMAS = 3.0
-"""Size of a nonideality, in its standard uncertainties, from which on it is described."""
+"""Smallest size of a described nonideality, in its standard uncertainties."""
 
 CONTRADICTION_SIGMAS = 3.0
-"""Correction of a known value, in its standard uncertainties, from which on it is questioned."""
+"""Smallest questionable correction of a prior value, in its standard uncertainties."""
 UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
     (
         "displacement",
@@ -106,7 +106,7 @@ def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
 
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
-    """Yield the sources of the uncertainty of each identified parameter, and the values known beforehand."""
+    """Yield the sources of the uncertainty of each identified parameter, and the prior values."""
     budget, known, dimensions = identification.budget, identification.priors, identification.dimensions
     if budget is not None and len(budget.sources) > 1:
         at = [i for i, name in enumerate(budget.names) if name not in known]
@@ -149,7 +149,7 @@ def nonideality_lines(identification: IdentificationResult) -> tuple[str, ...]:
 
 
 def _meaning(identification: IdentificationResult, found: EstimatedQuantity) -> str:
-    """Return what a nonideality means; empty if it differs from none by no more than chance."""
+    """Return the meaning of a nonideality; empty if it is not significant."""
     fit, expected = identification.joint_fit, identification.priors[found.name][0]
     if fit is None or abs(found.value - expected) <= SEEN_SIGMAS * found.standard_error:
         return ""
@@ -157,7 +157,7 @@ def _meaning(identification: IdentificationResult, found: EstimatedQuantity) -> 
 
 
 def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
-    """Yield the table of values known beforehand, and as the runs leave them; none without such values."""
+    """Yield the table of prior values with their values after the fit; none without priors."""
     found = {e.name: e for e in estimates}
     names = [name for name in known if name in found]
     if names:
@@ -224,7 +224,7 @@ def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:
 
 
 def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
-    """Return what counts as exact because no uncertainty of it is stated, with where to state it."""
+    """Return the quantities that count as exact for want of an uncertainty, with the place to state it."""
     runs, missing = identification.observations.runs, []
     for acts_on, kinds, words in UNSTATED:
         concerned = [run for run in runs if isinstance(run, kinds)]
@@ -238,7 +238,7 @@ def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
 
 
 def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
-    """Return the values known beforehand that the runs contradict, as text."""
+    """Return the prior values contradicted by the runs, as text."""
     found, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
     for name, (value, uncertainty) in identification.priors.items():
         after = found.get(name)

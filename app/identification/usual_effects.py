@@ -1,7 +1,7 @@
-"""Usual nonidealities of a tactor and its set-up, as parameters of every fit with the size that is to be expected of them.
+"""Usual nonidealities of a tactor and its set-up, as parameters of every fit with their expected size.
 
-Each is free with a normal prior around none, as a length is around what a ruler read. A specimen sheet, `--prior` or `--fix` replaces the
-prior; `--sheet none` and `--plain` hold all of them at none.
+Each is free with a normal prior around zero, like a length around the reading of a ruler. A specimen sheet, `--prior` or `--fix`
+replaces the prior; `--sheet none` and `--plain` hold all of them at none.
 """
 
 from collections.abc import Iterator, Mapping

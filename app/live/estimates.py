@@ -78,7 +78,7 @@ class LiveEstimator:
         from model.identification import FitOptions, LiveFit  # lazily: the optimisers are slow to load
 
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)
-        # Within what is usual: without them the moment of an MFC is off by a tenth.
+        # Usual sizes: without them the moment of an MFC has an error of a tenth.
         lag = {name: (0.0, USUAL_EFFECTS[name].standard_deviation) for name in LAG_NAMES}
         setting = FitOptions(tactor=active_model.tactor, amplifier=self._amplifier, also=tuple(lag), priors=lag)
         if not points:  # the imports above are all the first point needs

@@ -82,7 +82,7 @@ class SessionAdapter:
 
     Args:
         connect: opens the bench.
-        make_session: tests give one that needs no bench.
+        make_session: session factory, for tests without a bench.
         simulation: settings of a simulated bench that the operator may change.
     """
 

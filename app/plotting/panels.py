@@ -292,7 +292,7 @@ def draw_measured(
     coverage: float = 1.0,
     **style: Any,
 ) -> None:
-    """Draw measured points with bars of `coverage` times their errors; those that no fit may use are hollow, and labelled so."""
+    """Draw measured points with bars of `coverage` times their errors; unusable ones are hollow, and labelled."""
     x, y, usable = points.x, points.plotted, points.fit_rows
     bars = coverage * np.nan_to_num(
         np.zeros(x.size) if points.errors is None else points.errors, posinf=0.0, neginf=0.0

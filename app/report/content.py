@@ -48,8 +48,8 @@ def build_report(
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
     """Build the report of a specimen from all its runs in a folder and below; return also model and runs for its pictures.
 
-    It is two pages long, or `full`, with everything it rests on in an appendix. The laboratory's own sections, order, header and
-    footer are added; the first page is always the one to sign.
+    It is two pages long, or `full`, with all its evidence in an appendix. The laboratory's own sections, order, header and footer
+    are added; the first page is always the page to sign.
 
     Raises:
         ReportError: there is no run of the specimen, or of the golden unit; or the laboratory names a section that does not exist.

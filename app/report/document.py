@@ -40,7 +40,7 @@ class ReportSection:
 
 @dataclass(frozen=True, slots=True)
 class LimitOutcome:
-    """A limit with the value found and the verdict."""
+    """A limit with the measured value and the verdict."""
 
     name: str
     asked: str

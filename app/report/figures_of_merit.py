@@ -1,6 +1,6 @@
 """Figures of merit of a specimen with standard errors: frequencies, amplitude, perception margin, latency.
 
-Limits are set on them by name; those that the runs do not determine are missing.
+Limits are set on them by name; figures that the runs do not determine are missing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ from model.studies import UncertaintyBand
 from protocols.signals import dwell_peak
 
 FULL_DRIVE_TOLERANCE = 0.02
-"""Relative difference from the largest drive up to which a drive counts as full."""
+"""Largest relative difference of a full drive from the largest drive."""
 MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio")
 
 

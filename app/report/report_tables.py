@@ -417,7 +417,7 @@ def instrument_table(runs: Sequence[ReportRun]) -> Table:
 
 
 def software_tables(runs: Sequence[ReportRun]) -> Iterator[Table]:
-    """Yield the table of software versions, if any is known."""
+    """Yield the table of software versions, if there are any."""
     used = Counter(
         ", ".join(f"{name} {version}" for name, version in run.record.software.items())
         for run in runs

@@ -1,4 +1,4 @@
-"""Run files of a report, found in the catalogue: observations, instruments, quality flags, hash."""
+"""Run files of a report, from the catalogue: observations, instruments, quality flags, hash."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -95,7 +95,7 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
 
 
 def _repetitions(runs: Sequence[ReportRun]) -> dict[str, str]:
-    """Return why a run repeats another one, by the names of those that do."""
+    """Return the reason for leaving out a repeated run, by name."""
     continued_in = {
         (run.path.parent / run.record.continues).resolve(): run.name for run in runs if run.record.continues
     }

@@ -49,10 +49,10 @@ NO_EFFECTS: Effects = {
     "mass_offset": 0.0,
     "clamp_flexibility": 0.0,
 }
-"""Those that the curves have, at their values in a specimen without them."""
+"""Nonidealities of the curves, with their values in an ideal specimen."""
 
 LOW_HZ, HIGH_HZ = 5.0, 250.0
-"""Frequency range in which the perception threshold is known (paper, Sec. I)."""
+"""Frequency range of the perception threshold (paper, Sec. I)."""
 LOW_GRID_HZ = np.linspace(LOW_HZ, 37.5, 14)
 HIGH_GRID_HZ = np.linspace(40.0, HIGH_HZ, 85)
 GRID_HZ = np.concatenate((LOW_GRID_HZ, HIGH_GRID_HZ))
@@ -269,7 +269,7 @@ def fit_specimen(
         options = FitOptions(amplifier=amplifier, n=n)
         found = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
         tactor, membrane, effects = _fitted_parameters(found)
-    except ValueError as error:  # the message names what the fit lacks
+    except ValueError as error:  # the message names the missing data of the fit
         return replace(paper_model, problem=str(error)), observations
     return SpecimenModel(tactor, membrane, amplifier, found, n, sheet=sheet, effects=effects), observations
 

@@ -125,7 +125,7 @@ class ConsoleOperator:
             _print(f"no prompt is open; {KEY_HELP}")
 
     def _take(self, ask_id: int, prompt: Prompt, meant: str | None) -> bool:
-        """Take the answer that was meant, or tell how to answer; return whether there was an answer."""
+        """Accept the meant answer, or explain how to answer; return whether there was an answer."""
         if meant is None:
             _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
             return False

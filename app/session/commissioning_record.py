@@ -1,4 +1,4 @@
-"""Commissioning records: what was measured on a source, by make, model, serial number and firmware."""
+"""Commissioning records: measurements of a source, by make, model, serial number and firmware."""
 
 import hashlib
 import json
@@ -42,7 +42,7 @@ def record_path(identity: Identity, simulated_bench: str = "") -> Path:
 
 
 def simulated_bench_key(config: BenchConfig) -> str:
-    """Return what identifies the instruments of a simulated bench, by their parameters and the seed of their traits; empty for a real one."""
+    """Return the identification of simulated instruments, by their parameters and the seed of their traits; empty for real ones."""
     if not config.simulated:
         return ""
     given = config.simulation or {}
@@ -175,7 +175,7 @@ def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningR
 
 
 def firmwares_with_record(identity: Identity) -> list[str]:
-    """Return the firmwares with which this instrument was commissioned, by the names of their records."""
+    """Return the firmwares of this instrument's commissionings, by the names of their records."""
     return sorted(path.stem for path in record_path(identity).parent.glob("*.json"))
 
 

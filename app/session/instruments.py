@@ -52,7 +52,7 @@ def open_source(
 
 
 def lock_panel(config: BenchConfig, source: Source, stack: ExitStack) -> str:
-    """Lock the generator's front panel if the bench file asks for it; `stack` unlocks it. Return why it is not locked, else an empty text."""
+    """Lock the generator's front panel if the bench file asks for it; `stack` unlocks it. Return the reason if it stays unlocked."""
     if not (config.source.kind == "generator" and config.generator.panel_lock):
         return ""
     lock: Callable[[], str] = getattr(source, "lock_panel", lambda: "this driver knows no command for it")

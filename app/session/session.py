@@ -122,7 +122,7 @@ class BuiltInOperator(Operator, Protocol):
     """Operator that belongs to the bench, such as the simulated one."""
 
     def clear_specimen(self) -> None:
-        """Remove what a stopped run left on the specimen. Raises BenchError if the bench is gone."""
+        """Remove weights and masses of a stopped run from the specimen. Raises BenchError without a bench."""
 
 
 class ConnectedBench(Protocol):
@@ -252,7 +252,7 @@ class Session:
         after_takeover_s = min(quiet_s, now_s - self._takeover_seen_s)
         if quiet_s <= HUNG_S and after_takeover_s <= HUNG_AFTER_TAKEOVER_S:
             return
-        self.abandoned = True  # before the events below: their observers ask for it
+        self.abandoned = True  # before the following events, whose observers read it
         hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
         said = f" The watchdog reports: {outcome}." if outcome else ""
         bench.watchdog.log(f"the program could not measure rest: {hangs}.{said}")
@@ -384,7 +384,7 @@ class Session:
             self._events.publish(note)
 
     def _with_restored_setup(self, request: RunRequest) -> RunRequest:
-        """Return the request with a prompt that undoes the set-up of the last run, and note what this one leaves."""
+        """Return the request with a prompt that undoes the set-up of the last run, and note the set-up left by this one."""
         left = request.protocol.restore
         if self._restore is not None and self._restore != left:
             request = replace(request, prepare=(self._restore, *request.prepare))

@@ -52,11 +52,11 @@ class SimulationSettings:
 
 
 class PractisingOperator:
-    """Asks a person where the settings say so, and does on the simulated bench what the person confirms.
+    """Prompts a person by the settings, and performs the confirmed actions on the simulated bench.
 
     Args:
         user: the window or terminal.
-        simulated: acts on the simulated bench.
+        simulated: operator of the simulated bench.
         settings: read at every prompt.
     """
 
@@ -77,7 +77,7 @@ class PractisingOperator:
             self._simulated.show(ask_id, prompt)
 
     def answer(self, ask_id: int) -> str | None:
-        """Return the answer; one that confirms an action is returned when the action is done."""
+        """Return the answer; the confirmation of an action is returned after the action."""
         if (prompt := self._asked.get(ask_id)) is not None:
             choice = self._user.answer(ask_id)
             if choice is None:
@@ -90,7 +90,7 @@ class PractisingOperator:
 
 
 def practise(connect: Connect, user: Operator, settings: SimulationSettings) -> Connect:
-    """Return `connect` with an operator that answers prompts as the settings say."""
+    """Return `connect` with an operator that answers prompts by the settings."""
 
     @contextmanager
     def connected() -> Iterator[ConnectedBench]:

@@ -1,7 +1,7 @@
 """Suspend inhibitor: keeps the computer from going to sleep while a real bench is connected.
 
-wakepy (MIT, 1.0.0) was looked at first: on Linux it asks desktop sessions not to suspend when idle, and not logind, which
-also decides about the lid and works without a desktop; what it does on Windows and macOS is one call and one command.
+wakepy (MIT, 1.0.0) was considered first: on Linux it inhibits desktop sessions only, and not logind, which also decides about the
+lid and works without a desktop; on Windows and macOS it needs one call and one command.
 """
 
 import contextlib

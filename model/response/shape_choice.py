@@ -48,7 +48,7 @@ class ShapeChoice:
         if self.accurate:
             return f"{basis}: the response is {error}"
         return (
-            f"CAUTION: with {basis} the response is only {error}, and {100 * self.accuracy:.2g} % is asked for; "
+            f"CAUTION: with {basis} the response is only {error}, and {100 * self.accuracy:.2g} % is requested; "
             "choose more of them, or leave their number to the program"
         )
 

@@ -137,7 +137,7 @@ def _series_tables(series: Sequence[Series]) -> Iterator[Table]:
 
 
 def points_series(run: Run) -> Series:
-    """Return the usable points over the axes of their protocol; sines, whose phase is known, as displacement over drive."""
+    """Return the usable points over the axes of their protocol; sines with a phase as displacement over drive."""
     points, units = run.points(), run.units()
     x, y = run.record.axes
     usable = usable_mask(points["quality"])
@@ -179,7 +179,7 @@ def identifiers(names: Iterable[str]) -> list[str]:
 
 
 def distinct(names: Iterable[str], longest: int) -> list[str]:
-    """Return names of at most `longest` characters; one that is taken gets a number."""
+    """Return names of at most `longest` characters; a repeated one gets a number."""
     taken: dict[str, None] = {}
     for name in names:
         one, number = name[:longest], 1

@@ -33,7 +33,7 @@ UNKNOWN_QUANTITY, GENERAL_QUANTITY, DISPLACEMENT_QUANTITY = 0, 1, 8
 """Specific data types of an axis in data set 58."""
 ABSCISSA_QUANTITIES = {"Hz": 18, "s": 17, "V": GENERAL_QUANTITY, "N": 9, "kg": GENERAL_QUANTITY}
 MIN_VALUES = 2
-"""What pyuff writes; one value is no curve."""
+"""Smallest number of values that pyuff writes; one value is no curve."""
 RESPONSE_NODE, DRIVE_NODE = 1, 2
 """The centre of the tactor, and the amplifier's input."""
 NORMAL_DIRECTION, SCALAR_DIRECTION = 3, 0
@@ -147,7 +147,7 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
 
 
 def _ordinate(axis: SeriesAxis) -> dict[str, Any]:
-    """Return what a function says of its values: displacement, displacement over drive, or name and unit."""
+    """Return the description of a function's values: displacement, displacement over drive, or name and unit."""
     if axis.unit not in ("m", "m/V"):
         return {
             "ordinate_spec_data_type": GENERAL_QUANTITY if axis.unit == "V" else UNKNOWN_QUANTITY,

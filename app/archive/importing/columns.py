@@ -1,6 +1,6 @@
 """Column mapping of imported tables: quantities of each protocol, their names, units and usual ranges.
 
-Ambiguous columns that change a number are not guessed: an `amplitude` may be max - min or half of it, so the user is asked.
+Ambiguous columns that change a number are not guessed: an `amplitude` may be max - min or half of it, so the user must choose.
 """
 
 import re
@@ -33,7 +33,7 @@ class TableKind:
     measured_columns: tuple[str, ...]
     """Measured quantities; a column named only `error` belongs to the first one in the table."""
     described: bool
-    """Whether the protocol describes its columns for import; such a kind is preferred where a table fits several."""
+    """Whether the protocol describes its columns for import; such a kind is preferred for a table that fits several."""
 
     def column(self, name: str) -> ImportColumn | None:
         """Return the specification of a quantity by name."""
@@ -197,7 +197,7 @@ def _is_sampled(table: ImportTable, series: TableKind) -> bool:
 
 
 def uneven_steps(time: Array) -> NDArray[np.intp]:
-    """Return the rows at which a step of time begins that is not the median one."""
+    """Return the rows at the begin of a step of time that differs from the median."""
     steps = np.diff(time)
     middle = np.median(steps)
     return np.flatnonzero(~(np.abs(steps - middle) <= TIME_STEP_TOLERANCE * middle + 2 * np.spacing(abs(time[-1]))))

@@ -45,7 +45,7 @@ def _decode(path: Path, data: bytes) -> str:
         raise TableImportError(f"{path} is neither text nor a MAT file; save the table as CSV")
     try:
         return data.decode("utf-8")
-    except UnicodeDecodeError:  # what a spreadsheet on Windows writes
+    except UnicodeDecodeError:  # written by spreadsheets on Windows
         return data.decode("cp1252", errors="replace")
 
 
@@ -94,9 +94,9 @@ def _delimited_lines(path: Path, text: str, progress: Progress) -> tuple[str, li
 
 
 def _read_plain_numbers(path: Path, data: bytes, text: str, progress: Progress) -> ImportTable | None:
-    """Read a table of plain numbers in consecutive lines below its header; None if it is anything else.
+    """Read a table of plain numbers in consecutive lines below its header; None for any other content.
 
-    The faults of a table and their places are found by reading it cell by cell.
+    Reading a table cell by cell finds its faults and their places.
     """
     found, end = FIRST_NUMBER.search(text), len(text)
     begin = found.start() if found else -1

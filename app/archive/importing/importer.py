@@ -45,7 +45,7 @@ POINTS_SUFFIX, ABOUT_SUFFIX, SERIES_MARK = "_points.csv", "_about.csv", "_series
 def import_files(
     options: ImportOptions, amplifier: AmplifierTable, progress: Progress = NO_PROGRESS
 ) -> tuple[list[ImportedPoints], list[Path]]:
-    """Return what was read from the files, and the run files that were written.
+    """Return the imported runs, and the written run files.
 
     Args:
         options: what the user specifies about the files.
@@ -53,7 +53,7 @@ def import_files(
         progress: an exception that it raises ends the import before anything is written.
 
     Raises:
-        UsageError: names the file that is wrong, where, and the remedy.
+        UsageError: a file is invalid; the message names file, place and remedy.
     """
     if options.kind and options.kind.endswith(".py"):
         options = replace(options, kind=load_protocol_class(options.kind).name)
@@ -153,7 +153,9 @@ def _read_content(path: Path, data: bytes, progress: Progress) -> ImportTable:
     if data.startswith(b"PK\x03\x04"):
         raise TableImportError(f"{path} is a workbook or an archive; save its sheet as CSV")
     if data.startswith(b"MATLAB 5.0 MAT-file") or path.suffix.lower() == ".mat":
-        from app.archive.importing.mat_table import read_mat_table  # scipy.io takes a while, and CSV needs none of it
+        from app.archive.importing.mat_table import (
+            read_mat_table,
+        )  # scipy.io is slow to import, and CSV does not need it
 
         return read_mat_table(path)
     return read_text_table(path, data, progress)
@@ -227,7 +229,7 @@ def _import_options(
 
 
 def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKind]) -> dict[str, Any]:
-    """Return the settings that are a kind's; those that only other tables of the same import have are left to them."""
+    """Return the settings of a kind; settings of other tables of the import are left to these."""
     protocol = PROTOCOLS[kind.protocol]
     others = {name for each in kinds for name in PROTOCOLS[each.protocol].model_fields}
     given: dict[str, Any] = {}

@@ -44,7 +44,7 @@ def read_tdms(path: Path) -> ImportTable:
         columns = tuple(_columns(channels))
     except TableImportError:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a damaged file leads npTDMS to
+    except Exception as error:  # noqa: BLE001 - any error of npTDMS by a damaged file
         raise TableImportError(
             f"{path} is not a readable TDMS file ({truncate_text(str(error) or type(error).__name__)}); copy it again, or save the table as CSV"
         ) from None

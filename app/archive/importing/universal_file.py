@@ -14,7 +14,7 @@ from protocols.base import TableImportError
 START = re.compile(rb"\s{0,4}-1\s*\r?\n\s{0,5}\d{1,4}b?[\s\d]*\r?\n")
 """Delimiter and number of the first data set."""
 BINARY_SET = re.compile(rb"^\s{0,4}58b", re.MULTILINE)
-"""Whose bytes may contain what looks like a delimiter."""
+"""Data sets whose bytes may contain a delimiter by chance."""
 GENERAL, FREQUENCY_RESPONSE = 0, 4
 """Function types of data set 58. This program's exports have the standard uncertainty as a general function."""
 DERIVATIVES = {8: 0, 11: 1, 12: 2}
@@ -30,10 +30,10 @@ def is_universal_file(data: bytes) -> bool:
 
 
 def read_universal_file(path: Path, data: bytes) -> ImportTable:
-    """Read the one frequency response of a Universal File.
+    """Read the only frequency response of a Universal File.
 
     Raises:
-        TableImportError: it cannot be read, has no or several responses, or one of other quantities.
+        TableImportError: it cannot be read, has no or several responses, or a response of other quantities.
     """
     delimiters = [line.strip() for line in data.splitlines()].count(b"-1")
     if not data.rstrip().endswith(b"-1") or (delimiters % 2 and BINARY_SET.search(data) is None):
@@ -86,7 +86,7 @@ def _read_sets(path: Path) -> list[dict[str, Any]]:
 
     try:
         found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # noqa: BLE001 - pyuff raises bare exceptions, and whatever a damaged file leads to
+    except Exception as error:  # noqa: BLE001 - pyuff raises bare exceptions, and any error by a damaged file
         raise TableImportError(
             f"{path} is not a readable Universal File ({truncate_text(str(error))}); export it again, or save a table as CSV"
         ) from None

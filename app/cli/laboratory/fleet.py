@@ -150,7 +150,7 @@ class ControlChartCommand(_FleetOptions):
 
 
 def _read_limits(folder: Path, path: Path | None = None) -> "Limits | None":
-    """Return the limits of a file, or of the one in the folder of the runs; None where there is none."""
+    """Return the limits of a file, or of the file in the folder of the runs; None without one."""
     from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
 
     chosen = path or folder / LIMITS_FILE_NAME

@@ -21,13 +21,13 @@ NOT_CONNECTED = "Save and connect to see its identity and live values"
 
 
 class Tile(QFrame):
-    """One instrument: title and state, live value, identity, the instruments that a scan found, and its tables.
+    """One instrument: title and state, live value, identity, the discovered instruments, and its tables.
 
     Args:
         role: of the instrument.
         title: of the tile.
         number: in the order of the wires.
-        tables: names of the tables of the bench file, each with its fields that are always visible.
+        tables: names of the tables of the bench file, each with its permanently visible fields.
         items: shown below them.
     """
 
@@ -94,7 +94,7 @@ class Tile(QFrame):
         self.identity_label.setText(f"{status.identity}{remedy}")
 
     def show_found(self, devices: Sequence[FoundDevice]) -> None:
-        """List the instruments that a scan found for this tile; a single one is filled in."""
+        """List the discovered instruments of this tile; a single one is filled in."""
         self._found = tuple(devices)
         self.found_box.clear()
         self.found_box.addItem(f"found: {len(devices)}, choose one" if devices else "nothing was found")

@@ -241,7 +241,7 @@ class CampaignBoard(QWidget):
         return self.summary.item(self.item_list.selected_item) if self.summary is not None else None
 
     def run_to_accept(self, row: ItemSummary) -> str:
-        """Return the run that is accepted: the one that the user sees of the selected item, or the new result of another."""
+        """Return the run to accept: the visible run of the selected item, or the new result of another."""
         seen = self.details.reviewed_path if self.item_list.selected_item == row.name else None
         state = row.state
         if seen is not None and not (state.accepted and seen == state.run):

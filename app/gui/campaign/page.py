@@ -84,7 +84,7 @@ class CampaignPage(QStackedWidget):
         self._show_part(self.currentWidget() or self.board)
 
     def tick(self) -> None:
-        """Refresh what changes between events; called at every tick while the page is visible."""
+        """Refresh values that change between events; called at every tick while the page is visible."""
         folder, _ = self._location()
         if folder != self._searched_folder:
             self._searched_folder = folder

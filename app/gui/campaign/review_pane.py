@@ -1,4 +1,4 @@
-"""Review pane of a campaign item: plot with model and residual, quality indicators, and its values beside what they are compared with."""
+"""Review pane of a campaign item: plot with model and residual, quality indicators, and its values beside the compared ones."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ReviewPane(QWidget):
         self.review: ResultReview | None = None
         theme.changed.connect(self._show_review)
         self._series: tuple[Series, ...] = ()
-        """Figures of a series over its parameter; the one that is drawn is the last."""
+        """Figures of a series over its parameter; the last one is drawn."""
         self.figure_box = make_combo(
             "review.figure",
             "figure over the varied parameter",
@@ -102,7 +102,7 @@ class ReviewPane(QWidget):
         column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
-        """List the results of an item, newest first, and select the one that is shown."""
+        """List the results of an item, newest first, and select the displayed one."""
         state = item.state
         label = campaigns.varied_label(state.item) if state.steps else ""
         self._series = tuple(_with_x_in_words(curve, label) for curve in campaigns.series_curves(state))

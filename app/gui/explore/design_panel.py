@@ -63,7 +63,7 @@ class DesignPanel(QWidget):
         self.hide()
 
     def ask(self) -> None:
-        """Ask what the fields say, if the panel is visible and something has changed."""
+        """Compute the answer to the fields, if the panel is visible and a value has changed."""
         if self.isHidden():
             return
         name = self._page.specimen()[1]

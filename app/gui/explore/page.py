@@ -197,7 +197,7 @@ class ExplorePage(QSplitter):
         self.model.compute()
 
     def show_threshold(self, threshold: "PerceptionThreshold | None") -> None:
-        """Take the threshold of the laboratory as that which is felt; None: there is none."""
+        """Use the laboratory's threshold of perception; None: no threshold."""
         self.model.session.own_threshold = threshold
         self.toolbar.offer_laboratory(threshold is not None)
         self.model.compute()

@@ -56,7 +56,7 @@ class ExplorePlot(PlotBase):
             plot.setLabel("left", label)
             plot.setLabel("bottom", "frequency (Hz)")
         self.phase.setXLink(self.plot)
-        self.phase.setMouseEnabled(x=False, y=False)  # it follows the one above
+        self.phase.setMouseEnabled(x=False, y=False)  # it follows the upper plot
         self._felt = self._add_threshold(labelled=True, width=1.5)
         self.band = CurveItem(connect="finite")
         self.curves = [CurveItem(antialias=True) for _ in SERIES]

@@ -24,11 +24,11 @@ class PaletteEntry:
     text: str
     choose: Callable[[], object]
     hint: str = ""
-    """Shortcut, or what distinguishes entries of the same text."""
+    """Shortcut, or distinction of entries with equal text."""
 
 
 class CommandPalette(SearchCover):
-    """Lists what matches the search; up and down select while the keyboard stays in the search."""
+    """Lists the matches of the search; up and down select while the search keeps the keyboard focus."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -45,7 +45,7 @@ class CommandPalette(SearchCover):
         self._lay_out(self.list)
 
     def show_entries(self, entries: Sequence[PaletteEntry]) -> None:
-        """Show what can be chosen now, and clear the search."""
+        """Show the present choices, and clear the search."""
         self._entries = tuple(entries)
         self.search_for()
 

@@ -1,4 +1,4 @@
-"""Pane of control charts: a golden specimen over time on each displacement sensor, and what drifted."""
+"""Pane of control charts: a golden specimen over time on each displacement sensor, and causes of drifts."""
 
 from collections.abc import Callable
 from pathlib import Path

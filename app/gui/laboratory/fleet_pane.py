@@ -85,7 +85,7 @@ class FleetPane(ViewPane):
         self.update_view()
 
     def update_view(self) -> None:
-        """Compute in the background what the filter selects, and show it."""
+        """Compute the selection of the filter in the background, and show it."""
         fleet, limits = self._fleet, self._limits
         if fleet is None:
             return

@@ -37,7 +37,7 @@ class FolderThreshold:
 
     Args:
         worker: reads the file.
-        pages: returns the pages that exist.
+        pages: function that returns the existing pages.
         say: shows a message.
     """
 

@@ -47,12 +47,12 @@ P = TypeVar("P", bound=QWidget)
 
 @dataclass(frozen=True)
 class FolderRecords:
-    """What the page shows of a folder of runs.
+    """Contents of the page for a folder of runs.
 
     Attributes:
         fleet: values of its specimens; None if no run has a result.
-        problem: why there is no fleet, or no limits.
-        audit_problems: what is wrong with lines of the audit trail, as sentences.
+        problem: reason why there is no fleet, or no limits.
+        audit_problems: faults of lines of the audit trail, as sentences.
     """
 
     folder: Path
@@ -155,7 +155,7 @@ class LaboratoryPage(QWidget):
         self._due_timer.timeout.connect(self._request_reading)
         self._messages = dict[int, tuple[str, bool]]()
         self._shown = dict[int, tuple[FolderRecords, date]]()
-        """What each view shows."""
+        """Contents of each view."""
         self.buttons = QButtonGroup(self)
         choices = []
         for at, text in enumerate(VIEWS):
@@ -217,7 +217,7 @@ class LaboratoryPage(QWidget):
         self._excluded = () if path is None else (path,)
 
     def activate(self) -> None:
-        """Take the keyboard focus; what other programs wrote meanwhile is read."""
+        """Take the keyboard focus; read changes by other programs."""
         if self._records is not None:
             self._due_timer.start()
         self.show_view(self.view)

@@ -25,8 +25,8 @@ class ValueTableModel(QAbstractTableModel):
     """The displayed columns of a table.
 
     Attributes:
-        order: row of the table for each row that is shown.
-        longest: text of each column by which its width is chosen: a size hint of each cell would take longer than everything else.
+        order: row of the table for each displayed row.
+        longest: text of each column that defines its width: a size hint of each cell would take longer than all other work.
     """
 
     def __init__(self, theme: WindowTheme) -> None:
@@ -101,7 +101,7 @@ class ValueTableModel(QAbstractTableModel):
 
 
 def share_width(wanted: Sequence[int], free: int) -> list[int]:
-    """Return the widths of columns in a free width: as wanted, except that the widest are cut to one width where it is too little."""
+    """Return the widths of columns in a free width: as requested, with the widest cut to one width if it is too small."""
     limit, left = max(wanted, default=0), free
     for rank, width in enumerate(sorted(wanted)):
         if width * (len(wanted) - rank) > left:
@@ -123,7 +123,7 @@ class ValueTable(QTableView):
     row_selected = Signal(int)
     """Row of the shown table; -1 for none."""
     row_opened = Signal(int)
-    """Row on which Enter was pressed, or that was double-clicked."""
+    """Row activated by Enter or a double click."""
 
     def __init__(self, theme: WindowTheme, name: str, accessible_name: str, sortable: bool = True) -> None:
         super().__init__()

@@ -13,7 +13,7 @@ from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, m
 
 
 class ViewPane(QWidget):
-    """Shows a view of the folder that was read.
+    """Shows a view of a folder.
 
     Args:
         worker: computes the view, in the background.

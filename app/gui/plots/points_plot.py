@@ -29,10 +29,10 @@ HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"
 
 MODEL_PLACES = 40
-"""Places at which the model's curve is computed."""
+"""Number of abscissae of the model's curve."""
 
 MAX_WIDENING = 3.0
-"""Up to which the range of the points is widened for their error bars."""
+"""Largest widening of the range of the points for their error bars."""
 
 
 class PointsPlot(PlotBase):
@@ -150,7 +150,7 @@ class PointsPlot(PlotBase):
         self.strip.setVisible(wanted and self.height() >= MIN_HEIGHT_OF_BOTH)
 
     def _draw_lines(self, points: Sequence[Any]) -> None:
-        """Draw the fit lines through the points, and what the points leave."""
+        """Draw the fit lines through the points, and the residuals."""
         assert self._kind is not None
         for item in self.line_items:
             self.plot.removeItem(item)

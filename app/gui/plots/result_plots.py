@@ -37,7 +37,7 @@ class ResultPlots(QStackedWidget):
         self._plot_of_points: ResponsePlot | PointsPlot = self.response
         self._model_curve: ModelCurves | None = None
         self._points_selected: bool | None = None
-        """None until the operator chooses: what the protocol states."""
+        """Chosen plot; None before a choice: the protocol's default."""
 
     @cached_property
     def points(self) -> PointsPlot:

@@ -41,8 +41,8 @@ class PlotTools(QObject):
         canvas: a pyqtgraph view.
         plots: its plots, the first of which has the marker.
         copying: copies picture and numbers.
-        fill_menu: adds entries to the context menu.
-        log_axes: the plot whose axes can be logarithmic; None for none.
+        fill_menu: function that adds entries to the context menu.
+        log_axes: plot with optional logarithmic axes; None without one.
     """
 
     def __init__(

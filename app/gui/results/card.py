@@ -1,4 +1,4 @@
-"""Result card of a run: verdict, identified quantities or points, hints, file, and what can be done next."""
+"""Result card of a run: verdict, identified quantities or points, hints, file, and next actions."""
 
 from functools import partial
 from html import escape

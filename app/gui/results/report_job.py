@@ -13,7 +13,7 @@ PROGRAM = ("-c", "from app.cli.main import entry; entry()", "report")
 
 
 class ReportJob(QObject):
-    """Writes one report at a time, as the command `report` does, and opens it.
+    """Writes one report at a time, like the command `report`, and opens it.
 
     Args:
         say: shows a message.

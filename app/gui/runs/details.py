@@ -207,7 +207,7 @@ class RunDetailsPane(QWidget):
         self.result_plots.show()
         self.empty_label.hide()
         if self.isVisible() and self._content_layout is not None:
-            self._content_layout.activate()  # now: the plot takes the place of what was shown before
+            self._content_layout.activate()  # now: the plot replaces the previous contents
 
     def _save_notes(self) -> None:
         texts = (self.tags_edit.text().strip(), self.note_edit.toPlainText().strip())

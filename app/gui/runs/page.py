@@ -43,9 +43,9 @@ class RunsPage(QStackedWidget):
     """The list of runs, or in its place an opened run.
 
     Args:
-        folder: returns the folder of the runs.
-        specimen: returns the specimen of imported tables.
-        amplifier: through which the specimen of imported tables was driven.
+        folder: function that returns the folder of the runs.
+        specimen: function that returns the specimen of imported tables.
+        amplifier: amplifier of imported tables.
     """
 
     title = "Runs"
@@ -93,7 +93,7 @@ class RunsPage(QStackedWidget):
         (self.viewer.back_button if self.currentWidget() is self.viewer else self.list.table).setFocus()
 
     def tick(self) -> None:
-        """Refresh what changes between events; called at every tick while the page is visible."""
+        """Refresh values that change between events; called at every tick while the page is visible."""
         self.list.folder_model.refresh_if_changed()
         if self.currentWidget() is self.viewer and (curve := self._overlay.result()) is not None:
             self.viewer.plots.show_model_curve(curve)
@@ -149,7 +149,7 @@ class RunsPage(QStackedWidget):
             self.details.show_message(f"Cannot continue: {why}.", is_error=True)
 
     def move_selected_to_trash(self) -> None:
-        """Move the selected runs to the trash; the one that is being written stays."""
+        """Move the selected runs to the trash, except a run being written."""
         if self.currentWidget() is self.viewer:
             return
         if paths := [self.list.path_of(e) for e in self.list.selected if e.state != RunState.RUNNING]:

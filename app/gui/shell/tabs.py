@@ -302,7 +302,7 @@ class VisibleSubject:
 
     @property
     def identification(self) -> specimen_pages.IdentificationSubject:
-        """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
+        """Runs to identify from the visible page: overlaid runs, valid runs of the campaign, or all runs of the specimen."""
         folder, specimen = self.specimen
         runs: tuple[Path, ...] = ()
         if self._shows(EXPLORE):

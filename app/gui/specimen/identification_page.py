@@ -62,7 +62,7 @@ ADEQUACY_SEVERITY = {True: Severity.SUCCESS, False: Severity.ERROR, None: Severi
 
 @dataclass(frozen=True, slots=True)
 class IdentificationSubject:
-    """What is identified: a specimen of a folder, from given runs or from all of its runs there that have a result."""
+    """Subject of an identification: a specimen of a folder, with given runs or all of its runs with a result."""
 
     folder: Path
     specimen: str

@@ -67,7 +67,7 @@ class Notifier(QObject):
         self._settings.setValue(key, "true" if on else "false")
 
     def set_state(self, state: WindowState) -> None:
-        """Announce what has changed since the last state."""
+        """Announce changes since the last state."""
         before, self._state = self._state, state
         if before is None:
             return

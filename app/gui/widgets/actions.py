@@ -35,7 +35,7 @@ NO_TEXT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier 
 
 @dataclass(frozen=True, slots=True)
 class ActionInfo:
-    """What an action is called, which shortcuts trigger it and where it works."""
+    """Name, shortcuts and context of an action."""
 
     id: str
     text: str
