@@ -158,7 +158,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _check_folders(folder: Path, target: Path) -> None:
     if not folder.is_dir():
-        raise UsageError(f"there is no folder {folder}; name the one your runs are in")
+        raise UsageError(f"there is no folder {folder}; name the folder of your runs")
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:

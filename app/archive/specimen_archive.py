@@ -99,7 +99,7 @@ def write_archive(
 def _check_runs(folder: Path, specimen: str, runs: Sequence[RunSummary]) -> None:
     if not runs:
         raise ArchiveError(
-            f"there are no runs of {specimen} in {folder}; 'tactor-bench runs {folder}' lists what there is"
+            f"there are no runs of {specimen} in {folder}; 'tactor-bench runs {folder}' lists the existing ones"
         )
     if running := [run.name for run in runs if run.state == RunState.RUNNING]:
         raise ArchiveError(f"{running[0]} is being written; wait until the run has ended")

@@ -116,7 +116,7 @@ def _table(title: str, *heads: str, overflow: OverflowMethod = "fold") -> Table:
 
 
 def _check_table(checks: Sequence[CheckResult]) -> Table:
-    table = _table("Wiring check", "", "what", "figure", "limits", "unit", overflow="ellipsis")
+    table = _table("Wiring check", "", "check", "figure", "limits", "unit", overflow="ellipsis")
     for check in checks:
         row = check_row(check)
         word = Text("pass", "green") if row.passed else Text("FAIL", "bold red")
@@ -245,7 +245,7 @@ class DevicesCommand(DiscoveryOptions):
         if self.json:
             print_json({"found": [asdict(one) for one in found], "notes": notes})
             return ExitCode.DONE
-        table = _table("Connected", "what", "where", "who")
+        table = _table("Connected", "role", "address", "identity")
         for one in found:
             table.add_row(one.role, one.where, one.identity)
         Console(markup=False, highlight=False).print(table if found else "Nothing was found.")

@@ -86,7 +86,7 @@ def _source_of(
 ) -> tuple[Specimen, EstimateSet | None, EstimatedQuantity | None, str]:
     setting = question.setting
     if question.calibrated is None:
-        return setting.specimen, None, None, "From the sliders, whose uncertainties are not known."
+        return setting.specimen, None, None, "From the sliders, without uncertainties."
     folder, name = question.calibrated
     active = load_active_model(folder, name)
     if active.problem or active.estimates is None:

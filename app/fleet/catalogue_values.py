@@ -186,7 +186,7 @@ def read_fleet(
     if not kept:
         kind = "simulated" if simulated else "real"
         raise FleetError(
-            f"no {kind} run in {folder} has a result; 'tactor-bench runs {folder}' lists what there is"
+            f"no {kind} run in {folder} has a result; 'tactor-bench runs {folder}' lists the existing ones"
             + ("" if simulated else ", and --simulated shows the simulated ones")
         )
     return Fleet(kept, len(values) - len(kept), simulated)

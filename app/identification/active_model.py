@@ -122,7 +122,7 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         model = ActiveModel.from_estimates(
             active.tactor(), active.membrane(), active.estimates, active.covariance, words
         )
-        return replace(model, problem="" if model.estimates else "nothing of it has an error", stamp=stamp)
+        return replace(model, problem="" if model.estimates else "none of its parameters has an error", stamp=stamp)
     except (calibrations.CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
 

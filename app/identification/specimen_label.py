@@ -63,7 +63,7 @@ def compare_label(folder: Path, label: SpecimenLabel) -> str:
         return ""
     present = make_label(folder, label.specimen).sheet_hash
     if present == label.sheet_hash:
-        return f"Label of {label.specimen}: its sheet is the one that the label was printed for."
+        return f"Label of {label.specimen}: its sheet is unchanged since the label was printed."
     if not present:
         return f"Label of {label.specimen}: there is no sheet of it in this folder. Is it the right folder?"
     return f"Label of {label.specimen}: its sheet has changed since the label was printed. Print a new one with: tactor-bench label {label.specimen}"

@@ -163,7 +163,7 @@ def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[E
     if names:
         yield Table(
             "known",
-            "Known beforehand, and with the runs",
+            "Prior values, and values with the runs",
             (
                 Column("name", "", names, "parameter"),
                 Column("before", "", [_format(n, *known[n]) for n in names]),

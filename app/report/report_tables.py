@@ -61,7 +61,7 @@ def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> Iterator
     rows = tuple((quantity_label(o.name), o.asked, o.found, o.verdict, o.why) for o in outcomes)
     bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
     note = f"Limits from {limits.source}; {rule} must lie within."
-    yield Table.of_rows("Limits", ("what", "asked", "found ± standard error", "verdict", "why"), rows, note, bad)
+    yield Table.of_rows("Limits", ("quantity", "limit", "value ± standard error", "verdict", "reason"), rows, note, bad)
 
 
 def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
@@ -187,7 +187,7 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
         "Held values (full report) count as exact."
     )
     if fit is not None and fit.error_scale > 1:
-        parts = (f"{m.error_scale:.2g} times those of {m.label}" for m in fit.residuals if m.error_scale > 1)
+        parts = (f"{m.error_scale:.2g} times the errors of {m.label}" for m in fit.residuals if m.error_scale > 1)
         enlarged = f"as the misfit is larger than the errors of the points: {', '.join(parts)}"
         note = f"Errors are enlarged run by run, {enlarged}. {note}"
     return Table.of_rows("Parameters", heads, rows, note)
@@ -270,7 +270,7 @@ def perception_blocks(summary: SpecimenSummary) -> Iterator[Block]:
         ]
         overshoot = f"{typeset_with_error(100 * step.overshoot, 100 * step.overshoot_error)} %"
         lines.append(("overshoot over the final value", overshoot))
-        yield Table.of_rows(f"A step of {step.step_v:g} V", ("what", "value ± standard error"), lines)
+        yield Table.of_rows(f"A step of {step.step_v:g} V", ("quantity", "value ± standard error"), lines)
 
 
 def _percent(share: float) -> str:
@@ -356,7 +356,7 @@ def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
 def _budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     stacked = tuple(StackedBar(bar.name, bar.shares, bar.size_text) for bar in bars)
     panel = PlotPanel("", "share of the squared total", "", bars=stacked)
-    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece is what to measure better."
+    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece shows what to improve first."
     return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
 
 

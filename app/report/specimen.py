@@ -97,9 +97,7 @@ class SpecimenModel:
         """Source of the model's parameters as text."""
         if self.identification is None:
             return "model with the paper's Table I"
-        return (
-            "model as fitted, not all of it identified" if self.identification.unidentified else "model as identified"
-        )
+        return "fitted model, partly identified" if self.identification.unidentified else "model as identified"
 
     @property
     def joint_fit(self) -> JointFit | None:

@@ -122,7 +122,7 @@ def format_bench_duration(seconds: float, bench: "Bench | None") -> str:
     return duration if speed == 1.0 else f"{duration} at {speed:g} times real speed"
 
 
-SHEET_HEAD = """# Specimen sheet of a simulated specimen: what its laboratory measured, off the truth within the uncertainty that is stated.
+SHEET_HEAD = """# Specimen sheet of a simulated specimen: measurements of its laboratory, with errors within the stated uncertainty.
 # Uncertainties are standard uncertainties (k = 1). Values not listed here are the paper's Table I, with the uncertainty of ruler, caliper or scale.
 # Another bench's specimen needs another name.
 

@@ -239,7 +239,7 @@ def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKi
                 continue
             known = ", ".join(protocol.model_fields)
             raise UsageError(
-                f"{protocol.name} has no parameter '{name}'; leave --set {name} away for this table, or import it together with those "
+                f"{protocol.name} has no parameter '{name}'; omit --set {name} for this table, or import it together with tables "
                 f"that have it. It has: {known}"
             )
         try:

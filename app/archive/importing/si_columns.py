@@ -225,7 +225,7 @@ def add_stated_uncertainties(
             left[name] = text
             continue
         if f"{name}_errors" in values:
-            raise TableImportError(f"{option}: the table has a column for it; leave one of them away")
+            raise TableImportError(f"{option}: the table has a column for it; omit one of them")
         try:
             relative = text.strip().endswith("%")
             size = to_number(text.strip().removesuffix("%"), "1") / 100 if relative else to_number(text, slot.unit)

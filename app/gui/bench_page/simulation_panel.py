@@ -51,7 +51,7 @@ class SimulationPanel(QWidget):
         self.open_button = configure(
             make_choice(
                 "True parameters: specimen, instruments, operator",
-                "What a measurement on the simulated bench should find",
+                "True values that a measurement on the simulated bench should find",
                 checkable=True,
             ),
             "bench.simulation.open",

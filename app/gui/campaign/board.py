@@ -124,7 +124,7 @@ class CampaignHeader(QWidget):
             "simulated-mark",
             wrap=False,
             name="campaign.simulated",
-            toolTip="The results of this campaign come from a simulated bench, whatever bench is open",
+            toolTip="The results of this campaign come from a simulated bench, independent of the open bench",
         )
         self.sheet_button = SheetButton("campaign")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "campaign.identify")

@@ -34,7 +34,7 @@ COLUMNS = ("", "quantity", "this run (± noise)", "limits", "before", "paper's m
 TOOLTIPS = {
     "this run (± noise)": "± one standard error of this run's noise; the uncertainties of calibration and dimensions come with Identify …",
     "limits": "Limits of the protocol's own checks",
-    "before": "The result that counts now, or the one before it, and the change since then",
+    "before": "The valid result, or the previous one, and the change since then",
     "paper's model": "The model with the paper's Table I and this bench's amplifier: free tactor with 7.73 g; and the deviation from it",
     "other specimens": "Their newest results by the same protocol in this folder",
 }

@@ -34,7 +34,7 @@ class CommandPalette(SearchCover):
         super().__init__(
             "palette",
             "Go to",
-            "What to do: words of a command, protocol, run or setting",
+            "Words of a command, protocol, run or setting",
             "search commands, protocols, runs and settings",
         )
         self._entries: tuple[PaletteEntry, ...] = ()

@@ -44,7 +44,7 @@ class ProblemPage(QWidget):
             QPlainTextEdit(),
             "problem.comment",
             placeholderText="What did you do, what happened, and what did you expect?",
-            accessibleName="what happened",
+            accessibleName="description of the problem",
             tabChangesFocus=True,
         )
         self.comment_edit.setFixedHeight(5 * self.fontMetrics().lineSpacing())

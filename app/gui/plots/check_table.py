@@ -7,7 +7,7 @@ from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity
 from app.gui.widgets import WindowTheme, column, fill_table, make_label, make_read_only_table
 from protocols.base import Outcome, Verdict
 
-COLUMNS = ("", "what", "figure", "limits", "unit", "what to do")
+COLUMNS = ("", "check", "figure", "limits", "unit", "remedy")
 RIGHT_ALIGNED = ("figure", "limits")
 
 

@@ -65,7 +65,7 @@ STRIP_LABELS = {NOTHING: "no lower plot", RESIDUAL: "lower plot: residual", PHAS
 HEAD_SPACING, TICK_BOX_WIDTH = 10, 36
 
 HOLLOW_HINT = "hollow: not usable"
-HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the reason"
+HOLLOW_TOOLTIP = "Fits ignore hollow points; point at one for the reason"
 
 
 class ResponsePlot(PlotBase):

@@ -34,7 +34,7 @@ from app.gui.widgets import (
 from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
 
-EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
+EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
 MIN_PLOT_HEIGHT = 160
 MAX_REASON_LENGTH = 280
 """Characters of the reasons of a run's verdict that are shown next to the list."""

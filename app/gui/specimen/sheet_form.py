@@ -133,7 +133,7 @@ class EntryRow(QObject):
                     "Half a graduation, or limits of error, divided by the root of 3"
                 )
             case "instrument":
-                return "What it was measured with, for example caliper 150 mm"
+                return "Measuring instrument, for example caliper 150 mm"
         return "Day of the measurement, for example 2026-11-20; today if it is left empty"
 
     def _on_edited(self) -> None:

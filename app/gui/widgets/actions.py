@@ -166,7 +166,7 @@ TOOLTIPS = {
     "faults.toggle": "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
     "campaign.item.run": "Measure this item now",
     "campaign.item.skip": "Skip the item, or include it again",
-    "campaign.item.repeat": "Measure it again: what counts now counts until the new result is accepted",
+    "campaign.item.repeat": "Measure it again: the present result counts until the new one is accepted",
     "campaign.item.reject": "The run that counts now is no longer used",
     "campaign.item.open": "Show the run on the Runs page",
     "campaign.item.explore": "Overlay the run on the model's curve on the Explore page",

@@ -216,7 +216,7 @@ def test_a_calibration_keeps_what_was_known_beforehand(static: Path, capsys: pyt
     capsys.readouterr()
     assert main(["calibration", "show", "T7", "--folder", str(static.parent)]) == 0
     shown = capsys.readouterr().out
-    assert "Known beforehand, and with the runs" in shown
+    assert "Prior values, and values with the runs" in shown
     assert kept.dimensions
     assert kept.dimensions in " ".join(shown.split())
 
