@@ -32,7 +32,7 @@ from protocols.runfile import (
     truncate_utf8,
 )
 
-CRASHED = "the program that wrote it is gone"
+CRASHED = "its program has ended without closing it"
 
 
 def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool = False) -> Verdict:

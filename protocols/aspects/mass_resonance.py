@@ -18,7 +18,7 @@ class MassResonanceAspects(RunningSweepAspects):
     import_form = ImportForm(
         columns=(
             ImportColumn("mass", "kg", "added mass", ("m", "addedmass", "masse"), (1e-5, 0.1), 0.0),
-            ImportColumn("frequency", "Hz", "where the response is largest: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0), 0.0, True),
+            ImportColumn("frequency", "Hz", "frequency of the largest response: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0), 0.0, True),
             ImportColumn("natural_frequency", "Hz", "undamped natural frequency", ("undampedfrequency", "eigenfrequency"), (1.0, 2000.0), 0.0, True),
         ),
         required=(("mass",), ("frequency", "natural_frequency")),

@@ -16,7 +16,7 @@ class MembraneSagAspects(Aspects):
     import_form = ImportForm(
         columns=(
             ImportColumn("sag", "m", "depth of the membrane's centre", ("durchhang", "sagging", "membranesag"), (1e-5, 5e-2)),
-            ImportColumn("repeat", "1", "which repeat; numbered by itself if it is not there", REPEAT_ALIASES),
+            ImportColumn("repeat", "1", "number of the repeat; counted automatically if missing", REPEAT_ALIASES),
         ),
         required=(("sag",),),
     )  # fmt: skip

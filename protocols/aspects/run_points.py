@@ -118,7 +118,7 @@ class RunPoints:
         if len(errors) > MAX_INPUT_ERRORS:
             raise ParameterError(
                 f"{column} has {len(errors)} different values with a separate uncertainty, the limit is {MAX_INPUT_ERRORS}: "
-                "add it to the uncertainty of the measured values, and leave this one out"
+                "add it to the uncertainty of the measured values, and omit this column"
             )
         return tuple(errors)
 

@@ -231,7 +231,7 @@ def complete_dwell(table: ImportedTable) -> None:
     values, amplifier = table.values, table.amplifier
     if "receptance" in values:
         if "fundamental" in values:
-            raise table.refusal(" has both receptance and fundamental; name the one to leave out with --column")
+            raise table.refusal(" has both receptance and fundamental; name the one to omit with --column")
         values["fundamental"] = values.pop("receptance") * values["drive_amplitude"]
         if "receptance_errors" in values:
             values["fundamental_errors"] = values.pop("receptance_errors") * values["drive_amplitude"]
@@ -243,7 +243,7 @@ def complete_dwell(table: ImportedTable) -> None:
         )
     if table.elongation_m is not None:
         if "elongation" in values:
-            raise table.refusal(" has a column for the elongation: leave --membrane-elongation away")
+            raise table.refusal(" has a column for the elongation: omit --membrane-elongation")
         values["elongation"] = np.full(table.rows, table.elongation_m)
     if "elongation" in values and "part" not in values:
         each = values["elongation"]

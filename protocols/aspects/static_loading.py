@@ -37,7 +37,7 @@ class StaticLoadingAspects(Aspects):
         columns=(
             ImportColumn("load", "N", "force on the centre", ("force", "f", "kraft", "weight"), (1e-3, 20.0)),
             ImportColumn("mass", "kg", "mass of the weight on the centre", ("m", "weightmass", "load", "weight"), (1e-4, 2.0), 0.0),
-            ImportColumn("deflection", "m", "displacement under the load against none", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
+            ImportColumn("deflection", "m", "displacement under the load against no load", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
             ImportColumn("side", "1", "which side was pushed", ("seite",), codes=SIDES, code_hint="write 'MFC' or 1 where the MFC is up, otherwise 'aluminium' or -1"),
             ImportColumn("repeat", "1", "which repeat", REPEAT_ALIASES),
         ),
@@ -52,9 +52,7 @@ class StaticLoadingAspects(Aspects):
             values["load"] = gravity * values["mass"]
         if "mass_errors" in values:
             if "load_errors" in values:
-                raise table.refusal(
-                    ": the uncertainty of the weights is given twice, for mass and load; leave one away"
-                )
+                raise table.refusal(": the uncertainty of the weights is given twice, for mass and load; omit one")
             values["load_errors"] = gravity * values.pop("mass_errors")
         values.setdefault("mass", values["load"] / gravity)
         if "side" not in values:

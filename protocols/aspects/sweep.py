@@ -161,7 +161,7 @@ def _series_run(series: ImportedSamples) -> RunOfSamples:
     at, f = swept
     if series.elongation_m is not None:
         raise series.refusal(
-            " is a sweep, and a run of a sweep has no elongation; leave --membrane-elongation away if the tactor was free, "
+            " is a sweep, and a run of a sweep has no elongation; omit --membrane-elongation if the tactor was free, "
             "else give a table of frequency and receptance"
         )
     low, high = float(np.percentile(f, 1)), float(np.percentile(f, 99))

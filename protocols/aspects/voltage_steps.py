@@ -41,7 +41,7 @@ class VoltageStepsAspects(Aspects):
             ImportColumn("deflection", "m", "displacement against rest", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
             ImportColumn("repeat", "1", "which repeat", REPEAT_ALIASES),
             ImportColumn("direction", "1", "levels rising (1) or falling (-1)"),
-            ImportColumn("read_time", "s", "how long the level had been held", ("time", "t")),
+            ImportColumn("read_time", "s", "time from reaching the level to its reading", ("time", "t")),
         ),
         required=(LEVEL_COLUMNS, ("deflection",)),
         input_uncertainties={"level": "V", "specimen_voltage": "V"},

@@ -143,4 +143,4 @@ def _largest_share(tones: Array, order: Sequence[int]) -> tuple[float, str]:
         if place and channel != DRIVE_CHANNEL and order[place - 1] == DRIVE_CHANNEL
     ]
     directly, later, channel = max(shares)
-    return float(directly), f"of the drive in input {channel} after it, {later:.2g} when it is converted once more"
+    return float(directly), f"share of the drive in input {channel}, {later:.2g} at its second conversion"

@@ -90,12 +90,12 @@ class FreeDecay(Protocol):
         float, Unit("s"), Interval(ge=0.02, le=5), "recording after each edge, until the ringing has decayed"
     ] = 0.15
     edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "number of edges, alternately up and down"] = 10
-    low_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=1, le=5000), "lower end of the band that is searched for the resonance"
-    ] = 60.0
-    high_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=2, le=5000), "upper end of the band that is searched for the resonance"
-    ] = 600.0
+    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lower end of the search band of the resonance"] = (
+        60.0
+    )
+    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "upper end of the search band of the resonance"] = (
+        600.0
+    )
     sample_rate_hz: SampleRate = 20_000.0
 
     @model_validator(mode="after")

@@ -88,7 +88,7 @@ class LatencyPoint:
     frequency: Annotated[float, Unit("Hz"), "frequency of the sine; 0: a step"]
     level: Annotated[float, Unit("V"), "level of the step, or highest level of the sine, at the amplifier's input"]
     repeat: RepeatNumber
-    latency: Annotated[float, Unit("s"), "from the onset until the displacement reaches the threshold"]
+    latency: Annotated[float, Unit("s"), "time from the onset until the displacement reaches the threshold"]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency, with the residuals at the edge"]
     driven_latency: Annotated[float, Unit("s"), "latency from the begin of the edge as driven"]
     threshold_speed: Annotated[float, Unit("m/s"), "speed of the displacement at the threshold"]
@@ -96,7 +96,9 @@ class LatencyPoint:
     rise_errors: Annotated[float, Unit("s"), "standard uncertainty of the rise"]
     overshoot: Annotated[float, Unit("1"), "largest excess over the final value, or over the steady peak, as a share"]
     overshoot_errors: Annotated[float, Unit("1"), "standard uncertainty of the overshoot"]
-    settling: Annotated[float, Unit("s"), "from the onset until the response stays within the band of its steady state"]
+    settling: Annotated[
+        float, Unit("s"), "time from the onset until the response stays within the band of its steady state"
+    ]
     settling_errors: Annotated[float, Unit("s"), "standard uncertainty of the settling time"]
     final: Annotated[float, Unit("m"), "mean at the end of the step, or steady peak of the sine, against rest"]
     final_errors: Annotated[float, Unit("m"), "standard uncertainty of the final value"]
