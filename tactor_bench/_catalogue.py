@@ -27,7 +27,7 @@ class CatalogueEntry:
         verdict: outcome of the verdict, for example `good`.
         verdict_reasons: reasons, with remedies.
         duration_s: length of the sampled data.
-        found: identified quantities as text.
+        estimates_text: identified quantities as text.
         summary: row of the catalogue, source of all attributes except `path`.
     """
 
@@ -42,7 +42,7 @@ class CatalogueEntry:
     simulated = _Fact(lambda row: bool(row.simulated))
     points = _Fact(lambda row: row.points)
     duration_s = _Fact(lambda row: row.seconds)
-    found = _Fact(lambda row: row.found)
+    estimates_text = _Fact(lambda row: row.estimates_text)
     verdict = _Fact(lambda row: row.verdict)
     verdict_reasons = _Fact(lambda row: row.verdict_reasons)
     tags = _Fact(lambda row: tuple(tag for tag in row.tags.split(", ") if tag))

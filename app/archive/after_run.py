@@ -102,13 +102,13 @@ def _call_plug_in(point: EntryPoint, path: Path, ended: RunEnded) -> str:
 
 def _run_command(command: tuple[str, ...], path: Path, ended: RunEnded) -> str:
     """Run the command; return the failure as text."""
-    words = [word.replace(RUN_PLACEHOLDER, str(path)) for word in command]
+    arguments = [word.replace(RUN_PLACEHOLDER, str(path)) for word in command]
     if not any(RUN_PLACEHOLDER in word for word in command):
-        words.append(str(path))
+        arguments.append(str(path))
     environment = {"TACTOR_BENCH_RUN": str(path), "TACTOR_BENCH_OUTCOME": str(ended.verdict.outcome)}
     try:
         done = subprocess.run(  # noqa: S603 - the command of the user
-            words,
+            arguments,
             env={**os.environ, **environment},
             stdin=subprocess.DEVNULL,
             capture_output=True,

@@ -81,11 +81,11 @@ def verify_audit(folder: Path, head: str = "", progress: Progress = NO_PROGRESS)
     return AuditResult(tuple(entries), tuple(problems), unrecorded)
 
 
-def _compare(expected: str, found: str) -> str:
+def _compare(expected: str, actual: str) -> str:
     """Return how a file differs from its record; empty if it does not."""
-    if expected == found:
+    if expected == actual:
         return ""
-    if not found:
+    if not actual:
         return "is missing"
     if not expected:
         return "is there again, although it was removed"
@@ -100,9 +100,9 @@ def _present_files(folder: Path, progress: Progress, named: Mapping[str, str] | 
         if path.name.endswith(AUDITED_SUFFIXES)
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     } | set(named or ())
-    found = {}
+    hashes = {}
     for done, name in enumerate(sorted(names), 1):
         progress.raise_if_cancelled()
-        found[name] = audited_hash(folder / name)
+        hashes[name] = audited_hash(folder / name)
         progress.update(done / len(names), f"hashing {done} of {len(names)}")
-    return found
+    return hashes

@@ -106,8 +106,8 @@ class Catalogue:
 
     def figure_entries(self) -> list[RunSummary]:
         """Return the indexed runs that have figures, and all of laboratories' protocols, oldest first."""
-        found = (e for e in self._summaries() if e.figures_json != "[]" or e.protocol not in BUILT_IN_PROTOCOLS)
-        return sorted(found, key=attrgetter("start_time", "path"))
+        entries = (e for e in self._summaries() if e.figures_json != "[]" or e.protocol not in BUILT_IN_PROTOCOLS)
+        return sorted(entries, key=attrgetter("start_time", "path"))
 
     def _summaries(self) -> list[RunSummary]:
         try:
@@ -134,18 +134,18 @@ class Catalogue:
         self._folder_times = walk.folder_times
         added = changed = 0
         with self._connection() as db:
-            known = {
+            indexed = {
                 path: (_FileStamp(*seen), state)
                 for path, state, *seen in db.execute(f"SELECT {', '.join(STAMP_COLUMNS)} FROM runs")  # noqa: S608
             }
-            gone = known.keys() - walk.runs.keys()
+            gone = indexed.keys() - walk.runs.keys()
             db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path in gone])
             due = []
             for path, stat in walk.runs.items():
                 notes = walk.notes_path_of(path)
                 seen = _FileStamp(stat.st_mtime_ns, stat.st_size, walk.notes.get(notes, 0))
                 # A file marked `running` does not change when its writer is killed.
-                if path not in known or known[path][0] != seen or known[path][1] == RunState.RUNNING:
+                if path not in indexed or indexed[path][0] != seen or indexed[path][1] == RunState.RUNNING:
                     due.append((path, notes, seen))
             # Newest first, as users look for recent runs: file names begin with the start time.
             due.sort(key=lambda item: item[0].rpartition("/")[2], reverse=True)
@@ -157,8 +157,8 @@ class Catalogue:
                     db.execute("DELETE FROM runs WHERE path = ?", (path,))
                 else:
                     _upsert(db, [entry])
-                    added += path not in known
-                    changed += path in known and known[path] != (seen, entry.state)
+                    added += path not in indexed
+                    changed += path in indexed and indexed[path] != (seen, entry.state)
                 text = f"reading {done} of {len(due)}" if len(due) > SHORT_SCAN_FILES else ""
                 progress.update(done / len(due), text)
                 if done % FILES_PER_COMMIT == 0:
@@ -167,8 +167,8 @@ class Catalogue:
 
     def has_changed_folder(self) -> bool:
         """Whether files were added, moved or deleted since the last scan, by the modification times of the folders."""
-        known = self._folder_times
-        return any(_modified_ns(self.folder / inside) != seen for inside, seen in known.items())
+        times = self._folder_times
+        return any(_modified_ns(self.folder / inside) != seen for inside, seen in times.items())
 
     def upsert(self, entries: Sequence[RunSummary]) -> None:
         """Insert or replace entries unchecked; the next scan corrects entries that do not match the files."""

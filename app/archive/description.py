@@ -166,17 +166,17 @@ class InjectedFault(NamedTuple):
 
 def injected_faults(run: Run) -> list[InjectedFault]:
     """Return the faults injected during a run, in order."""
-    found: list[InjectedFault] = []
+    faults: list[InjectedFault] = []
     for event in () if run.record.imported else run.events():
         if event.kind != InjectedFaultChanged.kind:
             continue
         name, at_s = event.fields["fault"], event.time_s
-        last = next((i for i, b in enumerate(found) if b.fault == name and b.until_s is None), None)
+        last = next((i for i, b in enumerate(faults) if b.fault == name and b.until_s is None), None)
         if event.fields["broken"] and last is None:
-            found.append(InjectedFault(name, event.fields["words"], at_s, None))
+            faults.append(InjectedFault(name, event.fields["words"], at_s, None))
         elif not event.fields["broken"] and last is not None:
-            found[last] = found[last]._replace(until_s=at_s)
-    return found
+            faults[last] = faults[last]._replace(until_s=at_s)
+    return faults
 
 
 def _fault_lines(run: Run) -> list[str]:
@@ -198,7 +198,7 @@ def _import_text(record: RunRecord) -> str:
         if source["measured"]
         else f"imported {record.start_time[:10]}, measurement date not recorded"
     )
-    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in source["cautions"])])
+    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {caution}" for caution in source["cautions"])])
 
 
 def _standard_error(points: dict[str, Any], name: str, row: int) -> float:

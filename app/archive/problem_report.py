@@ -149,10 +149,10 @@ def _bench_text(bench: str) -> str:
 
 def _newest_run(folder: Path) -> Path | None:
     try:
-        found = [(path.stat().st_mtime_ns, path) for path in folder.glob("*.h5")]
+        runs = [(path.stat().st_mtime_ns, path) for path in folder.glob("*.h5")]
     except OSError:
         return None
-    return max(found)[1] if found else None
+    return max(runs)[1] if runs else None
 
 
 def _run_header(path: Path | None) -> str:

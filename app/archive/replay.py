@@ -243,10 +243,10 @@ def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | 
             return LogLine(at, Severity.WARNING, f"Asked: {event.fields['prompt']['text']}")
         if kind in (None, DriveStarted, RecordingFinished, BlockStored):
             return None
-        said = describe_event(kind(**event.fields))
+        message = describe_event(kind(**event.fields))
     except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: log its name
         return LogLine(at, Severity.INFO, event.kind)
-    return None if said is None else LogLine(at, *said)
+    return None if message is None else LogLine(at, *message)
 
 
 def has_response_columns(columns: Mapping[str, object]) -> bool:

@@ -80,7 +80,7 @@ class RunSummary(NamedTuple):
     """The outcome of the verdict."""
     failed_checks: str = ""
     """Names of the failed checks of a run that did not pass."""
-    found: str = ""
+    estimates_text: str = ""
     """Estimates as text."""
     operator: str = ""
     instruments: str = ""
@@ -93,7 +93,7 @@ class RunSummary(NamedTuple):
     note: str = ""
     checked_by: str = ""
     """Second persons who checked it."""
-    words: str = ""
+    search_text: str = ""
     """Text that is searched, casefolded."""
     modified_ns: int = 0
     size: int = 0
@@ -234,7 +234,7 @@ def summarize_run(
         row.specimen,
         f"{begun:%Y-%m-%d %H:%M}" if begun else "",
         "simulated" if row.simulated else "",
-        row.found,
+        row.estimates_text,
         row.tags,
         row.note,
         row.operator,
@@ -244,7 +244,7 @@ def summarize_run(
         record.bench_name,
         row.instruments,
     )
-    return row._replace(words="\n".join(words).casefold())
+    return row._replace(search_text="\n".join(words).casefold())
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +267,7 @@ class RunFilter:
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
         """Return the selected entries in their order."""
-        words = self.search_text.casefold().split()
+        search_words = self.search_text.casefold().split()
         return [
             e
             for e in entries
@@ -279,7 +279,7 @@ class RunFilter:
             and (not self.operator or e.operator.casefold() == self.operator.casefold())
             and (not self.checked_by or _is_checked_by(e, self.checked_by.casefold()))
             and (not self.instrument or self.instrument.casefold() in e.instruments.casefold())
-            and all(word in e.words for word in words)
+            and all(word in e.search_text for word in search_words)
         ]
 
 

@@ -138,8 +138,8 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
                     continue
                 with replacing(target) as working:
                     with file.open(info) as source, working.open("wb") as copy:
-                        found = copy_stream(source, copy, progress)
-                    if found != sha256:
+                        result = copy_stream(source, copy, progress)
+                    if result != sha256:
                         raise ArchiveError(
                             f"{archive}: {info.filename} is damaged, its SHA-256 is another; take another copy"
                         )
@@ -278,7 +278,7 @@ def _describe_run(run: RunSummary, values: list[dict[str, Any]]) -> dict[str, An
         "name": f"{mark}{run.protocol} of {run.specimen}, {run.start_time[:16].replace('T', ' ')}",
         "dateCreated": run.start_time,
         "description": f"{run.verdict_text}{f': {run.verdict_reasons}' if run.verdict_reasons else ''}",
-        "text": run.note or run.found,
+        "text": run.note or run.estimates_text,
         "keywords": ", ".join(keywords),
         "variableMeasured": identifiers,
     }

@@ -111,7 +111,7 @@ def import_tables(
 
     options = ImportOptions(tuple(paths), folder, specimen=specimen or "unnamed")
     taken, written = import_files(options, amplifier, progress)
-    return len(written), [words for each in taken for words in each.warnings]
+    return len(written), [warning for each in taken for warning in each.warnings]
 
 
 def measured_responses(paths: Sequence[Path]) -> list[MeasuredResponse]:

@@ -292,7 +292,7 @@ class Campaign:
         """
         every = self._parameters(item)
         settings = {name: every[name] for name in item.settings}
-        found = [
+        runs = [
             run
             for run in runs
             if run.protocol == item.protocol
@@ -307,12 +307,10 @@ class Campaign:
             for step in other.steps
         ]
         if not series:
-            return found
+            return runs
         whole = {name: value for name, value in every.items() if name not in (*CARRIED_PARAMETERS, item.varied)}
         return [
-            run
-            for run in found
-            if _has_parameters(run, whole) or not any(_has_parameters(run, step) for step in series)
+            run for run in runs if _has_parameters(run, whole) or not any(_has_parameters(run, step) for step in series)
         ]
 
     def _parameters(self, item: CampaignItem, set_only: bool = False) -> dict[str, Any]:

@@ -40,10 +40,10 @@ def campaign_path(folder: Path, specimen: str) -> Path:
 def list_campaigns(folder: Path) -> list[Path]:
     """Return the campaign files of a folder, the last changed first."""
     try:
-        found = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
+        files = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
     except OSError:
         return []
-    return [path for _, path in sorted(found, reverse=True)]
+    return [path for _, path in sorted(files, reverse=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +93,11 @@ class CampaignItem:
     def from_record(cls, record: Mapping[str, Any]) -> "CampaignItem":
         """Restore an item from `as_record`. Raises TypeError or KeyError for other records."""
         lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted", "values") if name in record}
-        prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
+        prepare = tuple(Prompt(**{**prompt, "choices": tuple(prompt["choices"])}) for prompt in record["prepare"])
         settings, varied = record.get("settings", {}), record.get("varied", "")
         if settings or varied:  # files of earlier versions may have former names
-            known = PROTOCOLS[record["protocol"]].model_fields if record["protocol"] in PROTOCOLS else ()
-            present = {name: name if name in known else current_parameter(name, known) for name in (*settings, varied)}
+            names = PROTOCOLS[record["protocol"]].model_fields if record["protocol"] in PROTOCOLS else ()
+            present = {name: name if name in names else current_parameter(name, names) for name in (*settings, varied)}
             settings = {present[name]: value for name, value in settings.items()}
             varied = present[varied]
         return cls(**{**record, **lists, "prepare": prepare, "settings": settings, "varied": varied})
@@ -178,10 +178,10 @@ def drop_unknown_protocols(
     lost = {item.name: item.needs for item in items if item.protocol not in known_protocols}
 
     def needs(names: Collection[str]) -> tuple[str, ...]:
-        found: dict[str, None] = {}
+        needs_of: dict[str, None] = {}
         for name in names:
-            found.update(dict.fromkeys(needs(lost[name]) if name in lost else (name,)))
-        return tuple(found)
+            needs_of.update(dict.fromkeys(needs(lost[name]) if name in lost else (name,)))
+        return tuple(needs_of)
 
     return tuple(replace(item, needs=needs(item.needs)) for item in items if item.name not in lost)
 
@@ -202,10 +202,10 @@ class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):
 
     def dependencies(self, item: CampaignItem) -> set[str]:
         """Return the names of all direct and indirect dependencies of an item."""
-        found: set[str] = set()
+        names: set[str] = set()
         for need in item.needs:
-            found |= {need} | self.dependencies(self.item(need))
-        return found
+            names |= {need} | self.dependencies(self.item(need))
+        return names
 
     def add(self, item: CampaignItem) -> None:
         """Add an item at the end.

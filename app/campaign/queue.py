@@ -104,8 +104,8 @@ def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, res
                 "no item was interrupted, so there is nothing to resume; 'campaign run' measures the next item"
             )
         line = broken[0]
-    elif (found := campaign.next_item(hands_free)) is not None:
-        line = found
+    elif (item := campaign.next_item(hands_free)) is not None:
+        line = item
     else:
         left = [line.item.name for line in campaign.item_states() if line.next_action is not NextAction.NONE]
         hands = f"without hands; left: {', '.join(left)}" if left else "any more"

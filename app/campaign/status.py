@@ -34,20 +34,24 @@ class CampaignRuns:
         stamp = since.translate({ord(c): None for c in "-:"})[:15]  # 20261121T091502, as file names begin
         files = self.folder.glob("*.h5") if self.folder.is_dir() else ()
         runs = [self._summary(path) for path in files if path != exclude and path.name[: len(stamp)] >= stamp]
-        found = [run for run in runs if run is not None and run.readable and run.start_time >= since]
-        return sorted(found, key=lambda run: (run.start_time, run.name))
+        recent = [run for run in runs if run is not None and run.readable and run.start_time >= since]
+        return sorted(recent, key=lambda run: (run.start_time, run.name))
 
     def _summary(self, path: Path) -> RunSummary | None:
         try:
             stat = path.stat()
         except OSError:
             return None
-        known = self._cache.get(path)
+        summary = self._cache.get(path)
         # A file marked `running` does not change when its writer is killed.
-        if known is None or known.running or (known.modified_ns, known.size) != (stat.st_mtime_ns, stat.st_size):
-            known = read_run_summary(path, path.name) or RunSummary(path.name, RunState.DAMAGED)
-            self._cache[path] = known._replace(modified_ns=stat.st_mtime_ns, size=stat.st_size)
-        return known
+        if (
+            summary is None
+            or summary.running
+            or (summary.modified_ns, summary.size) != (stat.st_mtime_ns, stat.st_size)
+        ):
+            summary = read_run_summary(path, path.name) or RunSummary(path.name, RunState.DAMAGED)
+            self._cache[path] = summary._replace(modified_ns=stat.st_mtime_ns, size=stat.st_size)
+        return summary
 
 
 REPEAT_REASON = "it is to be measured again; this result counts until then"

@@ -241,20 +241,22 @@ class DevicesCommand(DiscoveryOptions):
     json: bool = JSON_PLAIN
 
     def execute(self) -> int:
-        found, notes = find_devices(self.hosts, self.server)
+        devices, notes = find_devices(self.hosts, self.server)
         if self.json:
-            print_json({"found": [asdict(one) for one in found], "notes": notes})
+            print_json({"found": [asdict(one) for one in devices], "notes": notes})
             return ExitCode.DONE
         table = _table("Connected", "role", "address", "identity")
-        for one in found:
+        for one in devices:
             table.add_row(one.role, one.where, one.identity)
-        Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
+        Console(markup=False, highlight=False).print(table if devices else "Nothing was found.")
         for note in notes:
             print_message(note)
-        if any(one.role in INSTRUMENT_ROLES for one in found):
-            asked = "".join(f" --host {host}" for host in self.hosts) + (f" --server {self.server}" * bool(self.server))
+        if any(one.role in INSTRUMENT_ROLES for one in devices):
+            options = "".join(f" --host {host}" for host in self.hosts) + (
+                f" --server {self.server}" * bool(self.server)
+            )
             print_message(
-                f"Next: tactor-bench bench new bench1.toml{asked}, then tactor-bench commission --bench bench1.toml"
+                f"Next: tactor-bench bench new bench1.toml{options}, then tactor-bench commission --bench bench1.toml"
             )
         return ExitCode.DONE
 
@@ -268,19 +270,19 @@ class NewBenchCommand(DiscoveryOptions):
     def execute(self) -> int:
         if self.file.exists():  # before the search, which takes seconds
             raise UsageError(f"{self.file} is there already and is not overwritten; give another name")
-        found, notes = find_devices(self.hosts, self.server)
+        devices, notes = find_devices(self.hosts, self.server)
         try:
             with self.file.open("x", encoding="utf-8") as file:
-                file.write(bench_template(found, self.server))
+                file.write(bench_template(devices, self.server))
         except FileExistsError:
             raise UsageError(f"{self.file} is there already and is not overwritten; give another name") from None
         except OSError as error:
             raise UsageError(f"{self.file} cannot be written: {error.strerror or error}") from None
         for note in notes:
             print_message(note)
-        have = [f"{one.role} {one.identity}" for one in found if one.role in INSTRUMENT_ROLES]
+        have = [f"{one.role} {one.identity}" for one in devices if one.role in INSTRUMENT_ROLES]
         print_message(
-            f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it"
+            f"{self.file}: {', '.join(have) or 'nothing was devices, the addresses are examples'}. Go through it"
         )
         print_message(f"Next: tactor-bench commission --bench {self.file}, with high voltage off")
         return ExitCode.DONE

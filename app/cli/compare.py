@@ -55,15 +55,15 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
         Column("difference", units[y], changes, display_unit=shown, format_spec="+.3g"),
     ]
     notes = [f"{len(pairs)} points in common, of {len(left)} and {len(right)} usable ones"]
-    if known := [deviation for deviation in deviations if deviation is not None]:
+    if finite := [deviation for deviation in deviations if deviation is not None]:
         columns.append(Column("standard errors", "", deviations, format_spec="+.1f"))
-        chi = sum(deviation**2 for deviation in known)
-        p_value = format_p_value(float(chdtrc(len(known), chi)), 2)
+        chi = sum(deviation**2 for deviation in finite)
+        p_value = format_p_value(float(chdtrc(len(finite), chi)), 2)
         notes[0] += (
-            f"; chi-square of the differences {chi:.1f} for {len(known)} points ({p_value}), statistical errors only"
+            f"; chi-square of the differences {chi:.1f} for {len(finite)} points ({p_value}), statistical errors only"
         )
-    if len(known) < len(pairs):
-        notes.append(f"{len(pairs) - len(known)} points have no uncertainty")
+    if len(finite) < len(pairs):
+        notes.append(f"{len(pairs) - len(finite)} points have no uncertainty")
     notes += _drive_differences(a, b, left, right)
     title = f"{kind.title}: {b.path.name} less {a.path.name}"
     return CommandResult("compare", {}, (Table("points", title, tuple(columns)),), tuple(notes))
@@ -104,14 +104,14 @@ def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list
     named += [n for n in ("elongation",) if n in (left[0] if left else {})]
 
     def by_setting(points: Sequence[Point]) -> dict[tuple[str, ...], Point]:
-        found: dict[tuple[str, ...], Point] = {}
+        matched: dict[tuple[str, ...], Point] = {}
         counts: Counter[tuple[str, ...]] = Counter()
         for point in points:
             setting = tuple(f"{point[name]:.4g}" for name in (x, *named))
             number = counts[setting]
             counts[setting] += 1
-            found[*setting, str(number)] = point
-        return found
+            matched[*setting, str(number)] = point
+        return matched
 
     others = by_setting(right)
     return [(point, others[key]) for key, point in by_setting(left).items() if key in others]

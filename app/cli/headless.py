@@ -144,10 +144,10 @@ def run_headless(
     """
     check_planned_faults(bench, planned_faults)
     refuse_unreachable_operator(bench, request.protocol, request.prepare)
-    with headless_session(bench, as_json, observers, planned_faults, request.folder) as front:
-        front.session.run(request)
-        front.wait()
-    return front.exit_code, front.session.path if front.session.outcome else None
+    with headless_session(bench, as_json, observers, planned_faults, request.folder) as session:
+        session.session.run(request)
+        session.wait()
+    return session.exit_code, session.session.path if session.session.outcome else None
 
 
 def _ask_operator(bench: SelectedBench) -> None:
@@ -220,13 +220,13 @@ def headless_session(
             )
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
-        front = HeadlessSession(
+        session = HeadlessSession(
             Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
         )
-        plan.on_switched = front.session.inject_event
-        with closing(after_run), handling_stop_signals(front.stop), operator.listening(front.session):
-            front.session.start()
+        plan.on_switched = session.session.inject_event
+        with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
+            session.session.start()
             try:
-                yield front
+                yield session
             finally:
-                front.session.close()
+                session.session.close()

@@ -40,7 +40,7 @@ from app.identification import (
     amplifier_of,
     describe_correction,
     identify,
-    known_tables,
+    prior_tables,
     read_calibrations,
     write_calibrations,
 )
@@ -127,7 +127,7 @@ class AcceptCommand:
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
         amplifier = corrected.amplifier if corrected else None
         with ExitStack() as bars:
-            found = identify(
+            identification = identify(
                 self.runs,
                 self.method,
                 replace(setting, amplifier=amplifier.amplifier_map if amplifier else amplifier_of(self.runs)),
@@ -138,13 +138,13 @@ class AcceptCommand:
                 plain=self.plain,
                 progress=_show_progress(bars, self.json),
             )
-        result = identification_command_result(found)
-        if found.joint_fit is not None:
-            result = _add_proposals(result, found, found.joint_fit, self)
-        simulated = SIMULATED_SHAPES_NOTE if found.observations.simulated else ""
-        notes.append(f"fitted with {found.shapes} shape functions{simulated}")
+        result = identification_command_result(identification)
+        if identification.joint_fit is not None:
+            result = _add_proposals(result, identification, identification.joint_fit, self)
+        simulated = SIMULATED_SHAPES_NOTE if identification.observations.simulated else ""
+        notes.append(f"fitted with {identification.shapes} shape functions{simulated}")
         if self.accept:
-            notes.append(_accept(found, self, corrected))
+            notes.append(_accept(identification, self, corrected))
         return render(replace(result, notes=(*result.notes, *notes)), self.json)
 
     def _check(self) -> None:
@@ -258,8 +258,8 @@ class ShowCalibrationCommand:
         with usage_errors(CalibrationError, about=f"specimen {self.specimen} in {self.folder}"):
             return render(self.result(read_calibrations(self.folder, self.specimen)), self.json)
 
-    def result(self, known: Calibrations) -> CommandResult:
-        return _version_result(known.get(self.version), known)
+    def result(self, calibrations: Calibrations) -> CommandResult:
+        return _version_result(calibrations.get(self.version), calibrations)
 
 
 @command("T7 1")
@@ -268,10 +268,10 @@ class UseCalibrationCommand(ShowCalibrationCommand):
 
     version: int = argument()
 
-    def result(self, known: Calibrations) -> CommandResult:
-        known = replace(known, active=known.get(self.version).version)
-        write_calibrations(self.folder, self.specimen, known)
-        return super().result(known)
+    def result(self, calibrations: Calibrations) -> CommandResult:
+        calibrations = replace(calibrations, active=calibrations.get(self.version).version)
+        write_calibrations(self.folder, self.specimen, calibrations)
+        return super().result(calibrations)
 
 
 @command("T7 1 2")
@@ -282,8 +282,8 @@ class DiffCalibrationCommand(ShowCalibrationCommand):
     first: int = argument()
     second: int = argument()
 
-    def result(self, known: Calibrations) -> CommandResult:
-        return _difference_result(known.get(self.first), known.get(self.second))
+    def result(self, calibrations: Calibrations) -> CommandResult:
+        return _difference_result(calibrations.get(self.first), calibrations.get(self.second))
 
 
 def _version_result(version: Calibration, calibrations: Calibrations) -> CommandResult:
@@ -293,7 +293,7 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
     return CommandResult(
         "calibration show",
         {name: value for name, value in version.fixed.items() if value is not None},
-        (estimate_table(title, identified, version.statistical), *known_tables(version.known, version.estimates)),
+        (estimate_table(title, identified, version.statistical), *prior_tables(version.known, version.estimates)),
         (
             *filter(None, (version.decision, version.dimensions)),
             f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or '(name not given)'}, program {version.code}",

@@ -49,17 +49,23 @@ MAX_FINDINGS = 10
 
 def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
     """Yield the tables of causes of a misfit, and of the first discrepancies between runs and model, if there are any."""
-    if adequacy.diagnosis is not None and (found := adequacy.diagnosis.explanations):
+    if adequacy.diagnosis is not None and (explanations := adequacy.diagnosis.explanations):
         likeliest = adequacy.diagnosis.likeliest
         yield Table(
             "causes",
             f"Possible causes: {adequacy.diagnosis.tried} were compared",
             (
-                Column("cause", "", [e.cause.title for e in found]),
-                Column("words", "", [e.cause_text for e in found], "meaning"),
-                Column("chi_square", "", [e.chi_square for e in found], "chi-square with the cause", format_spec=".5g"),
-                Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in found], "degrees of freedom"),
-                Column("likely", "", ["yes" if e in likeliest else "no" for e in found], "likely"),
+                Column("cause", "", [e.cause.title for e in explanations]),
+                Column("words", "", [e.cause_text for e in explanations], "meaning"),
+                Column(
+                    "chi_square",
+                    "",
+                    [e.chi_square for e in explanations],
+                    "chi-square with the cause",
+                    format_spec=".5g",
+                ),
+                Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in explanations], "degrees of freedom"),
+                Column("likely", "", ["yes" if e in likeliest else "no" for e in explanations], "likely"),
             ),
         )
     if not adequacy.findings:
@@ -175,22 +181,22 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Table
             raise ParameterError(
                 f"--profile {name}: this parameter was not free in the fit; choose from {', '.join(fit.free_parameters)}"
             )
-    found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
+    intervals: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
     errors = dict(zip(fit.names, (fit.enlarged_covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     return Table(
         "profiles",
         f"{100 * coverage:g} % intervals by profile likelihood, all other parameters fitted anew",
         (
-            Column("name", "", [p.name for p in found], "parameter"),
-            Column("low", "", [_format_limit(p.low) for p in found], "from"),
-            Column("value", "", [values[p.name] for p in found], format_spec=".6g"),
-            Column("high", "", [_format_limit(p.high) for p in found], "to"),
-            Column("unit", "", [parameter_spec(p.name, fit.observations).unit for p in found]),
+            Column("name", "", [p.name for p in intervals], "parameter"),
+            Column("low", "", [_format_limit(p.low) for p in intervals], "from"),
+            Column("value", "", [values[p.name] for p in intervals], format_spec=".6g"),
+            Column("high", "", [_format_limit(p.high) for p in intervals], "to"),
+            Column("unit", "", [parameter_spec(p.name, fit.observations).unit for p in intervals]),
             Column(
                 "lopsided",
                 "",
-                [_format_arms(p, values[p.name], errors[p.name]) for p in found],
+                [_format_arms(p, values[p.name], errors[p.name]) for p in intervals],
                 "ratio to the standard error",
             ),
         ),

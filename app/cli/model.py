@@ -47,11 +47,11 @@ class ParametersTopic(Topic):
     def compute(self) -> CommandResult:
         specimen = read_specimen(self, on_membrane=True)
         t, values = specimen.tactor, specimen_record(specimen)
-        known = variable_specs()
+        specs = variable_specs()
 
         def listed(name: str, title: str, names: list[str]) -> Table:
             facts = (
-                Column(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
+                Column(n, specs[n].unit, [values[n]], description=f"{specs[n].description}; {specs[n].limits}")
                 for n in names
             )
             return Table(name, title, tuple(facts), vertical=True)

@@ -293,10 +293,10 @@ def _expand_setting(text: str) -> list[str]:
 
 
 def _variable_spec(name: str) -> ParameterSpec:
-    known = variable_specs()
-    if name not in known:
-        raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(known)}")
-    return known[name]
+    specs = variable_specs()
+    if name not in specs:
+        raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(specs)}")
+    return specs[name]
 
 
 def _apply_shared_unit(items: Sequence[str]) -> list[str]:

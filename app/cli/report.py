@@ -152,16 +152,16 @@ def _read_limits(options: ReportCommand) -> Limits | None:
         if options.golden:
             raise UsageError("--golden needs limits to compare by: 'tactor-bench report --new-limits limits.toml'")
         return None
-    found = read_limits(path)
+    limits = read_limits(path)
     if options.golden:
-        found = replace(found, golden=options.golden)
-    compared = [name for name, limit in found.limits.items() if limit.within_golden is not None]
-    if compared and not found.golden:
+        limits = replace(limits, golden=options.golden)
+    compared = [name for name, limit in limits.limits.items() if limit.within_golden is not None]
+    if compared and not limits.golden:
         raise UsageError(
             f'{path} compares {", ".join(compared)} with a golden unit, but names none; write golden = "T0" there, or '
             "give --golden T0"
         )
-    return found
+    return limits
 
 
 def _read_logo(path: Path | None) -> bytes:

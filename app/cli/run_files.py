@@ -84,25 +84,25 @@ class VerifyCommand:
     def execute(self) -> int:
         from app.cli.output import print_json
 
-        found: list[Verification] = []
+        verifications: list[Verification] = []
         for path, named in _run_files(self.paths):
             if self.repair:
                 _repair(path)
             result = verify_run(path)
             if result.state is FileState.NO_RUN and not named:
                 continue  # a folder may hold other files
-            found.append(result)
+            verifications.append(result)
             if not self.json:
                 print_line(f"{result.state}: {path}")
                 for finding in result.findings:
                     print_line(f"  {finding}")
         if self.json:
-            print_json([{"path": r.path, "state": r.state, "findings": r.findings} for r in found])
+            print_json([{"path": r.path, "state": r.state, "findings": r.findings} for r in verifications])
         else:
-            counts = {state: sum(result.state is state for result in found) for state in FileState}
+            counts = {state: sum(result.state is state for result in verifications) for state in FileState}
             named_counts = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
-            print_line(f"{len(found)} files: {named_counts}" if found else "there are no run files")
-        states = {result.state for result in found}
+            print_line(f"{len(verifications)} files: {named_counts}" if verifications else "there are no run files")
+        states = {result.state for result in verifications}
         if FileState.DAMAGED in states:
             return ExitCode.FAILED
         if FileState.NO_RUN in states:

@@ -101,11 +101,11 @@ class RunsCommand:
         run_filter = _run_filter(self)
         with scanned_catalogue(self.folder, self.json, self.rebuild) as catalogue:
             entries = catalogue.entries()
-        found = run_filter.apply(entries)
+        summaries = run_filter.apply(entries)
         if self.json:
-            print_line(json.dumps([_run_record(self.folder, entry) for entry in found]))
+            print_line(json.dumps([_run_record(self.folder, entry) for entry in summaries]))
         else:
-            _print_runs(found, len(entries), self.all)
+            _print_runs(summaries, len(entries), self.all)
         return ExitCode.DONE
 
 
@@ -214,7 +214,7 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
         "points": summary.points,
         "duration_s": summary.seconds,
         "size_bytes": summary.size,
-        "found": summary.found,
+        "found": summary.estimates_text,
         "tags": [tag for tag in summary.tags.split(", ") if tag],
         "note": summary.note,
         "operator": summary.operator,

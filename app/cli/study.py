@@ -413,11 +413,11 @@ def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> d
     groups = {name: list(panels) for name, panels in groupby(all_panels, lambda figure: figure.name.rstrip("abcdef"))}
     if not names:
         return groups
-    known = groups | {figure.name: [figure] for figure in all_panels}
+    available = groups | {figure.name: [figure] for figure in all_panels}
     for name in names:
-        if name not in known:
-            raise UsageError(f"there is no figure '{name}'; there are: {', '.join(known)}")
-    return {name: known[name] for name in names}
+        if name not in available:
+            raise UsageError(f"there is no figure '{name}'; there are: {', '.join(available)}")
+    return {name: available[name] for name in names}
 
 
 def curves_table(panels: Sequence[PaperFigure]) -> Table:

@@ -142,7 +142,7 @@ def bench_text(name: str) -> str:
         Path(name),
         f"bench file {truncate_text(name)!r}",
         "bench file",
-        lambda words: ConfigError(f"{words}; give a bench file or 'sim'"),
+        lambda message: ConfigError(f"{message}; give a bench file or 'sim'"),
     )
 
 

@@ -133,13 +133,13 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
 
 def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
     """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
-    found, problems = list[Certificate](), list[str]()
+    certificates, problems = list[Certificate](), list[str]()
     for path in sorted((folder / FOLDER).glob(f"*{SUFFIX}")):
         try:
-            found.append(_from_record(visible_values(read_json_file(path))))
+            certificates.append(_from_record(visible_values(read_json_file(path))))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             problems.append(f"the certificate {path} cannot be read ({error}); restore it from a copy, or add it again")
-    return sorted(found, key=lambda each: (not each.due, each.due, each.number)), problems
+    return sorted(certificates, key=lambda each: (not each.due, each.due, each.number)), problems
 
 
 def certificates_of_bench(
@@ -164,15 +164,17 @@ def bench_warnings(folder: Path, configuration: Mapping[str, Any], protocol: str
         configuration: tables of the bench file, with the identities that the instruments answered.
         protocol: name of the protocol.
     """
-    found, problems = read_certificates(folder)
-    if not (found or problems):
+    certificates, problems = read_certificates(folder)
+    if not (certificates or problems):
         return "", ()
     tables = [each for each in configuration.values() if isinstance(each, Mapping)]
     serials = {str(table.get("serial", "")) for table in tables}
     identities = configuration.get("identities", {})
     serials |= {str(identity).rpartition("#")[2] for identity in identities.values() if "#" in str(identity)}
     today = datetime.now(UTC).date()
-    states = [(each.state(today), each.warning(today)) for each in certificates_of_bench(found, serials, protocol)]
+    states = [
+        (each.state(today), each.warning(today)) for each in certificates_of_bench(certificates, serials, protocol)
+    ]
     expired = ". ".join(warning for state, warning in states if state == "expired")
     return expired, (*(warning for state, warning in states if state == "due soon"), *problems)
 

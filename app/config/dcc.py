@@ -89,8 +89,8 @@ def _serial(item: ElementTree.Element | None) -> str:
     """Return the manufacturer's identification of the item: its serial number."""
     if item is None:
         return ""
-    found = item.findall(f"{DCC}identifications/{DCC}identification")
-    chosen = [each for each in found if _text(each.find(f"{DCC}issuer")) == "manufacturer"] or found
+    identifications = item.findall(f"{DCC}identifications/{DCC}identification")
+    chosen = [each for each in identifications if _text(each.find(f"{DCC}issuer")) == "manufacturer"] or identifications
     named = [
         each for each in chosen if "serial" in _name(each).casefold() or each.get("refType") == "basic_serialNumber"
     ]
@@ -156,8 +156,8 @@ def _column(name: str, element: ElementTree.Element) -> CertificateColumn:
 
 def _numbers(element: ElementTree.Element, tags: tuple[str, ...], direct: bool = False) -> list[float]:
     names = {f"{SI}{tag}" for tag in tags}
-    found = next((each for each in (element if direct else element.iter()) if each.tag in names), None)
-    texts = (found.text or "").split() if found is not None else []
+    values = next((each for each in (element if direct else element.iter()) if each.tag in names), None)
+    texts = (values.text or "").split() if values is not None else []
     if len(texts) > MAX_VALUES:
         raise ValueError(f"it has more than {MAX_VALUES} values")
     numbers = [float(text) for text in texts]

@@ -94,8 +94,8 @@ def load_driver(group: str, name: str) -> Callable[..., Any]:
             plug_in = _load_plug_in(point)
             if plug_in.problem:
                 raise BenchError(plug_in.problem)
-            found: Callable[..., Any] = plug_in.driver
-            return found
+            driver: Callable[..., Any] = plug_in.driver
+            return driver
     raise BenchError(f"there is no driver '{name}'; choose from {', '.join(driver_names(group))}")
 
 
@@ -163,25 +163,25 @@ def _entry_points(group: str) -> Sequence[EntryPoint]:
 
 def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
     package = f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else "an unknown package"
-    begin, found, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
+    begin, driver, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
     interface = INTERFACES[entry_point.group]
     try:
-        found = entry_point.load()
+        driver = entry_point.load()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
         reason = f"{type(error).__name__}: {error}".strip(": ")
         problem = f"{begin} cannot be loaded: {reason}. Update or remove the package {package}"
     else:
-        if inspect.isclass(found):
-            if missing := _missing_methods(found, interface):
+        if inspect.isclass(driver):
+            if missing := _missing_methods(driver, interface):
                 problem = f"{begin} is not a {interface.__name__}: it lacks {', '.join(missing)}"
-        elif not callable(found):
+        elif not callable(driver):
             problem = f"{begin} is not a driver: {entry_point.value} cannot be called"
-    return PlugIn(entry_point.name, None if problem else found, problem)
+    return PlugIn(entry_point.name, None if problem else driver, problem)
 
 
 def _missing_methods(driver_class: type, interface: type) -> list[str]:
     """Return the methods of the interface that the class lacks."""
-    wanted = [n for n, member in vars(interface).items() if inspect.isfunction(member) and not n.startswith("_")]
-    return [f"{name}()" for name in wanted if not callable(getattr(driver_class, name, None))]
+    names = [n for n, member in vars(interface).items() if inspect.isfunction(member) and not n.startswith("_")]
+    return [f"{name}()" for name in names if not callable(getattr(driver_class, name, None))]

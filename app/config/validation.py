@@ -58,9 +58,9 @@ def _describe_error(error: Any, unit_of_key: Callable[[str], str]) -> str:
     if kind == "extra_forbidden":
         return "unknown key; remove it or correct its spelling"
     if kind in BOUNDS:
-        key, words = BOUNDS[kind]
-        of = f" {known}" if error["loc"] and (known := unit_of_key(str(error["loc"][0]))) else ""
-        return f"must be {words} {context[key]:g}{of}, not {given}{of}"
+        key, text = BOUNDS[kind]
+        of = f" {unit}" if error["loc"] and (unit := unit_of_key(str(error["loc"][0]))) else ""
+        return f"must be {text} {context[key]:g}{of}, not {given}{of}"
     message = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
     message = message[:1].lower() + message[1:]
     return str(message) if kind in ("value_error", "missing") else f"{message}, not {given}"

@@ -118,14 +118,12 @@ def _mass_sentence(
 
 
 def _drive_sentence(question: DesignQuestion, specimen: Specimen, estimates: EstimateSet | None, n: int) -> str:
-    hz, wanted_m = question.drive_hz, question.amplitude_m
+    hz, amplitude_m = question.drive_hz, question.amplitude_m
     try:
-        drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
+        drive = required_drive(specimen, hz, amplitude_m, estimates, n=n)
     except ParameterError as error:
         return str(error)
-    text = (
-        f"{_with_error(drive, 1.0, 'V')} peak to peak at the amplifier's input for {1e6 * wanted_m:g} µm at {hz:g} Hz."
-    )
+    text = f"{_with_error(drive, 1.0, 'V')} peak to peak at the amplifier's input for {1e6 * amplitude_m:g} µm at {hz:g} Hz."
     return f"{text} {describe_reach(specimen, drive, hz, n)}"
 
 

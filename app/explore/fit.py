@@ -61,16 +61,16 @@ def fit_runs(
         start=start,
     )
     fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled)
-    found = dict(zip(fit.names, fit.theta, strict=True))
+    values = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
-        if not np.isfinite(found[name]) and name not in LAG_NAMES:
+        if not np.isfinite(values[name]) and name not in LAG_NAMES:
             raise ValueError(f"{letter} is not determined by these runs; overlay one with points around the resonance")
-        if np.isfinite(found[name]):
-            setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
+        if np.isfinite(values[name]):
+            setting = setting.with_value(letter, float(f"{values[name]:.6g}"))
     noise = {e.name: e.standard_error for e in fit.estimates()}
-    rest = _dimension_errors(ObservationSet(observed), replace(options, start=found), setting, cancelled)
+    rest = _dimension_errors(ObservationSet(observed), replace(options, start=values), setting, cancelled)
     described = [
-        _format_parameter(letter, found[name], noise.get(name, np.nan), rest.get(name, 0.0))
+        _format_parameter(letter, values[name], noise.get(name, np.nan), rest.get(name, 0.0))
         for name, letter in names.items()
     ]
     return ExploreFit(setting, "; ".join((*described, ERRORS_NOTE, fit.verdict if fit.converged else fit.message)))
@@ -87,9 +87,9 @@ def _dimension_errors(
     from model.identification import IdentificationError, joint_fit, uncertainty_budget
 
     membrane = setting.specimen.membrane is not None
-    known = [name for name in DIMENSIONS if membrane or not name.endswith("_m")]
-    priors = {name: (setting.value(name), table_one_entry(name).uncertainty) for name in known}
-    extended = replace(options, free=(*(options.free or ()), *known), priors=priors)
+    names = [name for name in DIMENSIONS if membrane or not name.endswith("_m")]
+    priors = {name: (setting.value(name), table_one_entry(name).uncertainty) for name in names}
+    extended = replace(options, free=(*(options.free or ()), *names), priors=priors)
     try:
         fit = joint_fit(observations, extended, cancelled=cancelled, max_evaluations=MAX_EVALUATIONS, max_starts=1)
     except (ParameterError, IdentificationError):

@@ -86,13 +86,13 @@ class Fleet:
             FleetError: there are none.
         """
         name = name if name in self.names else current_name(name)
-        found = [value for value in self.values if value.name == name]
-        if not found:
-            known = ", ".join(self.names) or "none"
-            raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {known}")
-        kind = Counter((value.protocol, value.condition, value.unit) for value in found).most_common(1)[0][0]
-        chosen = tuple(v for v in found if (v.protocol, v.condition, v.unit) == kind)
-        return FleetSelection(name, *kind, values=chosen, left_out=len(found) - len(chosen))
+        values = [value for value in self.values if value.name == name]
+        if not values:
+            names = ", ".join(self.names) or "none"
+            raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {names}")
+        kind = Counter((value.protocol, value.condition, value.unit) for value in values).most_common(1)[0][0]
+        chosen = tuple(v for v in values if (v.protocol, v.condition, v.unit) == kind)
+        return FleetSelection(name, *kind, values=chosen, left_out=len(values) - len(chosen))
 
     def filtered(
         self,
@@ -142,8 +142,8 @@ class FleetSelection:
     @property
     def newest(self) -> tuple[FleetValue, ...]:
         """The newest value of each specimen, by name of the specimen."""
-        found = {value.specimen: value for value in self.values}
-        return tuple(found[name] for name in sorted(found))
+        newest = {value.specimen: value for value in self.values}
+        return tuple(newest[name] for name in sorted(newest))
 
     @property
     def about(self) -> str:
@@ -265,11 +265,11 @@ def _calibration_values(folder: Path, folders: Iterable[str], batches: Mapping[s
 
 def _read_batches(folder: Path, folders: Iterable[str]) -> dict[str, str]:
     """Return the batches that specimen sheets state, by specimen; sheets that cannot be read are left to `specimen check`."""
-    found = {}
+    batches = {}
     for path in (path for place in folders for path in (folder / place).glob(f"*{SHEET_SUFFIX}")):
         with suppress(OSError, ValueError):
             with path.open(encoding="utf-8") as file:
                 sheet = parse_toml(file.read(MAX_TOML_BYTES))
             if isinstance(batch := sheet.get("batch"), str) and batch.strip():
-                found[visible_text(str(sheet.get("specimen", "")))] = visible_text(batch.strip())
-    return found
+                batches[visible_text(str(sheet.get("specimen", "")))] = visible_text(batch.strip())
+    return batches

@@ -131,9 +131,9 @@ def _judge(
     if other_specimens is not None:
         evidence.append(other_specimens.text)
         votes |= _vote(change, other_specimens, alike=DriftCause.BENCH, apart=DriftCause.SPECIMEN)
-    for found in filter(None, other_sensors):
-        evidence.append(found.text)
-        votes |= _vote(change, found, alike=DriftCause.SPECIMEN, apart=DriftCause.BENCH)
+    for other in filter(None, other_sensors):
+        evidence.append(other.text)
+        votes |= _vote(change, other, alike=DriftCause.SPECIMEN, apart=DriftCause.BENCH)
     if len(evidence) == 1:
         evidence.append(
             "nothing else was measured before and after; measure another specimen here, or this one on another sensor"
@@ -163,9 +163,9 @@ def _change(values: Sequence[FleetValue], until: float, since: float, sigma: flo
 def _change_of_others(values: Sequence[FleetValue], until: float, since: float, sigma: float) -> Change | None:
     """Return the mean change of all other specimens that were measured before and after, weighted by their errors."""
     changes = [
-        found
+        change
         for name in sorted({v.specimen for v in values})
-        if (found := _change([v for v in values if v.specimen == name], until, since, sigma, name)) is not None
+        if (change := _change([v for v in values if v.specimen == name], until, since, sigma, name)) is not None
     ]
     if not changes:
         return None

@@ -108,8 +108,8 @@ def _index(room: float, sigma: float, count: int, freedom: int) -> tuple[float, 
     """Return room / (3 sigma) and half of its 95 % interval, z * sqrt(1 / (9 n) + C^2 / (2 nu)) (e-Handbook 6.1.6)."""
     if not (sigma > 0 and freedom > 0 and math.isfinite(room)):
         return math.nan, math.nan
-    found = room / (3 * sigma)
-    return found, COVERAGE_FACTOR_95 * math.sqrt(1 / (9 * count) + found**2 / (2 * freedom))
+    index = room / (3 * sigma)
+    return index, COVERAGE_FACTOR_95 * math.sqrt(1 / (9 * count) + index**2 / (2 * freedom))
 
 
 def _pooled_sd(values: Array, batches: Sequence[str]) -> tuple[float, int]:

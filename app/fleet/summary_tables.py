@@ -35,8 +35,8 @@ def _quantity_row(selection: FleetSelection, limit: Bounds | None) -> _QuantityR
     newest = selection.newest
     values, errors = arrays(newest)
     outliers = [v.specimen for v, out in zip(newest, outlier_mask(values), strict=True) if out]
-    found = None if limit is None else capability(values, [v.batch for v in newest], *limit)
-    return _QuantityRow(selection, spread_of(values, errors), outliers, found)
+    index = None if limit is None else capability(values, [v.batch for v in newest], *limit)
+    return _QuantityRow(selection, spread_of(values, errors), outliers, index)
 
 
 def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bounds]) -> Table:
@@ -65,12 +65,12 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
     )
 
 
-def _capability_columns(found: Sequence[Capability | None]) -> Iterator[Column]:
+def _capability_columns(capabilities: Sequence[Capability | None]) -> Iterator[Column]:
     """Yield the columns of capability, if a quantity has limits."""
-    if any(found):
-        yield Column("cpk", None, [(c and _index(c.cpk, c.cpk_error)) or "" for c in found], "Cpk, 95 %")
-        yield Column("ppk", None, [(c and _index(c.ppk, c.ppk_error)) or "" for c in found], "Ppk, 95 %")
-        yield Column("outside", None, ["" if c is None else str(c.outside) for c in found], "outside")
+    if any(capabilities):
+        yield Column("cpk", None, [(c and _index(c.cpk, c.cpk_error)) or "" for c in capabilities], "Cpk, 95 %")
+        yield Column("ppk", None, [(c and _index(c.ppk, c.ppk_error)) or "" for c in capabilities], "Ppk, 95 %")
+        yield Column("outside", None, ["" if c is None else str(c.outside) for c in capabilities], "outside")
 
 
 def _index(value: float, error: float) -> str:
@@ -96,12 +96,12 @@ def specimen_table(selections: Sequence[FleetSelection]) -> Table:
     return Table("specimens", "Specimens, with total standard uncertainties", tuple(columns))
 
 
-def _value_columns(selection: FleetSelection, found: Sequence[FleetValue | None]) -> Iterator[Column]:
+def _value_columns(selection: FleetSelection, values: Sequence[FleetValue | None]) -> Iterator[Column]:
     """Yield the newest value of each specimen as text, as a number, and its uncertainty."""
-    texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in found]
+    texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in values]
     yield Column(f"{selection.name} as text", None, texts, selection.label)
     for name, attribute in ((selection.name, "value"), (f"{selection.name} total uncertainty", "total")):
-        yield Column(name, selection.unit, [getattr(v, attribute, math.nan) for v in found], displayed=False)
+        yield Column(name, selection.unit, [getattr(v, attribute, math.nan) for v in values], displayed=False)
 
 
 def group_table(selection: FleetSelection, by: str) -> Table:

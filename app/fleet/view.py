@@ -76,10 +76,10 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
     Raises:
         FleetError: the selection is empty.
     """
-    words = query.search.casefold().split()
+    search_words = query.search.casefold().split()
     chosen = fleet.filtered(batch=query.batch, since=read_since(query.since) if query.since else "")
-    if words:
-        kept = tuple(v for v in chosen.values if _has_words(v, words))
+    if search_words:
+        kept = tuple(v for v in chosen.values if _has_words(v, search_words))
         chosen = replace(chosen, values=kept)
     if not chosen.values:
         raise FleetError("no value matches the whole selection; select less")
@@ -108,9 +108,9 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
     )
 
 
-def _has_words(value: FleetValue, words: Sequence[str]) -> bool:
+def _has_words(value: FleetValue, search_words: Sequence[str]) -> bool:
     text = f"{value.specimen} {value.sensor} {value.bench}".casefold()
-    return all(word in text for word in words)
+    return all(word in text for word in search_words)
 
 
 def _plot_groups(selection: FleetSelection, group_by: str) -> list[tuple[Series, tuple[FleetValue, ...]]]:
@@ -118,10 +118,10 @@ def _plot_groups(selection: FleetSelection, group_by: str) -> list[tuple[Series,
     for value in selection.values:
         members.setdefault(str(getattr(value, group_by)) or "unknown", []).append(value)
     groups = []
-    for name, found in sorted(members.items()):
-        values, errors = arrays(found)
-        times_s = np.array([v.time_s for v in found])
-        groups.append((Series(times_s, values, total_errors=errors, name=name), tuple(found)))
+    for name, own in sorted(members.items()):
+        values, errors = arrays(own)
+        times_s = np.array([v.time_s for v in own])
+        groups.append((Series(times_s, values, total_errors=errors, name=name), tuple(own)))
     return groups
 
 
@@ -190,15 +190,15 @@ def view_charts(fleet: Fleet, golden: str, quantity: str, baseline: int = BASELI
 
 def _broken_table(selection: FleetSelection, chart: GoldenChart) -> Table:
     rules = chart.chart.rules
-    found = [(at, chart.values[at]) for at in sorted(rules)]
+    broken = [(at, chart.values[at]) for at in sorted(rules)]
     return Table(
         "broken rules",
-        f"{len(found)} of {len(chart.values)} values break a rule",
+        f"{len(broken)} of {len(chart.values)} values break a rule",
         (
-            Column("number", None, [at + 1 for at, _ in found], "no.", format_spec="d"),
-            Column("begun", None, [v.start_time[:10] for _, v in found]),
-            Column("value", selection.unit, [v.value for _, v in found], display_unit=selection.display_unit),
-            Column("rules", None, [", ".join(rules[at]) for at, _ in found], "broken rules"),
-            Column("run", None, [Path(v.path).name for _, v in found], displayed=False),
+            Column("number", None, [at + 1 for at, _ in broken], "no.", format_spec="d"),
+            Column("begun", None, [v.start_time[:10] for _, v in broken]),
+            Column("value", selection.unit, [v.value for _, v in broken], display_unit=selection.display_unit),
+            Column("rules", None, [", ".join(rules[at]) for at, _ in broken], "broken rules"),
+            Column("run", None, [Path(v.path).name for _, v in broken], displayed=False),
         ),
     )

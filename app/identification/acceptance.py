@@ -78,8 +78,8 @@ def accept_identification(
             f"nothing is accepted: the result is {doubt}. Find the cause; or write why it is to be used all the same (--reason TEXT), "
             f"with at least {MIN_REASON_LENGTH} letters: the reason is kept with the calibration and printed with it"
         )
-    known = read_calibrations(folder, identification.specimen)
-    number = max((each.version for each in known.versions), default=0) + 1
+    calibrations = read_calibrations(folder, identification.specimen)
+    number = max((each.version for each in calibrations.versions), default=0) + 1
     accepted = Calibration(
         specimen=identification.specimen,
         version=number,
@@ -100,5 +100,5 @@ def accept_identification(
         statistical=dict(identification.statistical_errors),
         dimensions="" if identification.sheet is None else identification.sheet.description,
     )
-    path = write_calibrations(folder, identification.specimen, Calibrations((*known.versions, accepted), number))
+    path = write_calibrations(folder, identification.specimen, Calibrations((*calibrations.versions, accepted), number))
     return accepted, path

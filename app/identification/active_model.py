@@ -111,16 +111,16 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
     if previous.stamp == stamp:
         return previous
     try:
-        known = calibrations.read_calibrations(folder, specimen)
-        if not known.active:
+        stored = calibrations.read_calibrations(folder, specimen)
+        if not stored.active:
             base = _uncalibrated_model(folder, specimen)
             return replace(base, description=f"{base.description}: no calibration of {specimen} is active", stamp=stamp)
-        active = known.get()
-        words = f"calibration {active.version} of {active.specimen}{', SIMULATED' if active.simulated else ''}"
+        active = stored.get()
+        description = f"calibration {active.version} of {active.specimen}{', SIMULATED' if active.simulated else ''}"
         if active.doubt:
-            words = f"{words} (accepted although {active.doubt.partition(':')[0]})"
+            description = f"{description} (accepted although {active.doubt.partition(':')[0]})"
         model = ActiveModel.from_estimates(
-            active.tactor(), active.membrane(), active.estimates, active.covariance, words
+            active.tactor(), active.membrane(), active.estimates, active.covariance, description
         )
         return replace(model, problem="" if model.estimates else "none of its parameters has an error", stamp=stamp)
     except (calibrations.CalibrationError, ParameterError) as error:
@@ -138,9 +138,9 @@ def _uncalibrated_model(folder: Path, specimen: str) -> ActiveModel:
         sheet, file = load_sheet(folder, specimen), path.stat()
     except (SheetError, OSError) as error:
         return replace(PAPER_MODEL, problem=str(error))
-    words = f"{PAPER_MODEL.description} with the dimensions of {path.name}"
+    description = f"{PAPER_MODEL.description} with the dimensions of {path.name}"
     stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
-    return ActiveModel(sheet.tactor, None, words, "", stamp, sheet.membrane)
+    return ActiveModel(sheet.tactor, None, description, "", stamp, sheet.membrane)
 
 
 def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:

@@ -27,12 +27,12 @@ class DuplicateFinder:
         """Return which points of a run the runs before it have, too, and a message (empty without any)."""
         columns = run.points()
         digests = _point_digests(run, columns)
-        found = [next((each for each in own if each in self._seen), None) for own in digests]
-        origin = Counter(self._seen[each].name for each in found if each is not None)
+        duplicates = [next((each for each in own if each in self._seen), None) for own in digests]
+        origin = Counter(self._seen[each].name for each in duplicates if each is not None)
         for own in digests:
             for each in own:
                 self._seen.setdefault(each, run.path)
-        mask = np.array([each is not None for each in found], bool)
+        mask = np.array([each is not None for each in duplicates], bool)
         if not origin:
             return mask, ""
         names = " and ".join(sorted(origin))

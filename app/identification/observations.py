@@ -28,7 +28,7 @@ def read_observations(
         ObservationError: a file is not a run, the runs are of several specimens, or no point is usable.
     """
     specimens: dict[str, Path] = {}
-    found: list[Observation] = []
+    observations: list[Observation] = []
     left_out: list[str] = []
     finder = DuplicateFinder()
     for path in paths:
@@ -43,7 +43,7 @@ def read_observations(
         except RunReadError as error:
             raise ObservationError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
         usable = [run for run in taken if run.usable.any()]
-        found += usable
+        observations += usable
         if message:
             left_out.append(message)
         elif not usable:
@@ -51,10 +51,10 @@ def read_observations(
     if len(specimens) > 1:
         names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
         raise ObservationError(f"these runs are of several specimens, {names}: identify one at a time")
-    if not found:
+    if not observations:
         raise ObservationError("none of these runs has a usable point with information on the model")
     try:
-        return next(iter(specimens)), ObservationSet(tuple(found)), left_out
+        return next(iter(specimens)), ObservationSet(tuple(observations)), left_out
     except ParameterError as error:
         raise ObservationError(str(error)) from error
 

@@ -33,9 +33,9 @@ def steps_line(identification: IdentificationResult, also: str, plain: str) -> s
         return ""
     adequacy, names = identification.adequacy, [step.name for step in identification.steps]
     end = "adequate with them" if adequacy is not None and adequacy.adequate else "not adequate with them either"
-    words = "; ".join(step.explanation.cause_text for step in identification.steps)
+    causes = "; ".join(step.explanation.cause_text for step in identification.steps)
     return (
-        f"the model was not adequate by itself; added in turn, as its test proposed: {words}; {end}. "
+        f"the model was not adequate by itself; added in turn, as its test proposed: {causes}; {end}. "
         f"To agree to it: {also} {','.join(names)}; the model without any of them: {plain}."
     )
 

@@ -98,8 +98,8 @@ def check_draft(draft: SheetDraft, specimen: str = "") -> CheckedDraft:
     try:
         sheet.tactor, sheet.membrane  # noqa: B018 - raises for lengths in the wrong order
     except ParameterError as error:
-        words = str(error).replace(",", " ").replace(":", " ").split()
-        name = next((word for word in words if word in draft.entries and not draft.entries[word].empty), "")
+        parts = str(error).replace(",", " ").replace(":", " ").split()
+        name = next((word for word in parts if word in draft.entries and not draft.entries[word].empty), "")
         if name:
             faults.setdefault(name, ("value", _in_millimetres(error)))
     questions = {
@@ -200,7 +200,7 @@ def _read_weighing(parts: list[str], stated: str) -> Weighing:
 
 def _in_millimetres(error: ParameterError) -> str:
     """Return a message of the model with its lengths as the form shows them."""
-    return re.sub(r"(-?[\d.]+(?:e[-+]?\d+)?) m\b", lambda found: f"{1e3 * float(found[1]):.6g} mm", str(error))
+    return re.sub(r"(-?[\d.]+(?:e[-+]?\d+)?) m\b", lambda match: f"{1e3 * float(match[1]):.6g} mm", str(error))
 
 
 def _number(name: str, field: str, text: str) -> float:

@@ -143,11 +143,11 @@ def identify(
     paths = tuple(paths)
     specimen, campaign, left_out = read_observations(track(paths), open_run)
     options = replace(options or FitOptions(), n=n or max(map(shape_count_of_file, paths)))
-    known = (
+    priors = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
     result = identify_observations(
-        specimen, campaign, method, options, progress, sheet=known, plain=plain, cancelled=cancelled
+        specimen, campaign, method, options, progress, sheet=priors, plain=plain, cancelled=cancelled
     )
     return replace(result, notes=(*left_out, *result.notes))
 
@@ -261,5 +261,5 @@ def _base_values(fit: JointFit) -> dict[str, float | None]:
 def _fixed_parameters(
     base: Mapping[str, float | None], estimates: Sequence[EstimatedQuantity]
 ) -> dict[str, float | None]:
-    found = {e.name for e in estimates}
-    return {name: value for name, value in base.items() if name not in found}
+    identified = {e.name for e in estimates}
+    return {name: value for name, value in base.items() if name not in identified}

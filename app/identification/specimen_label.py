@@ -34,8 +34,8 @@ class SpecimenLabel:
 
 def read_label(text: str) -> SpecimenLabel:
     """Return name and hash of a scanned or typed text; one without a hash is a name."""
-    found = _PATTERN.fullmatch(text.strip())
-    return SpecimenLabel(text.strip()) if found is None else SpecimenLabel(found["specimen"], found["hash"])
+    match = _PATTERN.fullmatch(text.strip())
+    return SpecimenLabel(text.strip()) if match is None else SpecimenLabel(match["specimen"], match["hash"])
 
 
 def make_label(folder: Path, specimen: str) -> SpecimenLabel:

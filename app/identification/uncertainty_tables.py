@@ -107,9 +107,9 @@ def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the sources of the uncertainty of each identified parameter, and the prior values."""
-    budget, known, dimensions = identification.budget, identification.priors, identification.dimensions
+    budget, priors, dimensions = identification.budget, identification.priors, identification.dimensions
     if budget is not None and len(budget.sources) > 1:
-        at = [i for i, name in enumerate(budget.names) if name not in known]
+        at = [i for i, name in enumerate(budget.names) if name not in priors]
         yield Table(
             "uncertainties",
             "Where the uncertainties come from: shares of the squared total",
@@ -121,24 +121,24 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("shares", "", [format_shares(budget, i) for i in at], "sources"),
             ),
         )  # fmt: skip
-    yield from known_tables(dimensions, identification.estimates)
+    yield from prior_tables(dimensions, identification.estimates)
 
 
 def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the table of nonidealities that were expected, with their meaning; none without any."""
-    found, known = identification.nonidealities, identification.priors
-    if found:
+    nonidealities, priors = identification.nonidealities, identification.priors
+    if nonidealities:
         yield Table(
             "nonidealities",
             "Effects outside the beam model, fitted with it",
             (
-                Column("name", "", [e.name for e in found], "parameter"),
-                Column("expected", "", [format_size(*known[e.name], e.unit) for e in found]),
-                Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in found]),
-                Column("words", "", [_meaning(identification, e) or "not seen" for e in found], "meaning"),
-                Column("value", "", [e.value for e in found], displayed=False),
-                Column("standard_error", "", [e.standard_error for e in found], displayed=False),
-                Column("unit", "", [e.unit for e in found], displayed=False),
+                Column("name", "", [e.name for e in nonidealities], "parameter"),
+                Column("expected", "", [format_size(*priors[e.name], e.unit) for e in nonidealities]),
+                Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in nonidealities]),
+                Column("words", "", [_meaning(identification, e) or "not seen" for e in nonidealities], "meaning"),
+                Column("value", "", [e.value for e in nonidealities], displayed=False),
+                Column("standard_error", "", [e.standard_error for e in nonidealities], displayed=False),
+                Column("unit", "", [e.unit for e in nonidealities], displayed=False),
             ),
         )
 
@@ -148,39 +148,39 @@ def nonideality_lines(identification: IdentificationResult) -> tuple[str, ...]:
     return tuple(filter(None, (_meaning(identification, e) for e in identification.nonidealities)))
 
 
-def _meaning(identification: IdentificationResult, found: EstimatedQuantity) -> str:
+def _meaning(identification: IdentificationResult, estimate: EstimatedQuantity) -> str:
     """Return the meaning of a nonideality; empty if it is not significant."""
-    fit, expected = identification.joint_fit, identification.priors[found.name][0]
-    if fit is None or abs(found.value - expected) <= SEEN_SIGMAS * found.standard_error:
+    fit, expected = identification.joint_fit, identification.priors[estimate.name][0]
+    if fit is None or abs(estimate.value - expected) <= SEEN_SIGMAS * estimate.standard_error:
         return ""
-    return describe_cause(fit, found.name, found.value, found.standard_error)
+    return describe_cause(fit, estimate.name, estimate.value, estimate.standard_error)
 
 
-def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
+def prior_tables(priors: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
     """Yield the table of prior values with their values after the fit; none without priors."""
-    found = {e.name: e for e in estimates}
-    names = [name for name in known if name in found]
+    estimated = {e.name: e for e in estimates}
+    names = [name for name in priors if name in estimated]
     if names:
         yield Table(
             "known",
             "Prior values, and values with the runs",
             (
                 Column("name", "", names, "parameter"),
-                Column("before", "", [_format(n, *known[n]) for n in names]),
-                Column("after", "", [_format(n, found[n].value, found[n].standard_error) for n in names]),
+                Column("before", "", [_format(n, *priors[n]) for n in names]),
+                Column("after", "", [_format(n, estimated[n].value, estimated[n].standard_error) for n in names]),
                 Column("shown_unit", "", [sheet_unit(n)[1] for n in names], "unit"),
                 Column(
                     "moved",
                     "",
-                    [(found[n].value - known[n][0]) / known[n][1] for n in names],
+                    [(estimated[n].value - priors[n][0]) / priors[n][1] for n in names],
                     "moved (uncertainties)",
                     format_spec="+z.1f",
                 ),
-                Column("known_value", "", [known[n][0] for n in names], displayed=False),
-                Column("known_uncertainty", "", [known[n][1] for n in names], displayed=False),
-                Column("value", "", [found[n].value for n in names], displayed=False),
-                Column("standard_error", "", [found[n].standard_error for n in names], displayed=False),
-                Column("unit", "", [found[n].unit for n in names], displayed=False),
+                Column("known_value", "", [priors[n][0] for n in names], displayed=False),
+                Column("known_uncertainty", "", [priors[n][1] for n in names], displayed=False),
+                Column("value", "", [estimated[n].value for n in names], displayed=False),
+                Column("standard_error", "", [estimated[n].standard_error for n in names], displayed=False),
+                Column("unit", "", [estimated[n].unit for n in names], displayed=False),
             ),
         )
 
@@ -226,22 +226,22 @@ def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:
 def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
     """Return the quantities that count as exact for want of an uncertainty, with the place to state it."""
     runs, missing = identification.observations.runs, []
-    for acts_on, kinds, words in UNSTATED:
+    for acts_on, kinds, text in UNSTATED:
         concerned = [run for run in runs if isinstance(run, kinds)]
         if acts_on == "delay":
             concerned = [run for run in concerned if np.iscomplexobj(observed_values(run)[0])]
         if acts_on == "mass" and "mass_offset" in identification.priors:
             continue
         if any(all(error.acts_on != acts_on for error in run.shared_errors) for run in concerned):
-            missing.append(words)
+            missing.append(text)
     return tuple(missing)
 
 
 def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
     """Return the prior values contradicted by the runs, as text."""
-    found, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
+    estimates, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
     for name, (value, uncertainty) in identification.priors.items():
-        after = found.get(name)
+        after = estimates.get(name)
         if after is None or fit is None:
             continue
         at = fit.names.index(name)

@@ -214,5 +214,5 @@ class Overlay:
 
 def elongations_of(points: Iterable[Any]) -> tuple[float, ...]:
     """Return the membrane elongations of the measured points, rising, without the free tactor."""
-    found = {float(getattr(point, "elongation", math.nan)) for point in points}
-    return tuple(sorted(elongation for elongation in found if not math.isnan(elongation)))
+    elongations = {float(getattr(point, "elongation", math.nan)) for point in points}
+    return tuple(sorted(elongation for elongation in elongations if not math.isnan(elongation)))

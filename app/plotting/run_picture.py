@@ -94,10 +94,10 @@ def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
             gain = abs(fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, 1)[1]) / amplitude_v
             axes.plot(f, factor * gain * np.abs(frequency_response(loaded, f)), "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x_axis.name} ({curve.x_axis.unit})", ylabel=f"{curve.y_axis.name} ({unit})")
-    found = [*map(format_estimate, run.record.estimates)]
+    texts = [*map(format_estimate, run.record.estimates)]
     if any(curve.y_axis.unit == "m/V" for curve in curves):
-        found.append("dashed: model")
-    axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
+        texts.append("dashed: model")
+    axes.legend(title="\n".join(texts) or None, fontsize=8, title_fontsize=9)
     if all((curve.plotted >= 0).all() for curve in curves):
         axes.set_ylim(0, None)
 

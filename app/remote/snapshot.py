@@ -89,8 +89,8 @@ def _points(view: WindowState) -> dict[str, Any]:
     kind = PROTOCOLS.get(view.protocol)
     if kind is None:
         return {"x": "", "y": "", "points": []}
-    known, (x_name, y_name) = point_columns(kind.point_type), kind.axes
-    (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(known[name][0]) for name in (x_name, y_name))
+    columns, (x_name, y_name) = point_columns(kind.point_type), kind.axes
+    (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(columns[name][0]) for name in (x_name, y_name))
     measured: list[Any] = list(view.points[-MAX_POINTS:])
     points = [
         [x, y, Quality(point.quality).usable]

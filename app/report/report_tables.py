@@ -86,22 +86,22 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Itera
 
 def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the result of the identification, its basis, and the parameters that it leaves open."""
-    found = specimen.identification
-    if found is None:
+    identification = specimen.identification
+    if identification is None:
         yield Paragraph(f"Nothing is identified: {specimen.problem}.", "bad")
         return
-    verdict = found.verdict if found.adequacy is None else found.adequacy.message
-    tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
-    count = pluralize(len(found.observations.runs), "set")
+    verdict = identification.verdict if identification.adequacy is None else identification.adequacy.message
+    tone: Tone = "bad" if identification.adequacy is not None and identification.adequacy.adequate is False else "plain"
+    count = pluralize(len(identification.observations.runs), "set")
     yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
     yield Paragraph(f"{_capitalized(specimen.sheet.description)}.")
-    if held := held_parameters(found):
+    if held := held_parameters(identification):
         yield Paragraph(_capitalized(held))
-    if added := steps_line(found, also="identify --also", plain="identify --plain"):
+    if added := steps_line(identification, also="identify --also", plain="identify --plain"):
         yield Paragraph(_capitalized(added), "bad")
-    yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(found))
-    yield from (Paragraph(_unidentified_text(each), "bad") for each in found.unidentified)
-    yield from (Paragraph(f"{note}.") for note in found.notes)
+    yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(identification))
+    yield from (Paragraph(_unidentified_text(each), "bad") for each in identification.unidentified)
+    yield from (Paragraph(f"{note}.") for note in identification.notes)
 
 
 def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
@@ -156,9 +156,9 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
 def parameter_grid(specimen: SpecimenModel) -> Table:
     """Return the table of estimates compared with the paper's Table I."""
     rows = []
-    found, fit = specimen.identification, specimen.joint_fit
-    statistical = {} if found is None else found.statistical_errors
-    for e in () if found is None else found.identified:
+    identification, fit = specimen.identification, specimen.joint_fit
+    statistical = {} if identification is None else identification.statistical_errors
+    for e in () if identification is None else identification.identified:
         paper = TABLE_I.get(e.name)
         factor, unit = shown_unit(e.unit, e.name)
         rows.append(
@@ -195,33 +195,33 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
 
 def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> Iterator[Block]:
     """Yield tables of Pearson's r, p and R^2 for every curve, and of the misfit of each run."""
-    found = summary.specimen.identification
+    identification = summary.specimen.identification
     note = (
         "The parameters were fitted to these same points (to fundamentals and phases, not to max - min): this is agreement, not "
         "prediction. r and p as the paper gives them; R² = 1 − residual sum of squares / sum of squares about the mean."
-        if found is not None
+        if identification is not None
         else "Against the paper's Table I: nothing was fitted."
     )
     heads: tuple[str, ...] = ("curve", "points", "Pearson r", "p", "R²", "rms residual", "largest")
     rows: list[tuple[str, ...]] = [_agreement_row(each) for each in curve_agreements(plots)]
     yield Table.of_rows("Validation curves", heads, rows, note)
-    if found is None:
+    if identification is None:
         return
-    if found.misfits:
+    if identification.misfits:
         heads = ("points of", "residuals", "χ²", "p", "beyond 4 errors")
         rows = [
             (m.label, str(len(m.values)), f"{m.chi_square:.1f}", typeset_probability(m.p_value), str(len(m.outliers)))
-            for m in found.misfits
+            for m in identification.misfits
         ]
         note = (
             "χ² near the number of residuals: model and errors fit. A small p: the model, or the given errors, do not "
             "explain that run."
         )
         yield Table.of_rows("How well the errors explain each run", heads, rows, note)
-    if found.adequacy is not None and (findings := found.adequacy.findings):
+    if identification.adequacy is not None and (findings := identification.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
         rows = [(f.kind, _spell_out(f.text), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
-        note = f"Probability by chance: that any of all {found.adequacy.test_count} tests deviates this much.{more}"
+        note = f"Probability by chance: that any of all {identification.adequacy.test_count} tests deviates this much.{more}"
         heads = ("kind", "discrepancy", "by chance")
         yield Table.of_rows("Discrepancies between runs and model", heads, rows, note)
 
@@ -313,8 +313,8 @@ def held_values(specimen: SpecimenModel) -> Iterator[Block]:
 
 def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the tables of dimensions and masses, and of the sources of every uncertainty."""
-    found, sheet = specimen.identification, specimen.sheet
-    used = set(sheet.values) if found is None else set(found.priors)
+    identification, sheet = specimen.identification, specimen.sheet
+    used = set(sheet.values) if identification is None else set(identification.priors)
     scale = {e.name: sheet_unit(e.name) for e in sheet.values.values()}
     rows = [
         (
@@ -334,22 +334,24 @@ def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     if rows:
         heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
         yield Table.of_rows("Dimensions and masses", heads, rows)
-    if found is not None:
-        for table in nonideality_tables(found):
+    if identification is not None:
+        for table in nonideality_tables(identification):
             yield replace(table, columns=tuple(column for column in table.columns if column.displayed))
-        if unstated := unstated_errors(found):
+        if unstated := unstated_errors(identification):
             yield Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}.")
     yield from budget_blocks(specimen)
 
 
 def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the shares of every uncertainty by source, as a table and as bars."""
-    found = specimen.identification
-    if found is not None and (budget := found.budget) is not None:
-        shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.priors]
+    identification = specimen.identification
+    if identification is not None and (budget := identification.budget) is not None:
+        shares = [
+            (name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in identification.priors
+        ]
         note = "Shares of the squared total; noise is the statistical part."
         yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
-        if bars := budget_bars(found):
+        if bars := budget_bars(identification):
             yield _budget_plot(bars)
 
 
@@ -443,18 +445,18 @@ def report_record(
     software_version: str,
 ) -> dict[str, Any]:
     """Return the content of the report for JSON, SI."""
-    found = summary.specimen.identification
+    identification = summary.specimen.identification
     return {
         "specimen": specimen,
         "simulated": any(run.summary.simulated for run in runs),
         "imported": any(run.imported for run in runs),
         "passed": all(o.verdict == "pass" for o in outcomes) if outcomes else None,
         "limits": [{k: v.replace(SPACE, " ") for k, v in asdict(o).items()} for o in outcomes],
-        "parameters": [] if found is None else [asdict(e) for e in found.identified],
-        "known": {} if found is None else {name: list(pair) for name, pair in found.priors.items()},
+        "parameters": [] if identification is None else [asdict(e) for e in identification.identified],
+        "known": {} if identification is None else {name: list(pair) for name, pair in identification.priors.items()},
         "dimensions": summary.specimen.sheet.description,
-        "budget": None if found is None else budget_record(found.budget),
-        "unidentified": [] if found is None else list(found.unidentified),
+        "budget": None if identification is None else budget_record(identification.budget),
+        "unidentified": [] if identification is None else list(identification.unidentified),
         "merits": [
             {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit}
             for m in summary.figures_of_merit.values()

@@ -87,11 +87,11 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
     catalogue = Catalogue(folder)
     catalogue.scan(progress)
     entries = sorted(RunFilter(specimen=specimen).apply(catalogue.entries()), key=lambda e: (e.start_time, e.path))
-    found = []
+    runs = []
     for i, entry in enumerate(entries):
         progress.update(i / len(entries), "reading runs")
-        found.append(_read_report_run(folder / entry.path, entry))
-    return _mark_exclusions(found)
+        runs.append(_read_report_run(folder / entry.path, entry))
+    return _mark_exclusions(runs)
 
 
 def _repetitions(runs: Sequence[ReportRun]) -> dict[str, str]:

@@ -265,11 +265,11 @@ def fit_specimen(
     try:
         observations = ObservationSet(tuple(each for run in counting for each in run.observations))
         options = FitOptions(amplifier=amplifier, n=n)
-        found = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
-        tactor, membrane, effects = _fitted_parameters(found)
+        identification = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
+        tactor, membrane, effects = _fitted_parameters(identification)
     except ValueError as error:  # the message names the missing data of the fit
         return replace(paper_model, problem=str(error)), observations
-    return SpecimenModel(tactor, membrane, amplifier, found, n, sheet=sheet, effects=effects), observations
+    return SpecimenModel(tactor, membrane, amplifier, identification, n, sheet=sheet, effects=effects), observations
 
 
 def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane, Effects]:
@@ -297,12 +297,12 @@ def with_damping_by_elongation(specimen: SpecimenModel) -> SpecimenModel:
         fit = joint_fit(joint.observations, replace(joint.options, per_elongation=True, start=start), tolerance=1e-5)
     except ValueError:
         return specimen
-    found = {
+    damping = {
         elongation: (estimate.value, estimate.standard_error)
         for estimate in fit.estimates()
         if estimate.name.startswith("c_s") and (elongation := parse_elongation(estimate.name)) is not None
     }
-    return replace(specimen, damping_by_elongation=found or None)
+    return replace(specimen, damping_by_elongation=damping or None)
 
 
 def parameter_description(name: str) -> str:

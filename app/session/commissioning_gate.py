@@ -105,8 +105,8 @@ def _describe_missing(identity: Identity, record: "CommissioningRecord | None") 
     if record is not None and record.simulated:  # stored by an earlier version
         return f"The commissioning record of {identity} is of a simulated instrument"
     if record is not None:
-        found = "; ".join(record.failed)
-        return f"The commissioning of {identity} on {record.date[:10]} did not pass ({found})"
+        failures = "; ".join(record.failed)
+        return f"The commissioning of {identity} on {record.date[:10]} did not pass ({failures})"
     if others := firmwares_with_record(identity):
         return f"{identity} was commissioned with firmware {', '.join(others)}, and now has {firmware}"
     return f"There is no commissioning record of {identity} with firmware {firmware}"

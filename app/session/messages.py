@@ -187,6 +187,6 @@ def describe_verdict(verdict: Verdict, reasons_shown: bool = False) -> str:
 
 
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
-    found = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
+    estimates = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
     text = event.summary
-    return outcome_severity(event.verdict.outcome), text[:1].upper() + text[1:] + found
+    return outcome_severity(event.verdict.outcome), text[:1].upper() + text[1:] + estimates

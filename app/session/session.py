@@ -254,9 +254,9 @@ class Session:
             return
         self.abandoned = True  # before the following events, whose observers read it
         hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
-        said = f" The watchdog reports: {outcome}." if outcome else ""
-        bench.watchdog.log(f"the program could not measure rest: {hangs}.{said}")
-        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{said}"
+        watchdog_report = f" The watchdog reports: {outcome}." if outcome else ""
+        bench.watchdog.log(f"the program could not measure rest: {hangs}.{watchdog_report}")
+        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{watchdog_report}"
         verdict = Verdict.of_status(RunStatus.UNSAFE, reason)
         self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
         self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))

@@ -62,27 +62,27 @@ class PractisingOperator:
 
     def __init__(self, user: Operator, simulated: "SimulatedOperator", settings: SimulationSettings) -> None:
         self._user, self._simulated, self._settings = user, simulated, settings
-        self._asked: dict[int, Prompt] = {}
+        self._pending: dict[int, Prompt] = {}
 
     def clear_specimen(self) -> None:
         """Remove what a stopped run left on the specimen."""
-        self._asked.clear()
+        self._pending.clear()
         self._simulated.clear_specimen()
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         if self._settings.asks_user:
-            self._asked[ask_id] = prompt
+            self._pending[ask_id] = prompt
             self._user.show(ask_id, prompt)
         else:
             self._simulated.show(ask_id, prompt)
 
     def answer(self, ask_id: int) -> str | None:
         """Return the answer; the confirmation of an action is returned after the action."""
-        if (prompt := self._asked.get(ask_id)) is not None:
+        if (prompt := self._pending.get(ask_id)) is not None:
             choice = self._user.answer(ask_id)
             if choice is None:
                 return None
-            del self._asked[ask_id]
+            del self._pending[ask_id]
             if choice != prompt.choices[0]:
                 return choice
             self._simulated.show(ask_id, prompt, patience_s=0.0)

@@ -297,8 +297,8 @@ class Bench:
             armed.initial_rest = rest
             return
         armed.predicted_rest_s = self.amplifier.check_way_to_rest()
-        # Before every run, even if the source has been at rest since the last one: a drive must not surprise the operator, and an\n
-        #            # operator who was asked to switch high voltage off must be asked to switch it on.
+        # Before every run, even if the source has been at rest since the last one: a drive must not surprise the operator, and an
+        # operator who was asked to switch high voltage off must be asked to switch it on.
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True
         self.watchdog.arm()
         switch.enable()

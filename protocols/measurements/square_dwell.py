@@ -155,8 +155,8 @@ class SquareDwell(Protocol):
             raise ValueError(f"{key[0]} Hz: a recording under a sine and one under a square wave are needed")
         sine, square = sine_point(recordings[:-1], simulated), recordings[-1]
         rate = square.rate_hz
-        # The clock's error is taken from the sine: aliased harmonics bias a fit to the square wave, and a wrong frequency\n
-        # # makes its high harmonics look like noise.
+        # The clock's error is taken from the sine: aliased harmonics bias a fit to the square wave, and a wrong frequency
+        # makes its high harmonics look like noise.
         sine_drive = recordings[0].drive
         nominal_hz = sine_drive.frequency_hz if isinstance(sine_drive, Sine) else drive.frequency_hz
         frequency = drive.frequency_hz * sine.frequency / nominal_hz

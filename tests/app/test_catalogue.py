@@ -67,7 +67,7 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
     assert entries.keys() == {"T7", "T8"}
     one = entries["T7"]
     assert (one.state, one.protocol, one.simulated, one.points) == ("completed", "sine-dwell", 1, 2)
-    assert one.found == f"{quantity_label('natural_frequency')} 158.350 ± 0.010 Hz"
+    assert one.estimates_text == f"{quantity_label('natural_frequency')} 158.350 ± 0.010 Hz"
     assert one.started_at is not None
 
 

@@ -98,8 +98,8 @@ def _read_plain_numbers(path: Path, data: bytes, text: str, progress: Progress) 
 
     Reading a table cell by cell finds its faults and their places.
     """
-    found, end = FIRST_NUMBER.search(text), len(text)
-    begin = found.start() if found else -1
+    match, end = FIRST_NUMBER.search(text), len(text)
+    begin = match.start() if match else -1
     while end > 0 and text[end - 1].isspace():
         end -= 1
     first_end, last = text.find("\n", begin), text.rfind("\n", 0, end) + 1
@@ -174,8 +174,8 @@ def _is_number(cell: str) -> bool:
 def _units(cells: Sequence[str]) -> list[str | None]:
     """Return the units in a line, None for an empty cell; nothing for a line that holds anything else."""
     texts = [cell.strip("[]() ") or None for cell in cells]
-    known = (text.casefold() in UNIT_SUFFIXES or text in ("°", "%", "1") for text in texts if text)
-    return texts if any(texts) and all(known) else []
+    is_unit = (text.casefold() in UNIT_SUFFIXES or text in ("°", "%", "1") for text in texts if text)
+    return texts if any(texts) and all(is_unit) else []
 
 
 def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -> bool:

@@ -57,13 +57,13 @@ def import_files(
     """
     if options.kind and options.kind.endswith(".py"):
         options = replace(options, kind=load_protocol_class(options.kind).name)
-    known_kinds = table_kinds()
-    if options.kind and options.kind not in known_kinds:
-        raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(known_kinds)}")
+    by_name = table_kinds()
+    if options.kind and options.kind not in by_name:
+        raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(by_name)}")
     with usage_errors(TableImportError, StorageError):
         parts = progress.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
-        kinds = [known_kinds[options.kind] if options.kind else _kind_of(sheet, options) for sheet in sheets]
+        kinds = [by_name[options.kind] if options.kind else _kind_of(sheet, options) for sheet in sheets]
         taken = _import_tables(sheets, kinds, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
         written = (
             []
@@ -81,8 +81,8 @@ def _kind_of(table: ImportTable, options: ImportOptions) -> TableKind:
     Raises:
         TableImportError: it is none, several, or a table of series.
     """
-    if known := table_kinds().get(str(table.metadata.get("protocol"))):
-        return known
+    if kind := table_kinds().get(str(table.metadata.get("protocol"))):
+        return kind
     stem, exported, _ = table.path.name.rpartition(SERIES_MARK)
     if exported and [column.name for column in table.columns[:2]] == ["entry", "label"]:
         raise TableImportError(
@@ -213,10 +213,10 @@ def _import_options(
     if options.elongation_m is not None and kind.name != TIME_SERIES and kind.column("elongation") is None:
         raise UsageError(f"--membrane-elongation is for a response on a membrane; {table.path} is a {kind.name}")
     settings = _settings(kind, options.settings, kinds)
-    known = PROTOCOLS[kind.protocol].model_fields
+    names = PROTOCOLS[kind.protocol].model_fields
     prefix = "parameter_"
-    stored = {current_parameter(n.removeprefix(prefix), known): about[n] for n in about if n.startswith(prefix)}
-    settings |= {name: stored[name] for name in known if name in stored and name not in settings}
+    stored = {current_parameter(n.removeprefix(prefix), names): about[n] for n in about if n.startswith(prefix)}
+    settings |= {name: stored[name] for name in names if name in stored and name not in settings}
     start = about.get("start_time")
     return replace(
         options,
@@ -237,10 +237,10 @@ def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKi
         if name not in protocol.model_fields:
             if name in others:
                 continue
-            known = ", ".join(protocol.model_fields)
+            names = ", ".join(protocol.model_fields)
             raise UsageError(
                 f"{protocol.name} has no parameter '{name}'; omit --set {name} for this table, or import it together with tables "
-                f"that have it. It has: {known}"
+                f"that have it. It has: {names}"
             )
         try:
             given[name] = read_value(protocol, name, text)

@@ -55,8 +55,8 @@ def read_universal_file(path: Path, data: bytes) -> ImportTable:
         _column("phase", "rad", np.angle(receptance)),
     ]
     text = " ".join(str(response.get(f"id{i}", "")) for i in range(1, 6))
-    if found := DRIVE_AMPLITUDE.search(text):
-        columns.append(_column("drive_amplitude", "V", np.full(frequency_hz.size, float(found[1]))))
+    if match := DRIVE_AMPLITUDE.search(text):
+        columns.append(_column("drive_amplitude", "V", np.full(frequency_hz.size, float(match[1]))))
     about: dict[str, Any] = {"simulated": 1} if "SIMULATED" in text else {}
     for each in sets:
         if each.get("type") == 151 and (name := str(each.get("model_name", "")).strip()) not in ("", "NONE"):
@@ -68,10 +68,12 @@ def read_universal_file(path: Path, data: bytes) -> ImportTable:
 
 
 def _only_response(path: Path, sets: list[dict[str, Any]]) -> dict[str, Any]:
-    found = [each for each in sets if each.get("type") == 58 and each.get("func_type") == FREQUENCY_RESPONSE]
-    if len(found) == 1:
-        return found[0]
-    count = f"{len(found)} frequency responses" if found else "no frequency response (data set 58, function type 4)"
+    responses = [each for each in sets if each.get("type") == 58 and each.get("func_type") == FREQUENCY_RESPONSE]
+    if len(responses) == 1:
+        return responses[0]
+    count = (
+        f"{len(responses)} frequency responses" if responses else "no frequency response (data set 58, function type 4)"
+    )
     raise TableImportError(f"{path} has {count}; give a file with one")
 
 
@@ -85,12 +87,12 @@ def _read_sets(path: Path) -> list[dict[str, Any]]:
     import pyuff
 
     try:
-        found = pyuff.UFF(str(path)).read_sets()
+        sets = pyuff.UFF(str(path)).read_sets()
     except Exception as error:  # noqa: BLE001 - pyuff raises bare exceptions, and any error by a damaged file
         raise TableImportError(
             f"{path} is not a readable Universal File ({truncate_text(str(error))}); export it again, or save a table as CSV"
         ) from None
-    return [found] if isinstance(found, dict) else list(found)
+    return [sets] if isinstance(sets, dict) else list(sets)
 
 
 def _differentiation(path: Path, response: dict[str, Any], frequency_hz: Array) -> Any:

@@ -65,16 +65,16 @@ class ShowAuditCommand(_AuditOptions):
     @usage_errors(AuditError)
     def execute(self) -> int:
         entries, problems = read_entries(self.folder)
-        found = [
+        entries = [
             entry
             for entry in entries
             if (not self.action or entry.action == self.action)
             and (not self.subject or any(self.subject in text for text in (entry.subject, *entry.files)))
         ]
-        lines = [_line(entry) for entry in (found if self.all else found[-SHOWN_LINES:])]
+        lines = [_line(entry) for entry in (entries if self.all else entries[-SHOWN_LINES:])]
         lines += [f"✕ {problem}" for problem in problems]
         print_answer(
-            {"entries": [asdict(each) for each in found], "problems": problems}, map(visible_text, lines), self.json
+            {"entries": [asdict(each) for each in entries], "problems": problems}, map(visible_text, lines), self.json
         )
         return ExitCode.FAILED if problems else ExitCode.DONE
 

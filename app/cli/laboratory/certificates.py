@@ -78,13 +78,13 @@ def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
         raise CertificateError(
             f"{path} is no table of points ({error}); write a header such as 'displacement [mm],u(displacement) [mm]' and numbers"
         ) from None
-    found = []
+    table = []
     for heading, values in columns.items():
         name, _, unit = heading.removesuffix("]").partition(" [")
         if not name.startswith("u("):
             errors = columns.get(f"u({name}) [{unit}]", columns.get(f"u({name})", []))
-            found.append(CertificateColumn(name, unit or "1", tuple(values), tuple(errors)))
-    return tuple(found)
+            table.append(CertificateColumn(name, unit or "1", tuple(values), tuple(errors)))
+    return tuple(table)
 
 
 @command()
@@ -95,26 +95,30 @@ class ListCertificatesCommand:
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
-        found, problems = read_certificates(self.folder)
+        certificates, problems = read_certificates(self.folder)
         today = datetime.now(UTC).date()
-        left = [each.days_left(today) for each in found]
+        left = [each.days_left(today) for each in certificates]
         table = Table(
             "certificates",
             f"Calibration certificates in {self.folder}",
             (
-                Column("due", None, [each.due or "not stated" for each in found]),
-                Column("state", None, [each.state(today) for each in found]),
+                Column("due", None, [each.due or "not stated" for each in certificates]),
+                Column("state", None, [each.state(today) for each in certificates]),
                 Column("days_left", None, ["" if days is None else str(days) for days in left], "days left"),
-                Column("role", None, [each.role for each in found], "instrument"),
-                Column("item", None, [each.item for each in found]),
-                Column("serial", None, [each.serial for each in found]),
-                Column("number", None, [each.number for each in found], "certificate"),
-                Column("laboratory", None, [each.laboratory for each in found]),
-                Column("date", None, [each.date for each in found]),
+                Column("role", None, [each.role for each in certificates], "instrument"),
+                Column("item", None, [each.item for each in certificates]),
+                Column("serial", None, [each.serial for each in certificates]),
+                Column("number", None, [each.number for each in certificates], "certificate"),
+                Column("laboratory", None, [each.laboratory for each in certificates]),
+                Column("date", None, [each.date for each in certificates]),
             ),
         )
         render(CommandResult("certificate list", {}, (table,), tuple(problems)), self.json)
-        return ExitCode.FAILED if problems or any(each.state(today) == "expired" for each in found) else ExitCode.DONE
+        return (
+            ExitCode.FAILED
+            if problems or any(each.state(today) == "expired" for each in certificates)
+            else ExitCode.DONE
+        )
 
 
 @command("D-K-1234")
@@ -126,13 +130,13 @@ class ShowCertificateCommand:
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
-        found, _ = read_certificates(self.folder)
-        chosen = [each for each in found if each.number == self.number] or [
-            each for each in found if each.number.startswith(self.number)
+        certificates, _ = read_certificates(self.folder)
+        chosen = [each for each in certificates if each.number == self.number] or [
+            each for each in certificates if each.number.startswith(self.number)
         ]
         if len(chosen) != 1:
-            known = ", ".join(each.number for each in found) or "none"
-            raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {known}")
+            numbers = ", ".join(each.number for each in certificates) or "none"
+            raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {numbers}")
         (one,) = chosen
         lines = [
             f"Certificate {one.number} of {one.laboratory}, {one.date}: {one.name}",

@@ -48,10 +48,10 @@ class _FleetOptions:
         with scanned_catalogue(self.folder, self.json) as catalogue, usage_errors(FleetError, ParameterError):
             threshold = chosen_threshold(self.folder, self.threshold)
             fleet = read_fleet(self.folder, catalogue, True if self.simulated else None, threshold)
-        found = fleet.filtered(self.specimens, self.batch, self.bench, self.protocol, since)
-        if not found.values:
+        selection = fleet.filtered(self.specimens, self.batch, self.bench, self.protocol, since)
+        if not selection.values:
             raise UsageError("no value matches all options; give fewer options")
-        return found
+        return selection
 
 
 @command("example: tactor-bench fleet runs --quantity natural_frequency --group-by month --picture fleet.png")

@@ -93,13 +93,13 @@ class RestoreCommand:
     def execute(self) -> int:
         try:
             with terminal_progress("restore") as progress:
-                found = restore_archive(self.archive, self.folder, progress)
+                restored = restore_archive(self.archive, self.folder, progress)
         except OperationCancelled:
             print_message("cancelled; the files that were complete are kept")
             return ExitCode.FAILED
-        if found.already_present:
+        if restored.already_present:
             print_message(
-                f"{pluralize(len(found.already_present), 'file')} were in {self.folder} already, with the same content"
+                f"{pluralize(len(restored.already_present), 'file')} were in {self.folder} already, with the same content"
             )
-        print_line(f"{pluralize(len(found.copied), 'file')} restored to {self.folder}; every hash is right")
+        print_line(f"{pluralize(len(restored.copied), 'file')} restored to {self.folder}; every hash is right")
         return ExitCode.DONE

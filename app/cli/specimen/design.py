@@ -47,8 +47,8 @@ class DesignTopic(Topic):
     def compute(self) -> CommandResult:
         active = self._active_model()
         specimen = read_specimen(self, base=active)
-        known = active.estimates_for(specimen)
-        estimates = None if known is None else known.without(read_settings(self.settings))
+        estimates = active.estimates_for(specimen)
+        estimates = None if estimates is None else estimates.without(read_settings(self.settings))
         choice = self.shapes.choose(specimen)
         tables, notes = self.answer(specimen, estimates, choice.n)
         source = f"From {active.description}, {describe_specimen(specimen)}."
@@ -110,9 +110,9 @@ class DriveTopic(DesignTopic):
     shapes: ShapeOptions = group(ShapeOptions)
 
     def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:
-        hz, wanted_m = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC), read_number(self.amplitude, AMPLITUDE)
-        drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
-        names = (f"sine of {hz:g} Hz for {1e6 * wanted_m:g} µm, peak to peak",)
+        hz, amplitude_m = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC), read_number(self.amplitude, AMPLITUDE)
+        drive = required_drive(specimen, hz, amplitude_m, estimates, n=n)
+        names = (f"sine of {hz:g} Hz for {1e6 * amplitude_m:g} µm, peak to peak",)
         table = _answer_table("drive", "Drive at the amplifier's input", names, (drive,), ("V", "V"))
         reach = describe_reach(specimen, drive, hz, n)
         if drive.value > 2 * FULL_AMPLITUDE_V:
@@ -135,13 +135,13 @@ def _answer_table(
     if None in errors:
         columns.append(Column("value", si, values, "needed", shown, ".4g"))
     else:
-        factor, known = SCALES.get(shown, 1), np.array(errors, float)
-        pairs = zip(values, known, strict=True)
+        factor, standard_errors = SCALES.get(shown, 1), np.array(errors, float)
+        pairs = zip(values, standard_errors, strict=True)
         columns += [
             Column("needed", "", [format_with_uncertainty(factor * v, factor * e, shown) for v, e in pairs]),
             Column("value", si, values, displayed=False),
-            Column("standard_error", si, known, displayed=False),
-            Column("low", si, values - COVERAGE_FACTOR_95 * known, "95 % from", shown, ".4g"),
-            Column("high", si, values + COVERAGE_FACTOR_95 * known, "to", shown, ".4g"),
+            Column("standard_error", si, standard_errors, displayed=False),
+            Column("low", si, values - COVERAGE_FACTOR_95 * standard_errors, "95 % from", shown, ".4g"),
+            Column("high", si, values + COVERAGE_FACTOR_95 * standard_errors, "to", shown, ".4g"),
         ]
     return Table(name, title, tuple(columns))

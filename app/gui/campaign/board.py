@@ -86,13 +86,13 @@ class NextStepPane(QFrame):
         for label in (self.reason, self.detail):
             label.setVisible(bool(label.text()))
             label.setToolTip(label.text())
-        for what, button in self.buttons.items():
-            button.setVisible(what in step.actions)
-            first = bool(step.actions) and what == step.actions[0]
+        for action, button in self.buttons.items():
+            button.setVisible(action in step.actions)
+            first = bool(step.actions) and action == step.actions[0]
             set_style_kind(button, "go" if first else "")
-            runs = what.startswith("run")
-            if what == "run":
-                button.setText(ACTION_BUTTON_LABELS[what] if first else shortcut_label("Run the next", "run"))
+            runs = action.startswith("run")
+            if action == "run":
+                button.setText(ACTION_BUTTON_LABELS[action] if first else shortcut_label("Run the next", "run"))
             button.setEnabled(not (runs and blocked_reason))
             button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
 

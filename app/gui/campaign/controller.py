@@ -83,8 +83,8 @@ class CampaignController(QObject):
         """List recent campaigns and the campaigns of the folder."""
 
         def find() -> tuple[Path, ...]:
-            found = [path for path in self.recent if path.is_file()] + campaigns.list_campaigns(folder)
-            return tuple(dict.fromkeys(path.absolute() for path in found))
+            paths = [path for path in self.recent if path.is_file()] + campaigns.list_campaigns(folder)
+            return tuple(dict.fromkeys(path.absolute() for path in paths))
 
         self._file_worker.submit(find, self._on_campaigns_found, self._on_error)
 

@@ -159,8 +159,8 @@ class CampaignPage(QStackedWidget):
             case "halt the queue":
                 self.controller.halt_queue()
             case "open" | "explore" if row is not None and row.state.run is not None:
-                wanted = self.run_open_requested if action == "open" else self.explore_requested
-                wanted.emit(self.board.details.reviewed_path or row.state.run)
+                signal = self.run_open_requested if action == "open" else self.explore_requested
+                signal.emit(self.board.details.reviewed_path or row.state.run)
             case _ if row is not None and not self._busy:
                 self._change_item(action, row)
 

@@ -105,7 +105,7 @@ class ReviewPane(QWidget):
         """List the results of an item, newest first, and select the displayed one."""
         state = item.state
         label = campaigns.varied_label(state.item) if state.steps else ""
-        self._series = tuple(_with_x_in_words(curve, label) for curve in campaigns.series_curves(state))
+        self._series = tuple(_with_x_label(curve, label) for curve in campaigns.series_curves(state))
         chosen = self.figure_box.currentText()
         self.figure_box.clear()
         self.figure_box.addItems([curve.y_axis.name for curve in reversed(self._series)])
@@ -156,9 +156,9 @@ class ReviewPane(QWidget):
         series = tuple(sorted(self._series, key=lambda curve: curve.y_axis.name == chosen))
         kind = PROTOCOLS.get(run.record.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
-        found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.record.estimates)
+        ended = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.record.estimates)
         curves = series or run.series
-        self.plots.show_results(kind, run.points, curves, found, run.record.simulated, curves_first=bool(series))
+        self.plots.show_results(kind, run.points, curves, ended, run.record.simulated, curves_first=bool(series))
 
     def _fill_table(self, review: ResultReview) -> None:
         marks = ["" if not line.limits else "✓" if line.passed else "✕" for line in review.rows]
@@ -180,7 +180,7 @@ class ReviewPane(QWidget):
             self.table.setColumnHidden(place, not any(texts))
 
 
-def _with_x_in_words(curve: Series, label: str) -> Series:
+def _with_x_label(curve: Series, label: str) -> Series:
     """Return a curve whose x column has another name, as the axis is called."""
     return replace(curve, x_axis=replace(curve.x_axis, name=label))
 

@@ -73,8 +73,8 @@ class CommandPalette(SearchCover):
 
     def _fill(self) -> None:
         self.list.clear()
-        found = (entry for entry in self._entries if self._matches(f"{entry.kind} {entry.text} {entry.hint}"))
-        for entry in islice(found, MAX_SHOWN):
+        entries = (entry for entry in self._entries if self._matches(f"{entry.kind} {entry.text} {entry.hint}"))
+        for entry in islice(entries, MAX_SHOWN):
             item = QListWidgetItem(f"{entry.text}    {entry.hint}" if entry.hint else entry.text)
             item.setData(ENTRY_ROLE, entry)
             item.setToolTip(entry.kind)

@@ -46,12 +46,12 @@ class ShortcutSheet(SearchCover):
         self.search_for()
 
     def _fill(self) -> None:
-        found = {
+        sections = {
             title: [info for info in group if self._matches(f"{info.text} {' '.join(info.shortcuts)}")]
             for title, group in self._groups.items()
         }
-        self.rows = [(title, info) for title, group in found.items() for info in group]
-        frames = [_group_frame(title, group) for title, group in found.items() if group]
+        self.rows = [(title, info) for title, group in sections.items() for info in group]
+        frames = [_group_frame(title, group) for title, group in sections.items() if group]
         self.concepts = {
             title: {name: text for name, text in group.items() if self._matches(f"{title} {name} {text}")}
             for title, group in CONCEPTS.items()

@@ -151,6 +151,6 @@ def _label_at(position: float, upright: bool = False) -> dict[str, Any]:
 
 def _describe(chart: GoldenChart, at: int, rules: Sequence[str]) -> str:
     value = chart.values[at]
-    found = format_quantity(value.value, value.total, value.unit, value.name)
+    figure = format_quantity(value.value, value.total, value.unit, value.name)
     broken = f"\nbreaks: {', '.join(rules)}" if rules else ""
-    return f"no. {at + 1}, {value.start_time[:10]}: {found}{broken}"
+    return f"no. {at + 1}, {value.start_time[:10]}: {figure}{broken}"

@@ -174,5 +174,5 @@ class FleetPlot(PlotBase):
 def _describe(x: float, y: float, data: FleetValue) -> str:  # noqa: ARG001 - as pyqtgraph calls it
     """Return the text of a point, only for the point at the pointer, because there may be ten thousand."""
     value = data
-    found = format_quantity(value.value, value.total, value.unit, value.name)
-    return f"{value.specimen}, {value.start_time[:10]}: {found}\n{value.batch}, {value.sensor or value.protocol}"
+    figure = format_quantity(value.value, value.total, value.unit, value.name)
+    return f"{value.specimen}, {value.start_time[:10]}: {figure}\n{value.batch}, {value.sensor or value.protocol}"

@@ -146,8 +146,8 @@ class PointsPlot(PlotBase):
             self._show_strip()
 
     def _show_strip(self) -> None:
-        wanted = bool(self._lines) and self.strip_box.currentIndex() == 0
-        self.strip.setVisible(wanted and self.height() >= MIN_HEIGHT_OF_BOTH)
+        is_visible = bool(self._lines) and self.strip_box.currentIndex() == 0
+        self.strip.setVisible(is_visible and self.height() >= MIN_HEIGHT_OF_BOTH)
 
     def _draw_lines(self, points: Sequence[Any]) -> None:
         """Draw the fit lines through the points, and the residuals."""
@@ -227,8 +227,8 @@ class PointsPlot(PlotBase):
 
 def _shown_units(kind: type[Protocol]) -> list[tuple[float, str]]:
     """Return factor and name of the units in which x and y of a protocol are displayed."""
-    known = point_columns(kind.point_type)
-    return [shown_unit(known[name][0])[:2] for name in kind.axes]
+    columns = point_columns(kind.point_type)
+    return [shown_unit(columns[name][0])[:2] for name in kind.axes]
 
 
 def _has_position(point: Any, *names: str) -> bool:

@@ -80,8 +80,8 @@ def series_as_text(series: Iterable[Series], x_label: str, y_label: str, simulat
     lines = ["SIMULATED"] if simulated else []
     lines.append(f"series\t{x_label}\t{y_label}\tstandard error")
     for one in series:
-        known = one.total_errors if one.errors is None else one.errors
-        errors = np.full(one.x.size, np.nan) if known is None else known
+        errors = one.total_errors if one.errors is None else one.errors
+        errors = np.full(one.x.size, np.nan) if errors is None else errors
         lines += [
             f"{one.title}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
             for x, y, error in zip(one.x, one.y, errors, strict=True)

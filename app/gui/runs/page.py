@@ -175,10 +175,10 @@ class RunsPage(QStackedWidget):
             runs = measured_responses(paths)
             return runs, load_run(paths[0], with_traces=False) if len(paths) == 1 else None
 
-        def show(found: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
-            self.details.show_runs(found[0], len(chosen))
-            if found[1] is not None:
-                self.details.show_result(found[1])
+        def show(loaded: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
+            self.details.show_runs(loaded[0], len(chosen))
+            if loaded[1] is not None:
+                self.details.show_result(loaded[1])
 
         self._worker.submit(read, show, self._on_error, latest_only="responses")
 

@@ -323,8 +323,8 @@ def update_actions(widget: QWidget, state: WindowState) -> None:
 def actions_of(widgets: list[QWidget]) -> Iterator[tuple[ActionInfo, QAction]]:
     """Return the actions of widgets in the order of the registry; actions made at run time come last."""
     order = {name: at for at, name in enumerate(ACTIONS)}
-    found = [(a.data(), a) for widget in widgets for a in widget.actions() if isinstance(a.data(), ActionInfo)]
-    yield from sorted(found, key=lambda pair: order.get(pair[0].id, len(order)))
+    actions = [(a.data(), a) for widget in widgets for a in widget.actions() if isinstance(a.data(), ActionInfo)]
+    yield from sorted(actions, key=lambda pair: order.get(pair[0].id, len(order)))
 
 
 def shortcuts_by_group(window: QWidget, page_titles: list[str]) -> dict[str, tuple[ActionInfo, ...]]:
