@@ -15,16 +15,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from model import AmplifierMap
-from protocols.base import (
-    PlanEntry,
-    Prompt,
-    Protocol,
-    Quality,
-    Recording,
-    RunStatus,
-    Series,
-    extend_plan,
-)
+from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, RunStatus, Series, extend_plan
 from protocols.registry import PROTOCOLS
 from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, translate_read_errors
 
@@ -62,7 +53,9 @@ def protocol_of_run(run: Run, run_name: str) -> Protocol:
     """
     kind = PROTOCOLS.get(run.record.protocol)
     if kind is None:
-        raise RunReadError(f"{run_name} is a run of '{run.record.protocol}', an unknown protocol")
+        raise RunReadError(
+            f"{run_name} is a run of '{run.record.protocol}', an unknown protocol; load its file as well"
+        )
     try:
         return kind(**run.record.parameters)
     except ValidationError as error:
@@ -209,9 +202,8 @@ def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
         for field in fields(point_type):
-            value = np.asarray(
-                columns[field.name][row] if field.name in columns else math.nan
-            )  # a file of an earlier version
+            # A file of an earlier version.
+            value = np.asarray(columns[field.name][row] if field.name in columns else math.nan)
             values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])

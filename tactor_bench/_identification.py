@@ -152,9 +152,7 @@ def identify(
     if not paths:
         raise ValueError("there are no runs to identify; give at least one")
     if method == "chain" and (free or also or fixed or priors or robust):
-        raise ValueError(
-            "free, also, fixed, priors and robust are for the joint fit; the chain's steps are the paper's"
-        )
+        raise ValueError("free, also, fixed, priors and robust are for the joint fit; the chain has fixed steps")
     priors_in_si = dict(priors or {})
     setting = FitOptions(
         free=None if free is None else (*free, *(name for name in priors_in_si if name not in free)),

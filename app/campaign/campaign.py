@@ -28,12 +28,7 @@ from app.campaign.plan import (
     write_record,
 )
 from app.campaign.series import evaluate_items
-from app.campaign.status import (
-    HAS_VALID_RUN,
-    CampaignRuns,
-    ItemState,
-    basis_of,
-)
+from app.campaign.status import HAS_VALID_RUN, CampaignRuns, ItemState, basis_of
 from app.common import record_audit
 from model import AmplifierMap
 from protocols import PROTOCOLS

@@ -9,12 +9,7 @@ import numpy as np
 from app.archive import RunSummary
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
-from app.common import (
-    UnitError,
-    field_label,
-    read_numbers,
-    unit_of,
-)
+from app.common import UnitError, field_label, read_numbers, unit_of
 from model import shown_unit
 from protocols import PROTOCOLS
 from protocols.base import EstimatedQuantity, Protocol, RunFigure, Series, SeriesAxis

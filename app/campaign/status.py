@@ -237,10 +237,7 @@ def _state_without_result(
 
 
 def _valid_run(
-    item: CampaignItem,
-    results: Sequence[RunSummary],
-    previous: Mapping[str, ItemState],
-    based_on: Mapping[str, Basis],
+    item: CampaignItem, results: Sequence[RunSummary], previous: Mapping[str, ItemState], based_on: Mapping[str, Basis]
 ) -> RunSummary | None:
     """Return the valid run: the last accepted one while its basis is unchanged; otherwise the newest."""
     valid = {run.name: run for run in results if run.name not in item.rejected}

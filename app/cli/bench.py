@@ -301,9 +301,5 @@ class FaultsCommand:
 
 
 VERBS = CommandGroup(
-    "Bench files.",
-    "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
-    {
-        "new": NewBenchCommand,
-    },
+    "Bench files.", "example: tactor-bench bench new bench1.toml --host 192.0.2.7", {"new": NewBenchCommand}
 )

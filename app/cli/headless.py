@@ -213,10 +213,7 @@ def headless_session(
     with observer:
         opener = plan.wrap(
             lambda: connect(
-                bench.config,
-                bench.speed,
-                UNATTENDED_BLOCK_S,
-                without_commissioning=bench.without_commissioning,
+                bench.config, bench.speed, UNATTENDED_BLOCK_S, without_commissioning=bench.without_commissioning
             )
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)

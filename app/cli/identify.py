@@ -110,8 +110,7 @@ class AcceptCommand:
     by: str = option("name of the person who accepts the result", metavar="NAME")
     note: str = option("note stored with the result")
     reason: str = option(
-        "reason for accepting an inadequate or untested result; stored and printed with it",
-        metavar="TEXT",
+        "reason for accepting an inadequate or untested result; stored and printed with it", metavar="TEXT"
     )
     json: bool = JSON_OBJECT
     accept: bool = True
@@ -155,7 +154,7 @@ class AcceptCommand:
             return
         if self.free or self.also or self.fixed or self.priors or self.robust:
             raise UsageError(
-                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
+                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain has fixed steps"
             )
         if self.profile or self.next is not None:
             raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")

@@ -81,10 +81,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "archive a specimen with all its runs as one file for a lab notebook or another computer",
     ),
     "restore": ("specimen.archive:RestoreCommand", "restore the files of an archive, each with its hash verified"),
-    "verify": (
-        "run_files:VerifyCommand",
-        "verify run files by their checksums; repair files of a killed program",
-    ),
+    "verify": ("run_files:VerifyCommand", "verify run files by their checksums; repair files of a killed program"),
     "import": (
         "import_:ImportCommand",
         "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files",

@@ -165,11 +165,7 @@ class StepTopic(Topic):
         V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
         w = step_response(t, time, volts, skin, n)
         onset = onset_response(tactor_modal_form(t, skin, n), time, hz, V).real
-        curve = Table(
-            "time",
-            "",
-            (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)),
-        )
+        curve = Table("time", "", (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)))
         lines = (Series(time, w, label=f"step of {volts:g} V"), Series(time, onset, label=f"onset of {hz:g} Hz"))
         figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
         return CommandResult(

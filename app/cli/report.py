@@ -64,8 +64,7 @@ class ReportCommand:
         "name of the laboratory, on the first page (default: from laboratory.toml beside the runs)", metavar="NAME"
     )
     logo: Path | None = option(
-        "picture of the laboratory (PNG), at the top of the first page (default: from laboratory.toml)",
-        metavar="FILE",
+        "picture of the laboratory (PNG), at the top of the first page (default: from laboratory.toml)", metavar="FILE"
     )
     sign: Path | None = option("SSH key that signs PDF and HTML (FILE.sig beside each); needs --by", metavar="KEY")
     by: str = option("name of the person who signs, on the first page", metavar="NAME")

@@ -151,11 +151,7 @@ class ResumeCommand(BenchOptions):
 
 
 def _open_window(
-    selected: "SelectedBench",
-    options: BenchOptions,
-    protocol: "Protocol",
-    autostart: bool,
-    bench_given: bool = True,
+    selected: "SelectedBench", options: BenchOptions, protocol: "Protocol", autostart: bool, bench_given: bool = True
 ) -> int:
     from app.config import load_bench
     from app.gui import InitialForm, OpenedBench, open_window

@@ -81,9 +81,7 @@ def describe_reach(specimen: Specimen, drive: DesignAnswer, frequency_hz: float,
     return f"On the specimen {low_v:.4g} to {high_v:.4g} V; {full_v:g} V peak to peak, the largest drive, gives {1e6 * largest:.4g} µm."
 
 
-def _source_of(
-    question: DesignQuestion,
-) -> tuple[Specimen, EstimateSet | None, EstimatedQuantity | None, str]:
+def _source_of(question: DesignQuestion) -> tuple[Specimen, EstimateSet | None, EstimatedQuantity | None, str]:
     setting = question.setting
     if question.calibrated is None:
         return setting.specimen, None, None, "From the sliders, without uncertainties."
@@ -101,11 +99,7 @@ def _source_of(
 
 
 def _mass_sentence(
-    question: DesignQuestion,
-    specimen: Specimen,
-    estimates: EstimateSet | None,
-    share: EstimatedQuantity | None,
-    n: int,
+    question: DesignQuestion, specimen: Specimen, estimates: EstimateSet | None, share: EstimatedQuantity | None, n: int
 ) -> str:
     try:
         mass = required_mass(specimen, question.resonance_hz, estimates, n=n)

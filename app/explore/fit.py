@@ -77,10 +77,7 @@ def fit_runs(
 
 
 def _dimension_errors(
-    observations: "ObservationSet",
-    options: "FitOptions",
-    setting: ExploreSetting,
-    cancelled: Callable[[], bool] | None,
+    observations: "ObservationSet", options: "FitOptions", setting: ExploreSetting, cancelled: Callable[[], bool] | None
 ) -> dict[str, float]:
     """Return the uncertainty of each parameter that comes from the dimensions, measured by ruler and caliper."""
     from app.identification import DIMENSIONS, table_one_entry

@@ -146,9 +146,8 @@ class RecalibratedRun(Run):
                 entry = int(event.fields.get("entry", event.fields["index"]))
                 since = begun.get(entry, 0)
                 mine = [r for r in own if r.entry == entry and since <= r.rows[0] and r.rows[1] <= event.row]
-                recordings[entry] = mine or recordings.get(
-                    entry, []
-                )  # a point carried over has no recordings in this file
+                # A point carried over has no recordings in this file.
+                recordings[entry] = mine or recordings.get(entry, [])
 
 
 def _format_value(value: object) -> str:

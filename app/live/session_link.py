@@ -19,16 +19,7 @@ from app.session import (
     TimedEvent,
     practise,
 )
-from protocols.base import (
-    BlockDiscarded,
-    BlockStored,
-    EventBus,
-    Operator,
-    Prompt,
-    RunEnded,
-    RunStarted,
-    StreamStarted,
-)
+from protocols.base import BlockDiscarded, BlockStored, EventBus, Operator, Prompt, RunEnded, RunStarted, StreamStarted
 
 
 class PromptMailbox:

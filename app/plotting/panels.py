@@ -255,11 +255,7 @@ def _symbols(panel: PlotPanel) -> Iterator[tuple[str, str, Series]]:
 
 
 def draw_reference(
-    axes: Any,
-    line: Series,
-    shaded: ShadedRange | None = None,
-    color: str = LEVEL_COLOR,
-    size: float = SMALL_PT - 0.5,
+    axes: Any, line: Series, shaded: ShadedRange | None = None, color: str = LEVEL_COLOR, size: float = SMALL_PT - 0.5
 ) -> None:
     """Draw a line to compare with, level if it has one value, and a shaded range; keep the limits of x that the axes have now."""
     low, high = axes.get_xlim()

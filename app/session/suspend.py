@@ -70,11 +70,7 @@ def _inhibit_by_logind(stack: contextlib.ExitStack) -> None:
 
 def _start(command: tuple[str, ...], stack: contextlib.ExitStack) -> "subprocess.Popen[bytes]":
     child = subprocess.Popen(  # noqa: S603 - a fixed command
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
     )
     stack.callback(_end, child)
     return child

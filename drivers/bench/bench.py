@@ -14,13 +14,7 @@ from drivers.bench.abort_level_settings import LevelSettings
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.rest import REST_TOLERANCE_V
-from drivers.bench.shutdown import (
-    REST_TIMEOUT_S,
-    LiveWarning,
-    SafeShutdown,
-    drive_voltage,
-    live_warning,
-)
+from drivers.bench.shutdown import REST_TIMEOUT_S, LiveWarning, SafeShutdown, drive_voltage, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.errors import (
@@ -196,11 +190,7 @@ class Bench:
 
     @contextlib.contextmanager
     def exercised(
-        self,
-        rate_hz: float,
-        block_sink: Callable[[Block], None],
-        switch: HighVoltageSwitch,
-        order: Sequence[int] = (),
+        self, rate_hz: float, block_sink: Callable[[Block], None], switch: HighVoltageSwitch, order: Sequence[int] = ()
     ) -> Iterator[ArmedBench]:
         """Set the source up with high voltage off and leave it at rest, at any measured level: for its commissioning.
 
@@ -216,9 +206,8 @@ class Bench:
         """
         switch.disable()
         self._high_voltage_enabled = False
-        if (
-            not self.amplifier.is_source_at_rest()
-        ):  # before the card runs, because it may take longer than the card's buffer
+        # Before the card runs, because it may take longer than the card's buffer.
+        if not self.amplifier.is_source_at_rest():
             self.amplifier.initialize_at_rest()
         shutdown = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
         with self.open_scan(order, rate_hz) if order else self.open_stream(rate_hz) as stream:

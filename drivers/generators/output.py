@@ -82,9 +82,8 @@ class BurstOutput:
         if self._capabilities.holds_range:
             self._set_drive_amplitude(points, full_v)
         triggered_s = self._clock.now()
-        self.burst_end_s = (
-            triggered_s + seconds
-        )  # before it is sent: if the reply is lost, a playing burst must be assumed
+        # Before it is sent: if the reply is lost, a playing burst must be assumed.
+        self.burst_end_s = triggered_s + seconds
         self._dialect.trigger()
         self.burst_end_s = self._clock.now() + seconds
         return triggered_s

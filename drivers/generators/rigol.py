@@ -118,9 +118,8 @@ class Dg1000zDialect(RigolDialect):
         self.freeze_range(levels)
 
     def download_waveform(self, points: Points) -> None:
-        packets = np.array_split(
-            points, math.ceil(points.size / PACKET_POINTS)
-        )  # pieces of equal size: none is too small
+        # Pieces of equal size: none is too small.
+        packets = np.array_split(points, math.ceil(points.size / PACKET_POINTS))
         for number, packet in enumerate(packets, 1):
             flag = "END" if number == len(packets) else "CON"
             block = definite_length_block(converter_codes(packet))

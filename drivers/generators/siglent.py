@@ -65,7 +65,7 @@ class SiglentSession:
 
     def parameters(self, command: str) -> dict[str, str]:
         """Query the parameters of a command; return them by name."""
-        query = f"{_full_header(command)}?"
+        query = f"{'' if command == 'COUP' else 'C1:'}{command}?"
         answer = self.scpi.query(query)
         header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
         if header is None or header[1] != command:
@@ -378,10 +378,6 @@ def without_line_feeds(codes: NDArray[np.int16]) -> NDArray[np.int16]:
     )
     moved[(moved & 0xFF) == LINE_FEED] += 1
     return moved.astype("<i2")
-
-
-def _full_header(command: str) -> str:
-    return command if command == "COUP" else f"C1:{command}"
 
 
 def _block_size(header: str) -> int:

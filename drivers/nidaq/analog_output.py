@@ -208,9 +208,8 @@ class NiAnalogOutput:
         try:
             is_in_time = task.rewrite(begins, renewed.samples(begins, target + hold.fall + 1 - begins), progress)
         except AcquisitionError:
-            progress = PlaybackProgress(
-                task, self._clock, self._margin_s
-            )  # a card that does not answer raises here as well
+            # A card that does not answer raises here as well.
+            progress = PlaybackProgress(task, self._clock, self._margin_s)
             self.holds_rewrites_back = True
             self._hand_over(hold, progress)
             return
@@ -327,8 +326,7 @@ class NiAnalogOutput:
         ramp = Ramp(from_v, level_v, max(duration_s, 1e-3))
         queue, fine = self._queue(), ramp.slew_v_per_s / STEP_V
         rate = next(
-            (r for r in HOLD_RATES_HZ if r >= fine and queue.samples_at(r) <= self.lease_s / 4 * r),
-            HOLD_RATES_HZ[-1],
+            (r for r in HOLD_RATES_HZ if r >= fine and queue.samples_at(r) <= self.lease_s / 4 * r), HOLD_RATES_HZ[-1]
         )
         lease = math.ceil(self.lease_s * rate)
         rise, fall = math.ceil(ramp.duration_s * rate), math.ceil(abs(level_v - rest_v) / RETURN_V_PER_S * rate) + 1
@@ -372,11 +370,7 @@ class NiAnalogOutput:
         self._write_level(level_v)
 
     def _start(
-        self,
-        task: OutputTask,
-        render: Callable[[int, int], Array],
-        drive: Drive | None,
-        hold: HeldLevel | None,
+        self, task: OutputTask, render: Callable[[int, int], Array], drive: Drive | None, hold: HeldLevel | None
     ) -> None:
         try:
             task.write(render, self._clock)

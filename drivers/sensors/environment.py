@@ -86,14 +86,13 @@ def parse_reading(line: str, where: str) -> EnvironmentReading:
         raise LinkError(
             f"{where} sent '{line[:40]}', which is neither a temperature nor a humidity; check [environment]"
         )
-    celsius = math.nan if temperature is None else _to_celsius(float(temperature[1]), temperature[2])
+    celsius = math.nan
+    if temperature is not None:
+        value = float(temperature[1])
+        celsius = {"C": value, "F": (value - 32) / 1.8, "K": value - 273.15}[temperature[2]]
     share = math.nan if humidity is None else float(humidity[1]) / 100
     if not (math.isnan(celsius) or LOWEST_C <= celsius <= HIGHEST_C) or not (math.isnan(share) or 0 <= share <= 1):
         raise LinkError(
             f"{where} sent '{line[:40]}'; expected are {LOWEST_C:g} to {HIGHEST_C:g} °C and 0 to 100 %. Check the sensor"
         )
     return EnvironmentReading(None if temperature is None else celsius, None if humidity is None else share)
-
-
-def _to_celsius(value: float, unit: str) -> float:
-    return {"C": value, "F": (value - 32) / 1.8, "K": value - 273.15}[unit]

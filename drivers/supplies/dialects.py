@@ -113,9 +113,8 @@ SUPPLY_DIALECTS = (
     _keysight(
         "Keysight E36200/E36300",
         r"E36(3\d\d|23[34])",
-        PersistentSetting(
-            OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"
-        ),  # it trips at the current limit itself
+        # It trips at the current limit itself.
+        PersistentSetting(OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"),
         PersistentSetting("pairing of outputs", "OUTP:PAIR?", ("OFF", "NONE"), "OUTP:PAIR OFF", optional=True),
         channel_list=True,
     ),

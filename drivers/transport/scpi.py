@@ -150,9 +150,8 @@ class ScpiSession:
                 if len(header) > MAX_BLOCK_HEADER:
                     raise LinkError(f"no waveform, but '{header[:60].decode('latin-1')}'")
             data = read_bytes(size(header.decode("latin-1")))
-            self.link.write(
-                "*IDN?"
-            )  # an end of line may or may not follow the bytes: the next line of text is the identity
+            # An end of line may or may not follow the bytes: the next line of text is the identity.
+            self.link.write("*IDN?")
             if not self.link.read().strip():
                 self.link.read()
         except LinkError as error:

@@ -189,9 +189,8 @@ class VisaLink:
         if session is not None:
             sock: Any = getattr(wire, "interface", None)
             if isinstance(sock, socket.socket):
-                with contextlib.suppress(
-                    OSError
-                ):  # an instrument of one session serves the next one after it has noticed the end
+                # An instrument of one session serves the next one after it has noticed the end.
+                with contextlib.suppress(OSError):
                     sock.shutdown(socket.SHUT_RDWR)
             with contextlib.suppress(*VISA_ERRORS):
                 session.close()

@@ -14,12 +14,7 @@ from scipy.special import chdtrc, gammaln, ndtr
 from model import Array, Mask
 from model.identification import attribution
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
-from model.identification.forward_model import (
-    Values,
-    beam_under,
-    equation_factors,
-    skin_from_values,
-)
+from model.identification.forward_model import Values, beam_under, equation_factors, skin_from_values
 from model.identification.model_discrepancy import Discrepancy, clamp_discrepancy, possible_discrepancies
 from model.identification.nonidealities import loop_harmonic, specimen_harmonic, with_flexible_clamp
 from model.identification.observations import FrequencyResponseObservation, observed_values
@@ -82,7 +77,7 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
     if (clamp := cause_effects.get(CLAMP)) is not None:
         discrepancies = (*discrepancies, clamp_discrepancy(fit, clamp))
     directions = [*(d.direction for d in discrepancies), *cause_effects.values()]
-    unseen = attribution.undecidable_errors(fit, cause_effects)
+    unseen = tuple(attribution.undecidable_errors(fit, cause_effects))
     harmonics = _harmonic_tests(fit, 1.0)
     chance = attribution.chance_of_smallest(fit, Q, directions, [pattern for _, pattern in _patterns(fit, Q)])
     tests = len(directions) + len(harmonics) + sum(run.values.size > 1 for run in fit.residuals) + 1

@@ -103,10 +103,7 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     skin = _unknown_skin(fit, run)
     setting = replace(
-        fit.options,
-        free=(*fit.free_parameters, *skin),
-        priors={},
-        start={n: values[n] for n in fit.free_parameters},
+        fit.options, free=(*fit.free_parameters, *skin), priors={}, start={n: values[n] for n in fit.free_parameters}
     )
     problem = LeastSquaresProblem(observed.ObservationSet((run,)), setting)
     begin = dict(zip(problem.names, problem.start.tolist(), strict=True))

@@ -9,13 +9,7 @@ from scipy.special import chdtrc
 from model import Array, EstimatedQuantity, Mask
 from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, Loss
-from model.identification.misfit_scale import (
-    OUTLIER_SIGMAS,
-    influence_moments,
-    loss_costs,
-    loss_weights,
-    robust_scale,
-)
+from model.identification.misfit_scale import OUTLIER_SIGMAS, influence_moments, loss_costs, loss_weights, robust_scale
 from model.identification.observations import ObservationSet, observed_values
 from model.identification.residuals import LeastSquaresProblem
 

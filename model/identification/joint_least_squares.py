@@ -231,9 +231,8 @@ class _FitMonitor:
         """
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
-        if self.evaluations >= max(
-            self._max_evaluations, 1
-        ):  # the first evaluation is never refused, so that there is a result
+        # The first evaluation is never refused, so that there is a result.
+        if self.evaluations >= max(self._max_evaluations, 1):
             raise _EvaluationLimitReached
         self.evaluations += 1
 

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, Mask, ParameterSpec
+from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, ParameterSpec
 from model.drive_history import DriveHistory, rayleigh_response
 from model.identification import observations as observed
 from model.response import DIFFERENT_DRIVES, REFERENCE_S, crept_response, fourier_series, loop_harmonics
@@ -187,7 +187,7 @@ class NonidealResponse:
 
     def drift(self, run: observed.StaticLoadingObservation, v: Values) -> Any:
         """Return the drift of the zero at each usable point, (S, F): in the order of the rows."""
-        return _column(v["zero_drift"]) * _positions(run.usable)
+        return _column(v["zero_drift"]) * np.linspace(0, 1, run.usable.size)[run.usable]
 
     def stiffness_gain(self, run: observed.FrequencyResponseObservation, v: Values, sets: int) -> Array:
         """Return the relative growth of the bending stiffness at each usable point, (S, F), by harmonic balance."""
@@ -229,7 +229,3 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Arra
 def _column(value: Any) -> Any:
     """Return a parameter as a column, (S, 1) or (1, 1)."""
     return np.reshape(value, (-1, 1))
-
-
-def _positions(usable: Mask) -> Array:
-    return np.linspace(0, 1, usable.size)[usable]

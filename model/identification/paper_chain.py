@@ -138,11 +138,6 @@ def measured_amplitudes(run: observed.FrequencyResponseObservation, prefer_peak_
     return run.frequency_hz[run.usable][order], A[run.usable][order]
 
 
-def specimen_volts(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
-    """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
-    return np.asarray(np.abs(specimen_harmonic(run, amplifier))[np.argsort(run.frequency_hz[run.usable])])
-
-
 def average_deflections(runs: Sequence[observed.StaticLoadingObservation]) -> tuple[Array, Array]:
     """Loads (N) and deflections (m), (N,) each: repeats averaged per side and then over the sides (Sec. IV-1)."""
     means: dict[float, dict[str, list[float]]] = {}
@@ -443,7 +438,9 @@ class _PaperIdentification:
         return measured_amplitudes(run, self.options.amplitude == "peak_to_peak")
 
     def _specimen_volts(self, run: observed.FrequencyResponseObservation) -> Array:
-        return specimen_volts(run, self.options.amplifier)
+        """Peak volts of the fundamental on the specimen, (F,), in the order of `measured_amplitudes`."""
+        volts = np.abs(specimen_harmonic(run, self.options.amplifier))
+        return np.asarray(volts[np.argsort(run.frequency_hz[run.usable])])
 
     def _k_s(self, elongation: float) -> float:
         m, t = self.membrane, self.tactor

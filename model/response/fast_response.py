@@ -21,11 +21,7 @@ SAMPLES_PER_PERIOD = 256
 
 
 def response_curve(
-    specimen: Specimen,
-    frequency_hz: Array,
-    amplitude_v: float = 2.5,
-    amplifier: AmplifierMap | None = None,
-    n: int = 7,
+    specimen: Specimen, frequency_hz: Array, amplitude_v: float = 2.5, amplifier: AmplifierMap | None = None, n: int = 7
 ) -> PeriodicResponse:
     """Response to a sine of `amplitude_v` (peak, at the amplifier's input) around rest, with the fundamental only.
 

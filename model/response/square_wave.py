@@ -15,12 +15,7 @@ from model import AmplifierMap, Complex, ParameterError, Skin, Tactor
 from model.beam import receptance
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import check_input_range
-from model.response.harmonic_response import (
-    check_frequency,
-    harmonic_orders,
-    peak_to_peak,
-    tactor_modal_form,
-)
+from model.response.harmonic_response import check_frequency, harmonic_orders, peak_to_peak, tactor_modal_form
 from model.response.periodic_response import PeriodicResponse
 
 

@@ -111,9 +111,8 @@ def _sought_mass(above: MassFunction, frequency_hz: float, expected_kg: float | 
             return float(brentq(above, low, high, xtol=1e-9))
     masses_kg = np.geomspace(LIGHTEST_KG, HEAVIEST_KG, TRIED_MASSES)
     rises = np.array([above(mass) > 0 for mass in masses_kg])
-    last = np.flatnonzero(
-        rises[:-1] & ~rises[1:]
-    )  # a light tactor can be so damped that its response falls from the start
+    # A light tactor can be so damped that its response falls from the start.
+    last = np.flatnonzero(rises[:-1] & ~rises[1:])
     if not last.size:
         span = f"no added mass from {1e3 * LIGHTEST_KG:g} to {1e3 * HEAVIEST_KG:g} g gives a resonance at {frequency_hz:g} Hz"
         if rises[-1]:

@@ -7,17 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from model import (
-    GRAVITY,
-    NONIDEAL_NAMES,
-    AmplifierMap,
-    Membrane,
-    Series,
-    Specimen,
-    Tactor,
-    beams,
-    replace_variables,
-)
+from model import GRAVITY, NONIDEAL_NAMES, AmplifierMap, Membrane, Series, Specimen, Tactor, beams, replace_variables
 from model.response import load_compliance, natural_frequencies_of, voltage_gain
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 

@@ -47,10 +47,7 @@ class OnsetLatencyAspects(Aspects):
         threshold_m = float(points.run.record.parameters["threshold_m"])
         yield Figure(lines=points.run.series(), levels=(-threshold_m, threshold_m))
         x = SeriesAxis("frequency", "Hz", "frequency of the sine, a step at 0")
-        columns = (
-            ("latency", f"time to {1e6 * threshold_m:g} µm"),
-            ("rise", "rise: step 10 to 90 %, sine to 90 %"),
-        )
+        columns = (("latency", f"time to {1e6 * threshold_m:g} µm"), ("rise", "rise: step 10 to 90 %, sine to 90 %"))
         times = tuple(points.series(x, SeriesAxis(name, "s", "time"), label) for name, label in columns)
         spans = (
             ReferenceSpan(each.low_s, each.high_s, f"{each.actuator}: {each.meaning}") for each in PUBLISHED_LATENCIES

@@ -20,8 +20,7 @@ class Operator(Protocol):
 
 
 DISABLE_HIGH_VOLTAGE = Prompt(
-    "disable-high-voltage",
-    "Switch the amplifier's high voltage OFF. The generator's output is about to come up.",
+    "disable-high-voltage", "Switch the amplifier's high voltage OFF. The generator's output is about to come up."
 )
 ENABLE_HIGH_VOLTAGE = Prompt(
     "enable-high-voltage",

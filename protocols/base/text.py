@@ -61,9 +61,8 @@ def read_json_file(path: Path) -> dict[str, Any]:
     if not stat.S_ISREG(status.st_mode):
         raise ValueError("it is not a regular file")
     with path.open("rb") as file:
-        data = file.read(
-            min(status.st_size, MAX_JSON_BYTES) + 1
-        )  # allocating a buffer of the largest size would dominate the time
+        # Allocating a buffer of the largest size would dominate the time.
+        data = file.read(min(status.st_size, MAX_JSON_BYTES) + 1)
     if len(data) > MAX_JSON_BYTES:
         raise ValueError(f"it is longer than {MAX_JSON_BYTES / 1e6:g} MB")
     try:
@@ -115,9 +114,8 @@ def to_jsonable(value: Any) -> Any:
             return [to_jsonable(item) for item in value]
         case Enum():
             return to_jsonable(value.value)
-    if hasattr(
-        value, "tolist"
-    ):  # numpy's numbers; numpy is not imported here, because the command line starts without it
+    # A number of numpy, which is not imported here, because the command line starts without it.
+    if hasattr(value, "tolist"):
         return to_jsonable(value.tolist())
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_jsonable(getattr(value, field.name)) for field in fields(value)}

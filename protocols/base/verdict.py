@@ -263,10 +263,7 @@ QUESTIONABLE = {
         "points with an expired sensor calibration",
         "calibrate the displacement sensor and enter the date under [sensor] in the bench file",
     ),
-    Quality.LEVEL_EXCEEDED: (
-        "points in which an abort level was exceeded",
-        "see the log for the level and its value",
-    ),
+    Quality.LEVEL_EXCEEDED: ("points in which an abort level was exceeded", "see the log for the level and its value"),
 }
 """Name and remedy of the check of usable points with a flag."""
 

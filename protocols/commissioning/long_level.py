@@ -29,8 +29,8 @@ LONGEST_EARLY_STOP_S = 2.0
 
 def is_reached(trace: Trace) -> bool:
     """Whether the level was reached."""
-    held = _held(trace)
-    return held.size > 0 and abs(float(np.median(held)) - _before_v(trace)) > SEEN_V
+    held, before_v = _held(trace), float(np.median(trace.volts[: round(REACHED_S * trace.rate_hz)]))
+    return held.size > 0 and abs(float(np.median(held)) - before_v) > SEEN_V
 
 
 def check_long_level(trace: Trace | None) -> CheckedOutput:
@@ -71,10 +71,6 @@ def hastened_stop_s(trace: Trace | None, ends_s: float) -> float:
         and np.abs(stopping[count:] - stopping[:-count]).max() < DEPARTURE_V
     )
     return took_s if follows else math.nan
-
-
-def _before_v(trace: Trace) -> float:
-    return float(np.median(trace.volts[: round(REACHED_S * trace.rate_hz)]))
 
 
 def _held(trace: Trace) -> Array:

@@ -113,10 +113,7 @@ class Hysteresis(Protocol):
     peak_to_peak_v: DriveVpp = 5.0
     cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "number of averaged loops"] = 5
     dropped: Annotated[
-        int,
-        Unit("1"),
-        Interval(ge=1, le=100),
-        "loops discarded at the start; the first loop is never closed",
+        int, Unit("1"), Interval(ge=1, le=100), "loops discarded at the start; the first loop is never closed"
     ] = 1
     sample_rate_hz: SampleRate = 5000.0
 

@@ -258,9 +258,8 @@ class MassResonance(Protocol):
         peak = response_peak(response, (self.low_hz, self.high_hz))
         _, mode = self._fit_mode(response)
         spectrum = math.nan, math.nan
-        with contextlib.suppress(
-            ValueError
-        ):  # single frequencies have no spectrum, and a spectrum may lack the peak that the response has
+        # Single frequencies have no spectrum, and a spectrum may lack the peak that the response has.
+        with contextlib.suppress(ValueError):
             if self.method != SWEEP:
                 raise ValueError("single frequencies make no spectrum")
             peak = joined_spectrum_peak(

@@ -113,12 +113,7 @@ class StaticLoading(Protocol):
     ] = 0.01
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each weight per side"] = 10
     sides: Annotated[Literal["both", "MFC up", "aluminium up"], "side that carries the weights"] = "both"
-    seed: Annotated[
-        int,
-        Unit("1"),
-        Interval(ge=0, le=2**31),
-        "seed of the random order of the weights",
-    ] = 1
+    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "seed of the random order of the weights"] = 1
     gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "local gravity"] = GRAVITY
     expected_m_per_n: Annotated[
         float, Unit("m/N"), Interval(gt=0), "expected compliance; the operator is asked about an implausible point"

@@ -174,12 +174,7 @@ class VoltageSteps(Protocol):
         Literal["up-down", "up", "down", "random"],
         "order of the levels: up, down, alternately up and down (shows the loop), or random in each repeat",
     ] = "up-down"
-    seed: Annotated[
-        int,
-        Unit("1"),
-        Interval(ge=0, le=2**31),
-        "seed of the random order",
-    ] = 1
+    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "seed of the random order"] = 1
     rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "time at rest before each level"] = 2.0
     read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "time of the reading, after the end of the ramp"] = 1.0
     window_s: Annotated[

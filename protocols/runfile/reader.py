@@ -271,9 +271,8 @@ class Run(Closeable):
                     and isinstance(true_hz := line.get("folded_from_hz"), float)
                     and math.isfinite(true_hz)
                 }
-                record = RestRecord(
-                    (int(first), int(last)), folded
-                )  # measured again after the run, if lines are folded
+                # Measured again after the run, if lines are folded.
+                record = RestRecord((int(first), int(last)), folded)
         return record
 
     def _own_entries(self) -> dict[int, StartedEntry]:

@@ -97,11 +97,7 @@ class RunConclusion:
         self._clock_check = ComputerClockCheck()
 
     def conclude(
-        self,
-        status: RunStatus,
-        reason: str,
-        armed: ArmedBench | None,
-        interference: InterferenceMeasured | None = None,
+        self, status: RunStatus, reason: str, armed: ArmedBench | None, interference: InterferenceMeasured | None = None
     ) -> RunEnded:
         """Record the end of the run: in the file if it is writable, and always to the observers.
 

@@ -104,9 +104,8 @@ class StepExecutor:
                 self._acquisition.check_interrupts()
                 self._acquisition.raise_question()
                 try:
-                    with self._bench.watchdog.allow_silence(
-                        ANALYSIS_TIMEOUT_S
-                    ):  # the analysis of a long recording takes time
+                    # The analysis of a long recording takes time.
+                    with self._bench.watchdog.allow_silence(ANALYSIS_TIMEOUT_S):
                         step = steps.send(answer)
                 except StopIteration as end:
                     return recordings, end.value

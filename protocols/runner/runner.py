@@ -177,9 +177,7 @@ class Runner:
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
-        except (
-            BaseException
-        ) as error:  # including SystemExit, which a driver may raise: the end of a run is always reported
+        except BaseException as error:  # also SystemExit of a driver: the end of a run is always reported
             log.exception("the run failed by an error of this program")
             status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
         ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)

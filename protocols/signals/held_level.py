@@ -72,10 +72,7 @@ class StepEstimate:
 
 
 def estimate_level(
-    samples: ArrayLike,
-    rate_hz: float,
-    mains_hz: float | None = MAINS_HZ,
-    interference: Sequence[InterferenceLine] = (),
+    samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ, interference: Sequence[InterferenceLine] = ()
 ) -> LevelEstimate:
     """Return the level of a stretch, (N,), with its standard error.
 

@@ -5,7 +5,7 @@ be separated from it, as its phase is unknown: its amplitude counts as an uncert
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +63,8 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
         frequencies_hz = _refined(x, rate_hz, [*frequencies_hz, peak])
         left = _without(x, rate_hz, frequencies_hz)
     measured = len(frequencies_hz)
-    for f in _mains_multiples(min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)):
+    top_hz = min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)
+    for f in sorted({k * mains_hz for mains_hz in MAINS_HZ for k in range(1, int(top_hz / mains_hz) + 1)}):
         if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in frequencies_hz):
             frequencies_hz.append(f)
     solution, left = _fit(x, rate_hz, frequencies_hz)
@@ -204,10 +205,6 @@ def mark_folded(
         )
         for line in lines
     )
-
-
-def _mains_multiples(top_hz: float) -> Iterator[float]:
-    yield from sorted({k * f for f in MAINS_HZ for k in range(1, int(top_hz / f) + 1)})
 
 
 def _largest_peak(samples: Array, rate_hz: float) -> float | None:

@@ -209,13 +209,7 @@ class SimulatedGenerator:
             elif s.sweep:
                 phase = self._carrier.phase_at(t) if self._carrier else 0.0
                 self._carrier = plant.ChirpSegment(
-                    t,
-                    s.start_hz * self._clock,
-                    s.stop_hz * self._clock,
-                    s.sweep_s,
-                    s.emf_peak_v,
-                    s.level_v,
-                    phase,
+                    t, s.start_hz * self._clock, s.stop_hz * self._clock, s.sweep_s, s.emf_peak_v, s.level_v, phase
                 )
             return self._segment(t)
 

@@ -46,9 +46,7 @@ TRAITS = (
         "how long it answers nothing after a waveform arrived: 0.5 s on an SDG1032X, above 5 s in 15 of 86 cases on an SDG2122X",
     ),
     Trait(
-        "stale",
-        ("never", "often"),
-        "whether a selection may not take until it is sent again: 19 of 233 on an SDG2122X",
+        "stale", ("never", "often"), "whether a selection may not take until it is sent again: 19 of 233 on an SDG2122X"
     ),
     Trait(
         "inversion",

@@ -23,24 +23,14 @@ FULL_SCALE = 16382
 
 TRAITS = (
     UNKNOWN_HEADER,
-    Trait(
-        "polarity",
-        ("present", "absent"),
-        "whether it has OUTPut:POLarity: no public driver uses it",
-        models="AFG1",
-    ),
+    Trait("polarity", ("present", "absent"), "whether it has OUTPut:POLarity: no public driver uses it", models="AFG1"),
     Trait(
         "idle-setting",
         ("START", "DC", "END"),
         "where a burst waits after a reset: its setting exists, its factory value is in no source",
         models=r"AFG31\d{3}",
     ),
-    Trait(
-        "sequencer",
-        ("present", "absent"),
-        "whether it knows SEQControl without the option",
-        models=r"AFG31\d{3}",
-    ),
+    Trait("sequencer", ("present", "absent"), "whether it knows SEQControl without the option", models=r"AFG31\d{3}"),
     RETIME,
 )
 DEVIATIONS = deviations(combining="AFG3")

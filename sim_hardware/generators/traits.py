@@ -59,9 +59,7 @@ DEVIATIONS = (
     Trait("droop", ("steady", "sags"), "a level within one long waveform: sags by 10 % per second"),
     Trait("start", ("triggered", "sometimes-lost"), "every second trigger starts nothing"),
     Trait(
-        "combining",
-        ("as-replied", "stays"),
-        "another channel is added to the output although the setting replies off",
+        "combining", ("as-replied", "stays"), "another channel is added to the output although the setting replies off"
     ),
 )
 """Departures of an instrument from the assumptions of its driver. Never drawn: `generator.traits` chooses one, to try the

@@ -39,11 +39,7 @@ CARD_DEVIATIONS = (
         ("settled", "slow"),
         "share of the channel converted before it: NI asks for sources below 1 kohm (USB-6001 guide, Multichannel Scanning Considerations)",
     ),
-    Trait(
-        "start-edge",
-        ("on-scan", "at-once"),
-        "whether an output that is to start at a scan does",
-    ),
+    Trait("start-edge", ("on-scan", "at-once"), "whether an output that is to start at a scan does"),
     Trait(
         "rewrite",
         ("prompt", "waits", "blocks"),

@@ -118,11 +118,7 @@ class SimulatedStream(Closeable):
     """A running acquisition (drivers.interfaces.Stream)."""
 
     def __init__(
-        self,
-        digitizer: SimulatedDigitizer,
-        acquisition: Acquisition,
-        block_scans: int,
-        buffer_scans: int,
+        self, digitizer: SimulatedDigitizer, acquisition: Acquisition, block_scans: int, buffer_scans: int
     ) -> None:
         self.rate_hz = acquisition.rate_hz
         self.scales: tuple[Scale, ...] = tuple(

@@ -49,7 +49,7 @@ DEVICE_PROPERTIES: Properties = {
 }
 
 PHYSICAL_CHANNEL_PROPERTIES: Properties = {
-    0x2342: lambda _: [10083, 10078, 10106],  # terminal configurations: RSE, NRSE, differential
+    0x2342: lambda _: [10083, 10078, 10106]  # terminal configurations: RSE, NRSE, differential
 }
 
 TASK_PROPERTIES: Properties = {

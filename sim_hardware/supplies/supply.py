@@ -18,9 +18,7 @@ SUPPLY_DEVIATIONS = (
         "volts of the loaded output: 6 % below the setting, which its voltmeter shows nevertheless",
     ),
     Trait(
-        "step",
-        ("between", "overshoots", "drops"),
-        "output at a change of the level: 0.3 V too high, or 0 V, for 5 ms",
+        "step", ("between", "overshoots", "drops"), "output at a change of the level: 0.3 V too high, or 0 V, for 5 ms"
     ),
     Trait(
         "series",
@@ -29,9 +27,7 @@ SUPPLY_DEVIATIONS = (
         "E3631[123]|SPD",
     ),
     Trait(
-        "fall",
-        ("as-measured", "slow"),
-        "a falling output that is above what its voltmeter shows: time constant of 2 s",
+        "fall", ("as-measured", "slow"), "a falling output that is above what its voltmeter shows: time constant of 2 s"
     ),
 )
 """Deviations, never drawn: `supply.traits` chooses them, to try a commissioning."""

@@ -13,14 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.archive.importing import tdms
-from app.archive.importing.columns import (
-    TIME_SERIES,
-    ColumnMapping,
-    TableKind,
-    detect_kind,
-    match_columns,
-    table_kinds,
-)
+from app.archive.importing.columns import TIME_SERIES, ColumnMapping, TableKind, detect_kind, match_columns, table_kinds
 from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.import_table import ImportTable
 from app.archive.importing.imported_run import ImportedPoints, build_points, write_imported_run
@@ -153,9 +146,8 @@ def _read_content(path: Path, data: bytes, progress: Progress) -> ImportTable:
     if data.startswith(b"PK\x03\x04"):
         raise TableImportError(f"{path} is a workbook or an archive; save its sheet as CSV")
     if data.startswith(b"MATLAB 5.0 MAT-file") or path.suffix.lower() == ".mat":
-        from app.archive.importing.mat_table import (
-            read_mat_table,
-        )  # scipy.io is slow to import, and CSV does not need it
+        # scipy.io is slow to import, and CSV does not need it.
+        from app.archive.importing.mat_table import read_mat_table
 
         return read_mat_table(path)
     return read_text_table(path, data, progress)
@@ -202,11 +194,7 @@ def _import_tables(
 
 
 def _import_options(
-    table: ImportTable,
-    kind: TableKind,
-    options: ImportOptions,
-    amplifier: AmplifierTable,
-    kinds: Sequence[TableKind],
+    table: ImportTable, kind: TableKind, options: ImportOptions, amplifier: AmplifierTable, kinds: Sequence[TableKind]
 ) -> ImportOptions:
     """Complete the options with the metadata of an exported file."""
     about = table.metadata

@@ -101,10 +101,5 @@ VERBS = CommandGroup(
     "and the hashes of the files; each line has the hash of the one before it. A hash that is kept elsewhere, such as on a report, proves "
     "everything up to it.",
     "example: tactor-bench audit verify runs --head 3f1c0a77b2d4",
-    {
-        "start": StartAuditCommand,
-        "verify": VerifyAuditCommand,
-        "show": ShowAuditCommand,
-        "head": HeadAuditCommand,
-    },
+    {"start": StartAuditCommand, "verify": VerifyAuditCommand, "show": ShowAuditCommand, "head": HeadAuditCommand},
 )

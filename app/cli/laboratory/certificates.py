@@ -160,9 +160,5 @@ VERBS = CommandGroup(
     "the runs. A run warns from 30 days before the due date of each of its instruments, found by serial number, and flags "
     "every point after that date.",
     "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
-    {
-        "add": AddCertificateCommand,
-        "list": ListCertificatesCommand,
-        "show": ShowCertificateCommand,
-    },
+    {"add": AddCertificateCommand, "list": ListCertificatesCommand, "show": ShowCertificateCommand},
 )

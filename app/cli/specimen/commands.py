@@ -165,10 +165,5 @@ VERBS = CommandGroup(
     "file beside its runs. They enter every fit with their uncertainties; a missing value is taken from the paper's Table I with the "
     "uncertainties of ruler and caliper.",
     "example: tactor-bench specimen set T7 'L=22.1 mm +- 0.05 mm' --instrument caliper",
-    {
-        "new": NewSheetCommand,
-        "set": SetSheetCommand,
-        "show": ShowSheetCommand,
-        "check": CheckSheetCommand,
-    },
+    {"new": NewSheetCommand, "set": SetSheetCommand, "show": ShowSheetCommand, "check": CheckSheetCommand},
 )

@@ -226,8 +226,7 @@ class CalibrationPanel(QWidget):
             STRETCH,
         )
         panel = make_panel(
-            make_label("Calibrate the sensor", "heading", wrap=False),
-            row((left, 3), (self.table, 2), (self.plot, 3)),
+            make_label("Calibrate the sensor", "heading", wrap=False), row((left, 3), (self.table, 2), (self.plot, 3))
         )
         column(panel, parent=self)
 

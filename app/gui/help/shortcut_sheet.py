@@ -36,8 +36,7 @@ class ShortcutSheet(SearchCover):
         """The displayed explanations by group and name."""
         self._scroll = make_scroll_area(accessibleName="keys by group")
         self._lay_out(
-            self._scroll,
-            make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps"),
+            self._scroll, make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps")
         )
 
     def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:

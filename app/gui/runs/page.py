@@ -255,11 +255,7 @@ class RunsPage(QStackedWidget):
         self.list.table.customContextMenuRequested.connect(
             lambda at: self.list.make_menu(self).popup(self.list.table.viewport().mapToGlobal(at))
         )
-        FileDrops(
-            self,
-            {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables},
-            own=False,
-        )
+        FileDrops(self, {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables}, own=False)
         self.details.continue_button.clicked.connect(self.continue_selected)
         self.transfers.finished.connect(self.list.folder_model.rescan)
         self.transfers.message.connect(self.details.show_message)

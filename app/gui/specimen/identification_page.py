@@ -110,11 +110,7 @@ class IdentificationPage(QWidget):
         self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
             make_line_edit(f"identification.{name}", label, placeholderText=label)
-            for name, label in (
-                ("reason", "why it is used all the same"),
-                ("by", "accepted by"),
-                ("note", "note"),
-            )
+            for name, label in (("reason", "why it is used all the same"), ("by", "accepted by"), ("note", "note"))
         )
         self.accept_label = make_label(name="identification.accept-text")
         self.accept_button = make_button(
@@ -173,11 +169,7 @@ class IdentificationPage(QWidget):
         self._show_fitting(True)
         self._worker.submit(
             lambda: identify(
-                runs,
-                options=options,
-                plain=plain_fit,
-                cancelled=self._cancelled.is_set,
-                progress=self.progressed.emit,
+                runs, options=options, plain=plain_fit, cancelled=self._cancelled.is_set, progress=self.progressed.emit
             ),
             self._on_identified,
             self._on_error,

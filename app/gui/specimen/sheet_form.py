@@ -168,9 +168,7 @@ class SheetForm(QWidget):
             "Choose …", self.browse_pressed.emit, "choice", "Choose a picture", "sheet.browse"
         )
         self.more_box = make_combo(
-            "sheet.more",
-            "another value",
-            toolTip="Another parameter of the model with a value for this specimen",
+            "sheet.more", "another value", toolTip="Another parameter of the model with a value for this specimen"
         )
         self.more_box.activated.connect(lambda _: self._add_chosen())
         panels = [self._make_panel(group) for group in GROUPS]

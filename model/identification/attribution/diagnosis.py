@@ -43,9 +43,7 @@ REFIT_TOLERANCE = 1e-5
 
 
 def diagnose(
-    fit: JointFit,
-    cause_effects: Mapping[Cause, Array] | None = None,
-    cancelled: Callable[[], bool] | None = None,
+    fit: JointFit, cause_effects: Mapping[Cause, Array] | None = None, cancelled: Callable[[], bool] | None = None
 ) -> Diagnosis:
     """Compare the possible causes of the misfit of a fit; causes whose improvement can be chance are left out.
 
@@ -60,10 +58,7 @@ def diagnose(
     r = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
     Q = fit_subspace(fit)
     cause_effects = effects(fit) if cause_effects is None else cause_effects
-    screened = [
-        *_screened_effects(fit, r, Q, cause_effects),
-        *_screened_points(fit, r, Q),
-    ]
+    screened = [*_screened_effects(fit, r, Q, cause_effects), *_screened_points(fit, r, Q)]
     screened.sort(key=lambda s: s.log_probability + np.log(s.among))
     best = max((s.gain for s in screened), default=0.0)
     chosen = [s for s in screened if s.gain > WORTH_FITTING * best][:REFITTED_CAUSES]

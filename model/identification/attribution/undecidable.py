@@ -40,12 +40,8 @@ class UndecidableError:
     text: str
 
 
-def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> tuple[UndecidableError, ...]:
-    """Return the scale errors that the fit absorbs; `effects`: effects of the causes on the weighted residuals."""
-    return tuple(_undecidable_errors(fit, effects))
-
-
-def _undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[UndecidableError]:
+def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[UndecidableError]:
+    """Yield the scale errors that the fit absorbs; `effects`: effects of the causes on the weighted residuals."""
     data = fit.run_slices[-1].stop
     scale = fit.parameter_scale
     J = fit.jacobian[:data] * scale
