@@ -35,7 +35,12 @@ def _with_tags(added: str, notes: Notes) -> tuple[str, ...]:
     return read_tags(",".join((*notes.tags, added)))
 
 
-def export_runs(paths: Sequence[Path], folder: Path, kind: Format, progress: Progress = NO_PROGRESS) -> int:
+def export_runs(
+    paths: Sequence[Path],
+    folder: Path,
+    kind: Format,
+    progress: Progress = NO_PROGRESS,
+) -> int:
     """Export runs and return the number of files written."""
     count = 0
     for path, file_progress in zip(paths, progress.split_by_files(paths), strict=True):
@@ -46,7 +51,11 @@ def export_runs(paths: Sequence[Path], folder: Path, kind: Format, progress: Pro
     return count
 
 
-def copy_runs_into(paths: Sequence[Path], folder: Path, progress: Progress = NO_PROGRESS) -> CopyResult:
+def copy_runs_into(
+    paths: Sequence[Path],
+    folder: Path,
+    progress: Progress = NO_PROGRESS,
+) -> CopyResult:
     """Copy run files with their sidecars into a folder without replacing files. After cancellation, complete copies are kept.
 
     Raises:
@@ -83,7 +92,11 @@ def copy_runs_into(paths: Sequence[Path], folder: Path, progress: Progress = NO_
 
 
 def import_tables(
-    paths: Sequence[Path], folder: Path, specimen: str, amplifier: AmplifierTable, progress: Progress = NO_PROGRESS
+    paths: Sequence[Path],
+    folder: Path,
+    specimen: str,
+    amplifier: AmplifierTable,
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[int, list[str]]:
     """Import tables as run files with default options; return their number and warnings.
 

@@ -5,7 +5,13 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import Any
 
-from app.common import Severity, format_duration, format_series, outcome_severity, pluralize
+from app.common import (
+    Severity,
+    format_duration,
+    format_series,
+    outcome_severity,
+    pluralize,
+)
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
 from model import format_estimate, format_with_uncertainty
 from protocols import PROTOCOLS

@@ -13,7 +13,15 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from protocols.base import Verdict, file_hash, read_json_file, to_jsonable, visible_text, visible_values, write_atomic
+from protocols.base import (
+    Verdict,
+    file_hash,
+    read_json_file,
+    to_jsonable,
+    visible_text,
+    visible_values,
+    write_atomic,
+)
 from protocols.runfile.record import RunRecord
 
 NOTES_SUFFIX = ".notes.json"

@@ -45,7 +45,11 @@ class CommissioningPanel(QWidget):
     """
 
     def __init__(
-        self, worker: BackgroundWorker, theme: WindowTheme, start: Callable[[], object], stop: Callable[[], object]
+        self,
+        worker: BackgroundWorker,
+        theme: WindowTheme,
+        start: Callable[[], object],
+        stop: Callable[[], object],
     ) -> None:
         super().__init__()
         self._worker, self._theme = worker, theme

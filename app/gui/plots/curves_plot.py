@@ -10,7 +10,14 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
 
 from app.common import minmax_decimate
-from app.gui.plots.base import MAX_LEGEND_ENTRIES, BandFill, PlotBase, curve_color, legend_share, stable_range
+from app.gui.plots.base import (
+    MAX_LEGEND_ENTRIES,
+    BandFill,
+    PlotBase,
+    curve_color,
+    legend_share,
+    stable_range,
+)
 from app.gui.plots.curve_layers import (
     LAYER_LABELS,
     LESS_MEAN,

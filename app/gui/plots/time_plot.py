@@ -8,7 +8,14 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QButtonGroup
 
 from app.common import format_duration
-from app.gui.plots.base import TICK_LINES, TracePlotBase, caption_label, limit_ticks, stable_range, trace_pen
+from app.gui.plots.base import (
+    TICK_LINES,
+    TracePlotBase,
+    caption_label,
+    limit_ticks,
+    stable_range,
+    trace_pen,
+)
 from app.gui.plots.channel_strips import ChannelStrips
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, make_label, row

@@ -10,7 +10,15 @@ from app.common import Severity, outcome_severity
 from app.gui.status.notice import Notice
 from app.gui.status.prompt import PromptNotice
 from app.gui.status.session_controller import SessionController
-from app.gui.widgets import ACTIONS, FittedScrollArea, add_action, add_actions, column, make_button, shortcut_label
+from app.gui.widgets import (
+    ACTIONS,
+    FittedScrollArea,
+    add_action,
+    add_actions,
+    column,
+    make_button,
+    shortcut_label,
+)
 from app.session import WindowState
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import PromptShown
