@@ -72,7 +72,7 @@ def test_raw_samples_in_csv_lose_no_digit(
     arrow: bool, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not arrow:
-        monkeypatch.setattr("app.archive.exporting.text_files.find_spec", lambda _: None)
+        monkeypatch.setattr("app.archive.exporting.table_files.find_spec", lambda _: None)
     with Run(path) as run:
         (file,) = export_run(run, tmp_path, "csv", ("raw",))
         values = np.loadtxt(file, delimiter=",", skiprows=1)

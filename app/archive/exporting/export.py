@@ -5,11 +5,13 @@ File names of simulated runs contain SIMULATED.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
+from app.archive.exporting.matlab import mat73_writer, mat_writer
 from app.archive.exporting.parts import PARTS, ExportError, Part, part_tables
+from app.archive.exporting.table_files import json_writer, write_csv, write_parquet, xlsx_writer
+from app.archive.exporting.universal_file import uff_writer
 from app.common import NO_PROGRESS, OperationCancelled, Progress, Table
 from protocols.base import replacing
 from protocols.runfile import Run, translate_read_errors
@@ -27,6 +29,10 @@ FORMAT_NAMES: dict[Format, str] = {
 }
 
 FileWriter = Callable[[Path, Progress], None]
+WRITERS: dict[Format, Callable[[Run, Sequence[Part]], FileWriter]] = {
+    "json": json_writer, "mat": mat_writer, "mat73": mat73_writer, "xlsx": xlsx_writer, "uff": uff_writer,
+}  # fmt: skip
+"""Of the formats with one file for all parts."""
 
 MAX_SCANS: dict[Format, int] = {"json": 20_000_000, "mat": 20_000_000, "mat73": 200_000_000, "xlsx": 1_000_000}
 """Limit of raw scans of formats that are held in memory whole, and of a worksheet's rows."""
@@ -84,18 +90,11 @@ def _files(run: Run, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str,
     """Yield the name of each file and the function that writes it, with everything read but the raw samples."""
     stem = run.path.stem + ("_SIMULATED" if run.record.simulated else "")
     if kind in ("csv", "parquet"):
-        write = _function("text_files" if kind == "csv" else "parquet", f"write_{kind}")
+        write = write_csv if kind == "csv" else write_parquet
         for part in parts:
             tables: Iterable[Table | None] = (None,) if part == "raw" else part_tables(run, part)
             for table in tables:
                 yield f"{stem}_{part if table is None else table.name}.{kind}", partial(write, run, table)
         return
-    modules = {"json": "text_files", "xlsx": "workbook", "uff": "universal_file"}
-    writer: FileWriter = _function(modules.get(kind, "matlab"), f"{kind}_writer")(run, parts)
+    writer = WRITERS[kind](run, parts)
     yield f"{stem}_v73.mat" if kind == "mat73" else f"{stem}.{kind}", writer
-
-
-def _function(module: str, name: str) -> Callable[..., Any]:
-    """Import a function of a format with the format's library."""
-    function: Callable[..., Any] = getattr(import_module(f"app.archive.exporting.{module}"), name)
-    return function

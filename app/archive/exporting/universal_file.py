@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyuff
 
 from app.archive.exporting.parts import POINTS, ExportError, Part, points_series
 from app.common import Progress
@@ -60,6 +59,8 @@ def uff_writer(run: Run, _parts: Sequence[Part]) -> Callable[[Path, Progress], N
 
 
 def _write_sets(sets: Sequence[dict[str, Any]], path: Path, progress: Progress) -> None:
+    import pyuff
+
     file = pyuff.UFF(str(path))
     for number, each in enumerate(sets):
         progress.raise_if_cancelled()
