@@ -28,6 +28,10 @@ BENCH_UNITS = {
 """Bench units of SI units, where a quantity has no other."""
 
 
+LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
+"""Units of the quantities that scale with the gain of the displacement sensor."""
+
+
 class ShownUnit(NamedTuple):
     """Factor from SI to the unit in which a value is shown, and that unit; empty for a number without unit."""
 
