@@ -82,6 +82,8 @@ class Fleet:
     def of(self, name: str) -> "FleetSelection":
         """Return the values of a quantity, by its identifier or its name for people, in its most frequent protocol and condition.
 
+        Of two as frequent ones, it is the newer one's.
+
         Raises:
             FleetError: there are none.
         """
@@ -90,7 +92,7 @@ class Fleet:
         if not found:
             known = ", ".join(self.names) or "none"
             raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {known}")
-        kind = Counter((value.protocol, value.condition, value.unit) for value in found).most_common(1)[0][0]
+        kind = Counter((value.protocol, value.condition, value.unit) for value in reversed(found)).most_common(1)[0][0]
         chosen = tuple(v for v in found if (v.protocol, v.condition, v.unit) == kind)
         return FleetSelection(name, *kind, values=chosen, left_out=len(found) - len(chosen))
 
