@@ -19,6 +19,7 @@ from .parameters import Membrane as Membrane
 from .parameters import Tactor as Tactor
 from .parameters import beam_from_values as beam_from_values
 from .parameters import beams as beams
+from .quantities import LENGTH_UNITS as LENGTH_UNITS
 from .quantities import PARAMETERS as PARAMETERS
 from .quantities import QUANTITIES as QUANTITIES
 from .quantities import RESULTS as RESULTS

@@ -28,6 +28,10 @@ BENCH_UNITS = {
 """Bench units of SI units, for quantities without a bench unit of their own."""
 
 
+LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
+"""Units of the quantities that scale with the gain of the displacement sensor."""
+
+
 class ShownUnit(NamedTuple):
     """Display unit and the factor from SI to it; empty for a number without unit."""
 

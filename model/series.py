@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arrays import Array, Mask
+from model.quantities import LENGTH_UNITS
 
 PHASE, COHERENCE, USABLE = "phase", "coherence", "usable"
 ERRORS, TOTAL_ERRORS, FIT = "_errors", "_total_errors", "_fit"
@@ -128,6 +129,12 @@ class Series:
         scaled = {name: y_factor * array for name in arrays if (array := getattr(self, name)) is not None}
         band = None if self.band is None else Band(*(y_factor * end for end in self.band))
         return replace(self, x=x_factor * self.x, band=band, **scaled)
+
+    def with_gain(self, relative_uncertainty: float) -> Self:
+        """Return a measured displacement with total errors that include the relative standard uncertainty of the sensor's gain."""
+        if self.errors is None or self.total_errors is not None or self.y_axis.unit not in LENGTH_UNITS:
+            return self
+        return replace(self, total_errors=np.hypot(self.errors, relative_uncertainty * self.plotted))
 
     def within(self, low: float, high: float) -> Self:
         """Return the values of a range of x."""

@@ -7,11 +7,14 @@ reported and left out. Both kinds are loaded at the first look-up of a name that
 
 import importlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
+from dataclasses import fields, is_dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated, get_origin, get_type_hints
 
 from protocols.base import Aspects, Protocol
 
@@ -155,7 +158,32 @@ def _register(protocol_class: type[Protocol], source: str) -> None:
     missing += sorted(protocol_class.__abstractmethods__)
     if missing:
         raise ProtocolFileError(f"{source}: {protocol_class.__name__} lacks {', '.join(missing)}")
+    if fault := _fault(protocol_class):
+        raise ProtocolFileError(f"{source}: {fault}")
     registered = PROTOCOLS.get(protocol_class.name)
     if registered is not None and registered.__module__ != protocol_class.__module__:
         raise ProtocolFileError(f"{source}: there is a protocol '{protocol_class.name}' already; choose another name")
     PROTOCOLS[protocol_class.name] = protocol_class
+
+
+def _fault(protocol_class: type[Protocol]) -> str:
+    """Return why no run file can store runs of a protocol; empty if one can."""
+    name, points = protocol_class.name, protocol_class.point_type
+    if not re.fullmatch(r"[\w-]+", name, re.ASCII):
+        return f"the name {name!r} is a part of file names; use only letters, digits, '-' and '_'"
+    if not is_dataclass(points):
+        return f"point_type {points.__name__} is not a dataclass; write @dataclass(frozen=True, slots=True) above it"
+    kinds = get_type_hints(points, include_extras=True)
+    columns = [field.name for field in fields(points)]
+    for column in columns:
+        if get_origin(kinds[column]) is not Annotated:
+            return (
+                f'{column} of {points.__name__} has no unit; write {column}: Annotated[float, Unit("m"), "description"]'
+            )
+    if "quality" not in columns:
+        return f'{points.__name__} lacks quality: Annotated[int, Unit("1"), "flags, see protocols.Quality"]'
+    if "entry" in columns:
+        return f"entry of {points.__name__} is the name of a column that every run has; choose another name"
+    if unknown := [axis for axis in protocol_class.axes if axis not in columns]:
+        return f"{points.__name__} has no {unknown[0]}, which axes names; it has {', '.join(columns)}"
+    return ""

@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 from app.cli.options import JSON_OBJECT, argument, command
 from app.cli.output import CommandResult, render
 from app.common import Column, Table, UsageError, usage_errors
+from model import shown_unit
 from model.identification import format_p_value
 from protocols.base import Protocol, usable_mask
 from protocols.runfile import Run, RunReadError, translate_read_errors
@@ -46,7 +47,7 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
     changes = [two[y] - one[y] for one, two in pairs]
     errors = [math.hypot(one.get(f"{y}_errors", 0.0), two.get(f"{y}_errors", 0.0)) for one, two in pairs]
     deviations = [change / error if error > 0 else None for change, error in zip(changes, errors, strict=True)]
-    shown = {"m": "µm"}.get(units[y], "")
+    shown = shown_unit(units[y], y).unit
     columns = [
         *_setting_columns(pairs, x, units),
         Column(x, units[x].removesuffix("1"), [one[x] for one, _ in pairs]),

@@ -18,6 +18,7 @@ from app.archive import (
     RunState,
     RunSummary,
     export_run,
+    raw_left_out,
     read_since,
 )
 from app.cli.options import RUN_FILES, argument, command, option
@@ -120,13 +121,14 @@ class ExportCommand:
     format: Format = option("format of the files (default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
     out: Path | None = option("folder for the files (default: the run's folder)", metavar="FOLDER")
     parts: Sequence[str] = option(
-        "part to export: about, points, series, estimates, events or raw; may be repeated (default: all)",
+        "part to export: about, points, series, estimates, events or raw; may be repeated (default: all that the format "
+        "holds)",
         flag="--part",
         metavar="PART",
     )
 
     def execute(self) -> int:
-        parts: Sequence[Part] = tuple(p for p in PARTS if p in self.parts) if self.parts else PARTS
+        parts: Sequence[Part] | None = tuple(p for p in PARTS if p in self.parts) if self.parts else None
         if unknown := [p for p in self.parts if p not in PARTS]:
             raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
         failed = False
@@ -134,12 +136,15 @@ class ExportCommand:
             try:
                 with Run(run_path) as run, terminal_progress(run_path.name) as progress:
                     written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
+                    left_out = "" if parts else raw_left_out(run, self.format)
             except (RunReadError, ExportError) as error:
                 failed = True
                 print_message(str(error))
             else:
                 for file in written:
                     print_line(str(file))
+                if left_out:
+                    print_message(f"{left_out}: the raw data are left out; csv and parquet hold them")
         return ExitCode.FAILED if failed else ExitCode.DONE
 
 

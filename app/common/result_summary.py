@@ -5,13 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.common.formatting import typeset
-from model import format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
+from app.common.formatting import axis_name, typeset
+from model import LENGTH_UNITS, format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
 from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, Verdict
 from protocols.runfile import point_columns
-
-LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
-"""Units of the quantities that scale with the gain of the displacement sensor."""
 
 MAX_POINT_ROWS = 12
 """Points that are listed; the file has all."""
@@ -45,11 +42,6 @@ class ResultSummary:
     planned: int = 0
     others: tuple[tuple[str, str], ...] = ()
     totals: tuple[str, ...] = ()
-
-
-def axis_name(column: str) -> str:
-    """Return the name of a column on an axis, or at the head of a table."""
-    return quantity_label(column).replace("_", " ")
 
 
 def summarize_result(

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
-from model import LAG_NAMES, AmplifierMap, Membrane, ParameterError, format_with_uncertainty
+from model import LAG_NAMES, AmplifierMap, Mask, Membrane, ParameterError, Series, format_with_uncertainty
 
 if TYPE_CHECKING:
     from app.archive import MeasuredResponse
@@ -106,14 +106,18 @@ def _observation(label: str, run: "MeasuredResponse", elongation: float | None) 
         "elongation_m": elongation,
         "simulated": run.simulated,
     }
-    sine = run.usable & np.isfinite(run.fundamental) & (run.fundamental_errors > 0)
-    if sine.any():
-        phase = run.phase if np.isfinite(run.phase[sine]).all() else None
-        more["fundamental_m"] = run.fundamental * (1.0 if phase is None else np.exp(1j * phase))
-        return FrequencyResponseObservation(label, run.frequency_hz, errors_m=run.fundamental_errors, good=sine, **more)
-    width = run.usable & np.isfinite(run.peak_to_peak) & (run.peak_to_peak_errors > 0)
-    more |= {"peak_to_peak_m": run.peak_to_peak, "peak_to_peak_errors_m": run.peak_to_peak_errors}
-    return FrequencyResponseObservation(label, run.frequency_hz, good=width, **more)
+    sine, whole = run.fundamental, run.peak_to_peak
+    if (good := _weighted(sine)).any():
+        more |= {"fundamental_m": sine.y, "errors_m": sine.errors}
+    else:
+        good = _weighted(whole)
+        more |= {"peak_to_peak_m": whole.y, "peak_to_peak_errors_m": whole.errors}
+    return FrequencyResponseObservation(label, run.frequency_hz, good=good, **more)
+
+
+def _weighted(series: Series) -> Mask:
+    """Return whether each value can be fitted, (P,): usable and with a standard error."""
+    return np.asarray(series.fit_rows & np.isfinite(series.y) & (np.asarray(series.errors) > 0))
 
 
 def _format_parameter(letter: str, value: float, noise: float, rest: float) -> str:

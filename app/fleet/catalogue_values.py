@@ -82,6 +82,8 @@ class Fleet:
     def of(self, name: str) -> "FleetSelection":
         """Return the values of a quantity, by its identifier or its name for people, in its most frequent protocol and condition.
 
+        Of two equally frequent kinds, the newer one is returned.
+
         Raises:
             FleetError: there are none.
         """
@@ -90,7 +92,8 @@ class Fleet:
         if not values:
             names = ", ".join(self.names) or "none"
             raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {names}")
-        kind = Counter((value.protocol, value.condition, value.unit) for value in values).most_common(1)[0][0]
+        kinds = Counter((value.protocol, value.condition, value.unit) for value in reversed(values))
+        kind = kinds.most_common(1)[0][0]
         chosen = tuple(v for v in values if (v.protocol, v.condition, v.unit) == kind)
         return FleetSelection(name, *kind, values=chosen, left_out=len(values) - len(chosen))
 

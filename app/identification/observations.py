@@ -1,6 +1,7 @@
 """Observations for an identification from run files: each protocol's aspects make them from its points."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from app.identification.duplicates import DuplicateFinder
@@ -20,9 +21,13 @@ class ObservationError(Exception):
 
 
 def read_observations(
-    paths: Iterable[Path], open_run: Callable[[Path], Run] = Run
+    paths: Sequence[Path],
+    open_run: Callable[[Path], Run] = Run,
+    track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
 ) -> tuple[str, ObservationSet, list[str]]:
     """Return the specimen, its observations, and a message for each run without any; `open_run` may correct a run.
+
+    `track` yields the paths and reports the progress.
 
     Raises:
         ObservationError: a file is not a run, the runs are of several specimens, or no point is usable.
@@ -32,6 +37,11 @@ def read_observations(
     left_out: list[str] = []
     finder = DuplicateFinder()
     for path in paths:
+        with suppress(RunReadError), Run(path) as stored, translate_read_errors(path):
+            if stored.record.continues:
+                with open_run(path) as run:
+                    finder.add_continuation(run)
+    for path in track(paths):
         try:
             with open_run(path) as run:
                 specimens.setdefault(run.record.specimen, path)

@@ -141,7 +141,7 @@ def identify(
         FitCancelled: `cancelled` returned true.
     """
     paths = tuple(paths)
-    specimen, campaign, left_out = read_observations(track(paths), open_run)
+    specimen, campaign, left_out = read_observations(paths, open_run, track)
     options = replace(options or FitOptions(), n=n or max(map(shape_count_of_file, paths)))
     priors = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))

@@ -10,6 +10,7 @@ from app.identification import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from model import LAG_NAMES, AmplifierMap
 from protocols.base import Quality
+from protocols.runfile import is_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,7 +101,7 @@ class LiveEstimator:
 
 def _is_informative(point: Any) -> bool:
     """Return whether a point can be fitted: usable, with a standard error."""
-    return hasattr(point, "fundamental_errors") and Quality(point.quality).usable and point.fundamental_errors > 0
+    return is_response(point) and Quality(point.quality).usable and point.fundamental_errors > 0
 
 
 def _newest_series(points: Sequence[Any]) -> list[Any]:

@@ -47,6 +47,8 @@ class LimitOutcome:
     found: str
     verdict: Verdict
     why: str = ""
+    source: str = ""
+    """Run with the measured value, or the identified model."""
 
 
 @dataclass(frozen=True, slots=True)

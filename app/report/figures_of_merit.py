@@ -32,9 +32,11 @@ FULL_DRIVE_TOLERANCE = 0.02
 MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio")
 
 
-def figure_of_merit(name: str, value: float, standard_error: float) -> EstimatedQuantity:
-    """Return a quantity that limits can be set on, SI."""
-    return EstimatedQuantity.listed(name, float(value), float(standard_error), "")
+def figure_of_merit(
+    name: str, value: float, standard_error: float, source: str = "identified model"
+) -> EstimatedQuantity:
+    """Return a quantity that limits can be set on, SI; `source` is the run with the measured value."""
+    return EstimatedQuantity.listed(name, float(value), float(standard_error), source)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +121,14 @@ def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
             getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None
             for each in run.observations
         ):
-            return modes
+            return [figure_of_merit(e.name, e.value, e.standard_error, run.path.stem) for e in modes]
     return []
 
 
 def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list[EstimatedQuantity]:
-    """Return peak frequency and amplitude at full drive, free, from the newest dwell with an interior maximum.
+    """Return peak frequency and largest amplitude at full drive, free, from the newest dwell with an interior maximum.
 
-    The error of the amplitude has the shared gain error of the sensor, too.
+    The amplitude is the largest measured one, as in the fleet; its error has the shared gain error of the sensor, too.
     """
     peaks: dict[str, EstimatedQuantity] = {}
     for run in observations.of_type(FrequencyResponseObservation):
@@ -137,13 +139,14 @@ def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list
         if run.fundamental_m is not None and run.errors_m is not None:
             peak = dwell_peak(run.frequency_hz[at], np.abs(run.fundamental_m)[at], run.errors_m[at])
             if peak is not None:
-                peaks["peak_frequency"] = figure_of_merit("peak_frequency", *peak[:2])
+                peaks["peak_frequency"] = figure_of_merit("peak_frequency", *peak, run.label)
         if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
-            peak = dwell_peak(run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at])
-            if peak is not None:
+            f, y, errors = run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at]
+            top = int(y.argmax()) if y.size else 0
+            if y.size and f.min() < f[top] < f.max():
                 shared = np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
-                error = float(np.hypot(peak.height_error, shared * peak.height))
-                peaks["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", peak.height, error)
+                error = float(np.hypot(errors[top], shared * y[top]))
+                peaks["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", y[top], error, run.label)
     return list(peaks.values())
 
 

@@ -167,8 +167,9 @@ def judge_limits(
 def _limit_outcomes(
     name: str, limit: Limit, limits: Limits, merit: EstimatedQuantity | None, golden: EstimatedQuantity | None
 ) -> Iterator[LimitOutcome]:
-    measured = "not determined by these runs"
+    measured, source = "not determined by these runs", ""
     if merit is not None:
+        source = str(merit.source)
         measured = typeset_measurement(merit.value, merit.standard_error, merit.unit, name)
     if limit.low is not None or limit.high is not None:
         required = _limit_text(limit, QUANTITIES[name])
@@ -177,19 +178,21 @@ def _limit_outcomes(
         else:
             half_interval = COVERAGE_FACTOR_95 * merit.standard_error
             low, high = (-inf if limit.low is None else limit.low), (inf if limit.high is None else limit.high)
-            yield LimitOutcome(name, required, measured, *_verdict(merit.value, half_interval, low, high, limits.rule))
+            verdict = _verdict(merit.value, half_interval, low, high, limits.rule)
+            yield LimitOutcome(name, required, measured, *verdict, source)
     if (share := limit.within_golden) is not None:
         required = f"within {100 * share:g} % of {limits.golden}"
         if merit is None or golden is None or golden.value == 0:
             why = "not determined by these runs" if merit is None else f"not determined by the runs of {limits.golden}"
-            yield LimitOutcome(name, required, measured, "cannot tell", why)
+            yield LimitOutcome(name, required, measured, "cannot tell", why, source)
         else:
             ratio = merit.value / golden.value - 1
             both = (merit.standard_error / golden.value, golden.standard_error * merit.value / golden.value**2)
             half_interval = COVERAGE_FACTOR_95 * sum(e * e for e in both) ** 0.5
             change = format_with_uncertainty(100 * ratio, 100 * half_interval, "% (95 %)", signed=True)
             measured += f": {change}".replace("-", MINUS)
-            yield LimitOutcome(name, required, measured, *_verdict(ratio, half_interval, -share, share, limits.rule))
+            verdict = _verdict(ratio, half_interval, -share, share, limits.rule)
+            yield LimitOutcome(name, required, measured, *verdict, source)
 
 
 def _verdict(value: float, half_interval: float, low: float, high: float, rule: Rule) -> tuple[Verdict, str]:

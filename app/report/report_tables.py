@@ -58,10 +58,11 @@ def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> Iterator
         text = f"NOT PASSED: of {pluralize(len(outcomes), 'limit')} {', '.join(parts)}."
     yield Paragraph(text, "bad" if missed else "good")
     rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
-    rows = tuple((quantity_label(o.name), o.asked, o.found, o.verdict, o.why) for o in outcomes)
+    rows = tuple((quantity_label(o.name), o.asked, o.found, o.source, o.verdict, o.why) for o in outcomes)
     bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
     note = f"Limits from {limits.source}; {rule} must lie within."
-    yield Table.of_rows("Limits", ("quantity", "limit", "value ± standard error", "verdict", "reason"), rows, note, bad)
+    headings = ("quantity", "limit", "value ± standard error", "from", "verdict", "reason")
+    yield Table.of_rows("Limits", headings, rows, note, bad)
 
 
 def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
@@ -458,7 +459,7 @@ def report_record(
         "budget": None if identification is None else budget_record(identification.budget),
         "unidentified": [] if identification is None else list(identification.unidentified),
         "merits": [
-            {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit}
+            {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit, "source": m.source}
             for m in summary.figures_of_merit.values()
         ],
         "runs": [

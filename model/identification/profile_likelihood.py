@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from model import Array, ParameterError
+from model import ParameterError
 from model.identification import parameters as fit_parameters
 from model.identification.fit_result import JointFit, fit_cost
 from model.identification.joint_least_squares import CancelCheck, joint_fit
@@ -19,10 +19,6 @@ class ProfileInterval:
     coverage: float
     low: float | None
     high: float | None
-    values: Array
-    """Evaluated values, ascending."""
-    chi_square_rise: Array
-    """Chi-square above its minimum, each with all other parameters fitted again."""
 
 
 def profile_interval(
@@ -48,8 +44,7 @@ def profile_interval(
     low = profile.edge(-step)
     profile.restart()
     high = profile.edge(step)
-    values = np.array(sorted(profile.evaluated))
-    return ProfileInterval(name, coverage, low, high, values, np.array([profile.evaluated[v] for v in values]))
+    return ProfileInterval(name, coverage, low, high)
 
 
 class _Profile:

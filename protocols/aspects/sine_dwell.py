@@ -145,10 +145,9 @@ def amplitude_figure(points: RunPoints) -> Figure:
     x, displacement = SeriesAxis("frequency", "Hz"), "displacement of the centre"
     whole = points.series(x, SeriesAxis("peak_to_peak", "m", displacement), "max - min")
     half = points.series(x, SeriesAxis("fundamental", "m", displacement), "2 x fundamental")
-    assert half.errors is not None
     models = {whole.label: amplitude_model(points), half.label: amplitude_model(points, peak_to_peak=False)}
     grid = np.linspace(5.0, 1.05 * max(float(whole.x.max(initial=0.0)), 250.0), 500)
-    series = (whole, replace(half, y=2 * half.y, errors=2 * half.errors))
+    series = (whole, half.scaled(1.0, 2.0))
     return Figure(series, models=models, grid=grid, from_zero=True, has_threshold=True)
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -108,7 +107,7 @@ def _averaged(lines: Series) -> Series:
     total = np.add.reduceat(weights, starts)
     real, imaginary = (np.add.reduceat(weights * part, starts) / total for part in (lines.y.real, lines.y.imag))
     centre = np.add.reduceat(weights * f, starts) / total
-    return replace(lines, x=centre, y=real + 1j * imaginary, errors=total**-0.5, fit=None, coherence=None)
+    return Series(centre, real + 1j * imaginary, total**-0.5, x_axis=lines.x_axis, y_axis=lines.y_axis)
 
 
 def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:

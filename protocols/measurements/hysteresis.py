@@ -78,7 +78,7 @@ class LoopPoint:
         """The point in a line, for a log."""
         return (
             f"{self.frequency:.4g} Hz: loop {format_quantity(self.width, self.width_errors, 'm')} wide, "
-            f"{format_with_uncertainty(100 * self.share, 100 * self.share_errors, '%')} of the stroke of {1e6 * self.stroke:.1f} µm, "
+            f"{format_quantity(self.share, self.share_errors, '1', 'share')} of the stroke of {format_quantity(self.stroke, self.stroke_errors, 'm')}, "
             f"asymmetry {format_with_uncertainty(self.asymmetry, self.asymmetry_errors, signed=True)}"
         )
 

@@ -15,7 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Sine, Steps
-from model import THRESHOLD_M, Array, format_with_uncertainty
+from model import THRESHOLD_M, Array, format_quantity
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -110,11 +110,11 @@ class LatencyPoint:
     def summary(self) -> str:
         """The point in a line, for a log."""
         drive = f"sine of {self.frequency:g} Hz" if self.frequency else f"step to {self.level:g} V"
-        felt = f"threshold after {_milliseconds(self.latency, self.latency_errors)}"
+        felt = f"threshold after {format_quantity(self.latency, self.latency_errors, 's')}"
         if not math.isfinite(self.latency):
             felt = "below the threshold"
         return (
-            f"{drive}, repeat {self.repeat:g}: {felt}, rise {_milliseconds(self.rise, self.rise_errors)}, overshoot "
+            f"{drive}, repeat {self.repeat:g}: {felt}, rise {format_quantity(self.rise, self.rise_errors, 's')}, overshoot "
             f"{100 * self.overshoot:.1f} %, settled after {1e3 * self.settling:.3g} ms"
         )
 
@@ -122,10 +122,6 @@ class LatencyPoint:
 def _onset_name(frequency_hz: float, level_v: float) -> str:
     """Return the suffix of an estimate's name; files list estimates by name, steps first."""
     return f"from the onset of {frequency_hz:g} Hz" if frequency_hz else f"after a step to {level_v:g} V"
-
-
-def _milliseconds(value_s: float, error_s: float) -> str:
-    return format_with_uncertainty(1e3 * value_s, 1e3 * error_s, "ms")
 
 
 class OnsetLatency(Protocol):

@@ -17,7 +17,7 @@ from model import (
     Array,
     Membrane,
     ParameterError,
-    format_with_uncertainty,
+    format_quantity,
     linear_young_modulus,
     weight_per_length,
     young_modulus_from_sag,
@@ -70,7 +70,7 @@ class SagPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        return f"sag {self.repeat:.0f}: {format_with_uncertainty(1e6 * self.sag, 1e6 * self.sag_errors)} µm"
+        return f"sag {self.repeat:.0f}: {format_quantity(self.sag, self.sag_errors, 'm', 'sag')}"
 
 
 class MembraneSag(Protocol):

@@ -12,10 +12,9 @@ from typing import Annotated, Any, ClassVar, Self
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from model import format_quantity
 from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Prompt, Recording, ReferenceModel
 from protocols.measurements.result_checks import usable_points
-from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
+from protocols.measurements.sine_dwell import SineDwell, SinePoint, amplitude_text, sine_point
 
 FREE = "free"
 """Value of a key without a membrane, in place of an elongation."""
@@ -36,10 +35,7 @@ class MembranePoint(SinePoint):
     def summary(self) -> str:
         """The point in a line, for a log."""
         where = "free" if math.isnan(self.elongation) else f"{1e3 * self.elongation:.2f} mm"
-        return (
-            f"{where}, {self.frequency:.3f} Hz: max - min {1e6 * self.peak_to_peak:.1f} µm, "
-            f"2 x fundamental {format_quantity(2 * self.fundamental, 2 * self.fundamental_errors, 'm')}"
-        )
+        return f"{where}, {amplitude_text(self)}"
 
 
 class MembraneSeries(SineDwell):

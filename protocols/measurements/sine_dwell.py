@@ -15,7 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Sine
-from model import Complex
+from model import Complex, format_quantity, format_with_uncertainty
 from protocols.base import (
     PART_SCANS,
     CheckResult,
@@ -92,6 +92,21 @@ class SinePoint:
     def relative_uncertainty(self) -> float:
         """Standard uncertainty of the fundamental over the fundamental."""
         return self.fundamental_errors / self.fundamental if self.fundamental > 0 else math.inf
+
+    @property
+    def summary(self) -> str:
+        """The point in a line, for a log."""
+        return amplitude_text(self)
+
+
+def amplitude_text(point: SinePoint) -> str:
+    """Return frequency, amplitudes, phase and distortion of a point in a line."""
+    phase = format_with_uncertainty(math.degrees(point.phase), math.degrees(point.phase_errors))
+    return (
+        f"{point.frequency:.3f} Hz: max - min {format_quantity(point.peak_to_peak, point.peak_to_peak_errors, 'm')}, "
+        f"2 x fundamental {format_quantity(2 * point.fundamental, 2 * point.fundamental_errors, 'm')}, phase {phase}°, "
+        f"THD {format_with_uncertainty(100 * point.thd, 0.0, '%', digits=3)}"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, PeriodicSweep
-from model import format_with_uncertainty
+from model import format_quantity, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -106,7 +106,7 @@ class SweepPoint:
     def summary(self) -> str:
         """The point in a line, for a log."""
         if not math.isfinite(self.natural_frequency):
-            return f"no resonance of one mode; largest response {self.peak_response:.4g} m/V at {self.peak_frequency:.4g} Hz"
+            return f"no resonance of one mode; largest response {format_quantity(self.peak_response, 0.0, 'm/V')} at {self.peak_frequency:.4g} Hz"
         return (
             f"natural frequency {format_with_uncertainty(self.natural_frequency, self.natural_frequency_errors)} Hz, damping ratio "
             f"{format_with_uncertainty(self.damping, self.damping_errors)}, "

@@ -22,7 +22,9 @@ from .schema import ENTRY_COLUMN as ENTRY_COLUMN
 from .schema import HDF5_SIGNATURE as HDF5_SIGNATURE
 from .schema import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from .schema import RESERVE_BYTES as RESERVE_BYTES
+from .schema import RESPONSE_COLUMNS as RESPONSE_COLUMNS
 from .schema import is_hdf5 as is_hdf5
+from .schema import is_response as is_response
 from .schema import point_columns as point_columns
 from .sidecar import NOTES_SUFFIX as NOTES_SUFFIX
 from .sidecar import LaterVerdict as LaterVerdict

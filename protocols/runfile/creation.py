@@ -200,6 +200,14 @@ def _create_conditions(entry: h5py.Group, conditions: RunConditions) -> None:
         entry["air_origin"] = conditions.origin
 
 
+def free_name(parent: h5py.Group, name: str) -> str:
+    """Return a free name in a group, the given one where HDF5 allows it: `/` would begin another group."""
+    free = name.replace("/", " ").strip(" .") or "unnamed"
+    while free in parent:
+        free += "_"
+    return free
+
+
 def create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
     """Create a group of a NeXus class."""
     made = parent.create_group(name)

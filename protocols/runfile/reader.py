@@ -311,7 +311,7 @@ def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
     stored = subgroup(entry, "estimates") if "estimates" in entry else {}
     estimates = (
         EstimatedQuantity(
-            visible_text(current_name(name)),
+            attribute_text(one, "name") if "name" in one.attrs else visible_text(current_name(name)),
             read_number(one, "value"),
             read_number(one, "standard_error"),
             attribute_text(one["value"], "units"),

@@ -4,10 +4,10 @@ NeXus: /entry (NXentry) with NXinstrument, NXdata groups and units on every data
 enough for MATLAB's `h5read`.
 """
 
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Unit
@@ -70,6 +70,18 @@ def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
         description = next((m for m in metadata if isinstance(m, str)), "")
         columns[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)
     return columns
+
+
+RESPONSE_COLUMNS = frozenset([
+    "frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors", "phase", "phase_errors",
+    "drive_amplitude", "drive_offset", "quality",
+])  # fmt: skip
+"""Columns of points under a sine. Points of any protocol that has them are drawn over frequency with the curve of the model."""
+
+
+def is_response(point: Any) -> bool:
+    """Return whether a point, or a type of points, has the columns of a response to a sine."""
+    return ({field.name for field in fields(point)} if is_dataclass(point) else vars(point).keys()) >= RESPONSE_COLUMNS
 
 
 def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:

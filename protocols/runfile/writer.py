@@ -25,7 +25,7 @@ import numpy as np
 from drivers import Block, Drive, InputChannel, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
-from protocols.runfile.creation import create_file, create_group
+from protocols.runfile.creation import create_file, create_group, free_name
 from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.open import RunReadError
@@ -284,11 +284,12 @@ class RunFileWriter:
 
     def _append_results(self, path: Path, reason: str, results: Results) -> str:
         estimates, series, verdict = results
+        record = self._begun_with[0]
         try:
             with append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
-                append_series(file, series, self._begun_with[0].default_plot)
+                append_series(file, series, record.default_plot, record.sensor.gain_relative_uncertainty)
                 append_estimates(file, estimates)
         except StorageError as error:
             if path == self.path and not self._presence.problem:
@@ -446,7 +447,8 @@ def append_estimates(file: h5py.File, estimates: Sequence[EstimatedQuantity]) ->
     group = file["entry"].create_group("estimates", track_order=True)
     group.attrs["NX_class"] = "NXcollection"
     for estimate in estimates:
-        one = create_group(group, estimate.name.replace(" ", "_"), "NXcollection")
+        one = create_group(group, free_name(group, estimate.name.replace(" ", "_")), "NXcollection")
+        one.attrs["name"] = estimate.name
         for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
             one.create_dataset(name, data=value).attrs["units"] = estimate.unit
         one["source"] = estimate.source

@@ -61,12 +61,10 @@ class SpectralPeak:
 
 
 class DwellPeak(NamedTuple):
-    """Frequency, Hz, and height of a maximum between the points of a dwell, with standard errors."""
+    """Frequency of a maximum between the points of a dwell, with its standard error."""
 
     frequency_hz: float
     frequency_error_hz: float
-    height: float
-    height_error: float
 
 
 def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> Array:
@@ -273,9 +271,8 @@ def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     """
     from model.identification import parabola_vertex  # slow to import
 
-    def vertex(heights: Array) -> Array:
-        square, least = parabola_vertex(f**2, -(heights**-2))
-        return np.array([np.sqrt(square), (-least) ** -0.5])
+    def vertex(heights: Array) -> float:
+        return float(np.sqrt(parabola_vertex(f**2, -(heights**-2))[0]))
 
     f, index = np.unique(f, return_index=True)
     y, errors = y[index], errors[index]
@@ -285,5 +282,4 @@ def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     f, y, errors = (values[top - 1 : top + 2] for values in (f, y, errors))
     centre = vertex(y)
     moved = np.array([vertex(y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
-    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(parabola_vertex(f, y))) ** 2)
-    return DwellPeak(*map(float, (centre[0], error[0], centre[1], error[1])))
+    return DwellPeak(centre, float(np.hypot(np.linalg.norm(moved), centre - parabola_vertex(f, y)[0])))

@@ -13,7 +13,7 @@ from app.archive.exporting.parts import PARTS, ExportError, Part, part_tables
 from app.archive.exporting.table_files import json_writer, write_csv, write_parquet, xlsx_writer
 from app.archive.exporting.universal_file import uff_writer
 from app.common import NO_PROGRESS, OperationCancelled, Progress, Table
-from protocols.base import replacing
+from protocols.base import replacing, visible_text
 from protocols.runfile import Run, translate_read_errors
 
 Format = Literal["csv", "json", "mat", "mat73", "parquet", "xlsx", "uff"]
@@ -38,29 +38,42 @@ MAX_SCANS: dict[Format, int] = {"json": 20_000_000, "mat": 20_000_000, "mat73": 
 """Limit of raw scans of formats that are held in memory whole, and of a worksheet's rows."""
 
 
+def raw_left_out(run: Run, kind: Format) -> str:
+    """Return why an export without a choice of parts leaves out the raw samples of a run; empty if it has them."""
+    limit, scans = MAX_SCANS.get(kind), run.trace.sample_count
+    return (
+        ""
+        if limit is None or scans <= limit
+        else f"{run.path.name} has {scans} scans, and {kind} holds at most {limit}"
+    )
+
+
 def export_run(
     run: Run,
     folder: Path,
     kind: Format = "csv",
-    parts: Sequence[Part] = PARTS,
+    parts: Sequence[Part] | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> list[Path]:
     """Write `parts` of a run into `folder` and return the files written. Files of the same names are replaced.
+
+    Without `parts`, every part that the format can hold; some formats cannot hold the raw samples of a long run.
 
     CSV and Parquet have one file for each part and each kind of series, all other formats one file. A Universal File contains the
     series for any selection of parts. `progress` receives the completed share, 0 to 1. If it is cancelled, the unfinished file is removed.
 
     Raises:
         RunReadError: the run is damaged.
-        ExportError: a file cannot be written, the run is too long for the format, has nothing that the format holds or a text
-            that it cannot hold, or the library for the format is not installed.
+        ExportError: a file cannot be written, the run is too long for the format, has no part, or a text or name, that the
+            format can hold, or the library for the format is not installed.
     """
-    most = MAX_SCANS.get(kind)
-    if most is not None and "raw" in parts and run.trace.sample_count > most:
-        raise ExportError(
-            f"{run.path.name} has {run.trace.sample_count} scans, and {kind} holds at most {most}: "
-            "take csv or parquet, or leave the raw data out"
-        )
+    too_long = raw_left_out(run, kind)
+    if parts is None:
+        parts = [part for part in PARTS if part != "raw" or not too_long]
+    elif too_long and "raw" in parts:
+        raise ExportError(f"{too_long}: take csv or parquet, or leave the raw data out")
+    if run.path.name != run.path.name.encode(errors="replace").decode():
+        raise ExportError(f"{visible_text(run.path.name)} has a name that is not UTF-8 text; rename it")
     written: list[Path] = []
     try:
         with translate_read_errors(run.path):  # errors of reading mean damage; errors of the format are raised outside

@@ -96,7 +96,7 @@ def _units() -> dict[str, Any]:
 
 
 def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, Any]]:
-    """Yield a series, its uncertainties, fit and coherence, each as a function."""
+    """Yield a series, its uncertainties, fit and coherence, each as a function of the finite values."""
     x, y, axis = series.x, series.y_axis, series.x_axis
     response = "Frequency response: displacement of the centre / amplifier input voltage"
     common = {
@@ -114,11 +114,7 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
         "ref_ent_name": "INPUT",
         "ref_node": DRIVE_NODE,
         "ref_dir": SCALAR_DIRECTION,
-        "x": x,
-        "num_pts": x.size,
-        "abscissa_spacing": int(_evenly_spaced(x)),
-        "abscissa_min": float(x[0]),
-        "abscissa_inc": float(x[1] - x[0]),
+        **_abscissa(x),
         "abscissa_spec_data_type": ABSCISSA_QUANTITIES.get(axis.unit, UNKNOWN_QUANTITY),
         "abscissa_axis_lab": _line(axis.name.capitalize(), AXIS_CHARACTERS),
         "abscissa_axis_units_lab": _line(axis.unit, AXIS_CHARACTERS),
@@ -133,9 +129,10 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
         ("Standard uncertainty (total)", series.total_errors),
         (f"Fit ({series.fit_description})", series.fit),
     ):
-        if values is not None and np.isfinite(values).any():
-            filled = np.nan_to_num(values, nan=0.0)
-            yield quantity | {"func_type": GENERAL, "id1": _line(f"{label} of the {name}"), "data": filled}
+        finite = np.zeros(0, int) if values is None else np.flatnonzero(np.isfinite(values))
+        if values is not None and finite.size >= MIN_VALUES:
+            text = _line(f"{label} of the {name}")
+            yield quantity | _abscissa(x[finite]) | {"func_type": GENERAL, "id1": text, "data": values[finite]}
     if series.coherence is not None:
         yield common | {
             "func_type": COHERENCE,
@@ -145,6 +142,16 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
             "orddenom_spec_data_type": UNKNOWN_QUANTITY,
             "data": series.coherence,
         }
+
+
+def _abscissa(x: Array) -> dict[str, Any]:
+    return {
+        "x": x,
+        "num_pts": x.size,
+        "abscissa_spacing": int(_evenly_spaced(x)),
+        "abscissa_min": float(x[0]),
+        "abscissa_inc": float(x[1] - x[0]),
+    }
 
 
 def _ordinate(axis: SeriesAxis) -> dict[str, Any]:

@@ -78,9 +78,10 @@ def _only_response(path: Path, sets: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _is_uncertainty(one: dict[str, Any], response: dict[str, Any]) -> bool:
-    """Whether a data set is the standard uncertainty of a response."""
+    """Whether a data set is the statistical standard uncertainty of all values of a response."""
     same = one.get("type") == 58 and one.get("func_id") == response.get("func_id")
-    return same and one.get("func_type") == GENERAL and "uncertainty" in str(one.get("id1", ""))
+    title = str(one.get("id1", "")) if same and one.get("func_type") == GENERAL else ""
+    return "uncertainty" in title and "(total)" not in title and np.size(one["data"]) == np.size(response["data"])
 
 
 def _read_sets(path: Path) -> list[dict[str, Any]]:

@@ -207,7 +207,7 @@ class ExplorePlot(PlotBase):
         for at, run in enumerate(self._runs):
             color = curve_color(len(CURVE_COLORS) - 1 - at, self._theme.colors)
             pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(self._theme.colors.panel)
-            fills = [solid if good else hollow for good in run.usable]
+            fills = [solid if good else hollow for good in run.peak_to_peak.fit_rows]
             amplitudes = [(series.values_of(run), series.symbol) for series in SERIES]
             upper, second, lower = (
                 _point_item(run.frequency_hz, y, symbol=symbol, pen=pen, fills=fills)

@@ -11,7 +11,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 
-from app.common import axis_name
+from app.common import axis_name, format_point
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
@@ -20,7 +20,6 @@ from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
 from app.live import ModelCurves
-from app.session import describe_point
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
 from protocols.runfile import RunReadError, point_columns
@@ -213,7 +212,7 @@ class PointsPlot(PlotBase):
             pg.mkPen(QColor(self._theme.colors.accent if taken else ink), width=4 if taken else 2) for taken in chosen
         ]
         fills = [pg.mkBrush(ink if good else self._theme.colors.panel) for good in usable]
-        texts = [describe_point(p) for p in points]
+        texts = [format_point(p) for p in points]
         self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=texts)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))
         self.hint_label.setVisible(not all(usable))

@@ -63,11 +63,14 @@ class RunTransfers(QObject):
     def export_runs(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
         """Export runs as files for other programs."""
         progress = self._progress_row.progress
-        self._start(
-            f"exporting {pluralize(len(paths), 'run')} …",
-            lambda: export_runs(paths, folder, kind, progress),
-            lambda count: f"{count} files written to {folder_link(folder)}",
-        )
+
+        def describe(exported: tuple[int, list[str]]) -> str:
+            count, left_out = exported
+            written = [f"{pluralize(count, 'file')} written to {folder_link(folder)}"]
+            return "\n".join([*written, *(f"Without raw data: {reason}." for reason in left_out)])
+
+        work = partial(export_runs, paths, folder, kind, progress)
+        self._start(f"exporting {pluralize(len(paths), 'run')} …", work, describe)
 
     def copy_in(self, paths: Sequence[Path]) -> None:
         """Copy run files into the folder; a file of the same name is never replaced."""

@@ -3,6 +3,7 @@
 import json
 import random
 import time
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -102,6 +103,16 @@ def test_outliers_spread_and_trend() -> None:
     assert trend is not None
     assert trend.per_month == pytest.approx(3.0, rel=1e-3)
     assert trend_of(days[:2], days[:2]) is None
+
+
+def test_of_two_protocols_with_as_many_values_the_newer_one_counts() -> None:
+    dwell, sweep = (
+        replace(_value("T1", "laser", day, value), protocol=name)
+        for day, value, name in ((0, 1.0, "dwell"), (1, 2.0, "sweep"))
+    )
+    assert [each.value for each in Fleet((dwell, sweep)).of("size").newest] == [2.0]
+    later = replace(dwell, path="later")
+    assert [each.value for each in Fleet((dwell, later, sweep)).of("size").newest] == [1.0]
 
 
 def _value(specimen: str, sensor: str, day: float, value: float) -> FleetValue:

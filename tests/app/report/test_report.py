@@ -16,10 +16,12 @@ import h5py
 import numpy as np
 import pytest
 
+from app.archive import Catalogue
 from app.cli import report as command
 from app.cli.main import main
 from app.common import typeset
 from app.common.text_table import Table
+from app.fleet.catalogue_values import read_fleet
 from app.plotting.panels import ReportPlot, new_figure
 from app.report import drawings, pdf
 from app.report.content import ReportError, build_report, page_marks
@@ -411,3 +413,18 @@ def test_a_band_has_the_share_of_the_added_mass_that_acts() -> None:
     )
     assert band is not None
     assert band.standard_error == pytest.approx([1e-7, 0.03])
+
+
+def test_report_and_fleet_agree_on_a_specimen(
+    folder: Path, gathered: tuple[Report, SpecimenModel, tuple[ReportRun, ...]]
+) -> None:
+    merits = {each["name"]: each for each in gathered[0].record["merits"]}  # type: ignore[attr-defined]
+    catalogue = Catalogue(folder)
+    catalogue.scan()
+    fleet = read_fleet(folder, catalogue)
+    for name in ("natural_frequency", "damped_frequency", "damping_ratio", "peak_frequency", "amplitude_at_resonance"):
+        (value,) = fleet.of(name).newest
+        figure = merits[name]
+        assert figure["value"] == pytest.approx(value.value, rel=1e-12), name
+        assert figure["standard_error"] == pytest.approx(value.total, rel=1e-3), name
+        assert figure["source"] == Path(value.path).stem
