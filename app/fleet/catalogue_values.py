@@ -85,7 +85,8 @@ class Fleet:
         Raises:
             FleetError: there are none.
         """
-        name = name if name in self.names else current_name(name)
+        if name not in self.names:
+            name = next((each for each in self.names if quantity_label(each) == name), current_name(name))
         found = [value for value in self.values if value.name == name]
         if not found:
             known = ", ".join(self.names) or "none"
