@@ -4,21 +4,23 @@ Every front end and service asks a protocol's aspects and knows no protocol by n
 of the same name in `protocols.aspects`; a laboratory's protocol file assigns its own (docs/how-to-write-a-protocol.md).
 """
 
+from __future__ import annotations
+
 import importlib
-from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from drivers import Drive
-from model import Array
-from protocols.base.figures import Figure, ModelState
-from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
-from protocols.base.records import Recording, Series
-from protocols.base.run_figures import ResultTable, RunFigure
-
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from drivers import Drive
+    from model import Array
     from model.identification import Observation
     from protocols.aspects import RunPoints
+    from protocols.base.figures import Figure, ModelState
+    from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
     from protocols.base.protocol import Protocol
+    from protocols.base.records import Recording, Series
+    from protocols.base.run_figures import ResultTable, RunFigure
     from protocols.runfile import RunRecord
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
@@ -27,13 +29,17 @@ MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.asp
 class Aspects:
     """Aspects of a protocol without any of its own; a subclass overrides what its protocol has."""
 
-    import_form = ImportForm()
-    """Columns of tables that are imported as its runs."""
+    @property
+    def import_form(self) -> ImportForm:
+        """Columns of tables that are imported as its runs."""
+        from protocols.base.importing import ImportForm  # measuring needs it not
+
+        return ImportForm()
 
     short_name: str = ""
     """Name for a narrow column of the report; empty: the protocol's own."""
 
-    def observations(self, points: "RunPoints") -> "Iterable[Observation]":
+    def observations(self, points: RunPoints) -> Iterable[Observation]:
         """Return the observations of a run for the fit; none where the protocol does not concern the model.
 
         Raises:
@@ -42,7 +48,7 @@ class Aspects:
         """
         return ()
 
-    def complete_table(self, table: ImportedTable) -> "type[Protocol] | None":
+    def complete_table(self, table: ImportedTable) -> type[Protocol] | None:
         """Complete the values of an imported table; return the protocol that they are of, if it is another.
 
         Raises:
@@ -69,8 +75,10 @@ class Aspects:
     figure_title: str = ""
     """Of the points over the protocol's axes, as a figure of the report; empty: the report has no figure of them."""
 
-    def figures(self, points: "RunPoints") -> Iterable[Figure]:
+    def figures(self, points: RunPoints) -> Iterable[Figure]:
         """Return the figures of a run; by default the points over the protocol's axes with the curve of the model."""
+        from protocols.base.figures import Figure  # measuring needs it not
+
         yield Figure((points.series(*points.run.record.axes),), self.figure_title, model=self.model_curve)
 
     live_drives: tuple[type[Drive], ...] = ()
@@ -87,7 +95,7 @@ class Aspects:
         """Return the curve of an entry so far from the parts of its drives; `running` are the samples of the last one."""
         raise NotImplementedError
 
-    def run_figures(self, run: "RunRecord", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+    def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Return the figures of a run for lists, fleets and control charts: its estimates, changed or with further figures."""
         return estimates
 
