@@ -237,8 +237,13 @@ def long_way(path: Path) -> RunSummary | None:
 
 
 def test_a_finished_run_is_listed_from_its_sidecar_as_from_its_data(folder: Path, tmp_path: Path) -> None:
-    checks = (CheckResult("width", math.nan, "Hz", 1.0, None, "measure more", Outcome.DID_NOT_PASS),)
-    finished_run(folder, "T9", verdict=Verdict(Outcome.DID_NOT_PASS, ("a width\n of \x1b",), checks))
+    checks = (
+        CheckResult("width", math.nan, "Hz", 1.0, None, "measure more", Outcome.DID_NOT_PASS),
+        CheckResult("depth", 1.0, "m", 0.5, 2.0, ""),
+    )
+    failed = finished_run(folder, "T9", verdict=Verdict(Outcome.DID_NOT_PASS, ("a width\n of \x1b",), checks))
+    listed = json.loads(notes_path(failed).read_text("utf-8"))["listed"]["record"]["verdict"]["checks"]
+    assert [check["name"] for check in listed] == ["width"]
     judged = finished_run(folder, "T10")
     judge_file(judged, store=True)
     stopped = begun_run(folder, "T11", (100.0,), 5000.0)
