@@ -3,6 +3,7 @@
 Real and simulated instruments implement the same interfaces and pass the same contract tests.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,8 +12,23 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive_shapes import Drive, Hold
-from drivers.level_pulse import LevelPulse
+from drivers.drive_shapes import Drive, Hold, LevelPulse
+
+
+class Closeable(ABC):
+    """Closes itself at the end of its `with` block, also after an exception."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release all resources."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 @dataclass(frozen=True, slots=True)

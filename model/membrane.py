@@ -11,11 +11,8 @@ from annotated_types import Interval
 
 from model.arrays import Array, gauss_legendre
 from model.parameter_spec import ParameterError, ParameterSpec
-from model.parameters import Membrane
+from model.parameters import GRAVITY, Membrane
 from model.skin_model import PRE_STRETCH, point_stiffness
-
-GRAVITY = 9.80665
-"""Standard gravity, m/s^2."""
 
 RUBBER_KG_M3 = 1000.0
 LOAD_SPEC = ParameterSpec("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)

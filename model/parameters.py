@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 
 from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
 
+GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
+
 FloatOrArray = Any
 """A float or an array of floats; the formulas of this module take both."""
 

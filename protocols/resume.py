@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -17,7 +17,10 @@ from pydantic import ValidationError
 from model import AmplifierMap
 from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, RunStatus, Series, extend_plan
 from protocols.registry import PROTOCOLS
-from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, translate_read_errors
+from protocols.runfile import ENTRY_COLUMN, RunReadError
+
+if TYPE_CHECKING:
+    from protocols.runfile import Run, RunRecord
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
 """A change larger than both counts as drift: significant, and large enough to matter."""
@@ -41,11 +44,11 @@ class ResumableRun:
 
     path: Path
     protocol: Protocol
-    record: RunRecord
+    record: "RunRecord"
     resume_state: ResumeState
 
 
-def protocol_of_run(run: Run, run_name: str) -> Protocol:
+def protocol_of_run(run: "Run", run_name: str) -> Protocol:
     """Return the protocol of a run with its parameters; `run_name` names the run in messages.
 
     Raises:
@@ -70,6 +73,8 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
     Raises:
         RunReadError: the file is not a run, still being written, complete with nothing to repeat, or of an unknown protocol.
     """
+    from protocols.runfile import Run, translate_read_errors  # a new run reads no file
+
     with Run(path) as run, translate_read_errors(path):
         _check_measured(path, run)
         protocol = protocol_of_run(run, str(path))
@@ -94,14 +99,14 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         return ResumableRun(path, protocol, run.record, continuation)
 
 
-def _check_measured(path: Path, run: Run) -> None:
+def _check_measured(path: Path, run: "Run") -> None:
     if run.record.status is RunStatus.RUNNING and not run.record.crashed:
         raise RunReadError(f"{path} is still being written; stop that run first")
     if run.record.imported:
         raise RunReadError(f"{path} was imported, not measured, and cannot be resumed; start a new run")
 
 
-def _points_of_plan(run: Run, points: Mapping[int, Any], plan: Sequence[PlanEntry]) -> dict[int, Any]:
+def _points_of_plan(run: "Run", points: Mapping[int, Any], plan: Sequence[PlanEntry]) -> dict[int, Any]:
     """Return the points of the plan's entries: refinements depend on points, and may differ after repeats of these."""
     begun = run.entries()
     return {
@@ -121,6 +126,8 @@ def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
     Raises:
         RunReadError: the file is not a run, or has no such entry; the message lists the entries.
     """
+    from protocols.runfile import Run, translate_read_errors  # a new run reads no file
+
     with Run(path) as run, translate_read_errors(path):
         begun, columns = run.entries(), run.points()
         good = {
@@ -177,7 +184,7 @@ def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tup
     return note, Prompt("drifted", question, choices=("go on", "stop"))
 
 
-def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
+def _recompute_series(run: "Run", protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
     """Recompute the series of an unfinished run from its raw data."""
     if type(protocol).series is Protocol.series:
         return ()
@@ -194,7 +201,7 @@ def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -
     return tuple(recomputed)
 
 
-def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
+def measured_points(run: "Run", point_type: type) -> Sequence[tuple[int, Any]]:
     """Return points with their entries, in order of measurement; the last point of an entry is valid."""
     columns = run.points()
     entries = columns.pop(ENTRY_COLUMN)

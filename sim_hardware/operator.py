@@ -41,7 +41,7 @@ class BenchControls(Protocol):
 
 
 class SimulatedOperator:
-    """Answers the prompts of a run (protocols.base.operator.Operator) by performing `prompt.action`.
+    """Answers the prompts of a run (protocols.base.Operator) by performing `prompt.action`.
 
     The answer is the first choice. It follows a placed or removed weight after a delay, so that the laser can detect it before. A
     prompt without an action is answered immediately.

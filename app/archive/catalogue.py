@@ -177,7 +177,7 @@ class Catalogue:
 
     def _read(self, path: str, notes: str, stamp: _FileStamp, excluded: Collection[str]) -> RunSummary | None:
         file = self.folder / path
-        if str(file.resolve()) in excluded:
+        if excluded and str(file.resolve()) in excluded:
             entry: RunSummary | None = summary_from_file_name(path, RunState.RUNNING, "being written by this program")
         else:
             entry = read_run_summary(file, path, self.folder / notes if notes else None)

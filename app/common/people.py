@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from app.common.errors import UsageError
 from app.common.inputs import truncate_text
 from drivers import BenchError
-from drivers.sensors import HIGHEST_C, LOWEST_C
 from protocols.base import RunConditions, read_json_file, write_atomic
 
 if TYPE_CHECKING:
@@ -140,6 +139,8 @@ def read_temperature(text: str) -> float:
     Raises:
         UsageError: it has none of these forms, or is no temperature of a laboratory.
     """
+    from drivers.sensors import HIGHEST_C, LOWEST_C
+
     match = NUMBER_WITH_UNIT.fullmatch(text.strip())
     if match is None or match[2] not in ("", "C", "°C", "degC", "K"):
         raise UsageError(f"'{truncate_text(text)}' is no temperature; write for example 23.4 °C")

@@ -13,18 +13,8 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from drivers import (
-    BenchError,
-    Clock,
-    Digitizer,
-    EnvironmentSensor,
-    InstrumentError,
-    Link,
-    ScpiSession,
-    Source,
-    generator_families,
-    reason_unsuitable,
-)
+import drivers
+from drivers import BenchError, Clock, InstrumentError, Link, ScpiSession, Source, generator_families
 
 AUTO = "auto"
 SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
@@ -37,7 +27,7 @@ BUILT_IN = {
 """Drivers that are not of generators; digitizers are called like `drivers.nidaq.analog_input.NiDigitizer`, environment sensors with
 (port, request), and generators with (link, clock, *, step_v)."""
 
-INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer, ENVIRONMENT_SENSORS: EnvironmentSensor}
+INTERFACES = {SOURCES: "Source", DIGITIZERS: "Digitizer", ENVIRONMENT_SENSORS: "EnvironmentSensor"}
 
 log = logging.getLogger(__name__)
 
@@ -125,7 +115,7 @@ def _detect_driver(link: Link) -> Callable[..., Source]:
     for candidate in _source_drivers():
         if supports_model(candidate, seen.model):
             return candidate
-    if why := reason_unsuitable(seen):
+    if why := drivers.reason_unsuitable(seen):
         raise InstrumentError(f"{link.name} answered as '{seen}'; {why}")
     raise InstrumentError(
         f"{link.name} answered as '{seen}', a model for which there is no driver; name one in the bench file "
@@ -164,7 +154,7 @@ def _entry_points(group: str) -> Sequence[EntryPoint]:
 def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
     package = f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else "an unknown package"
     begin, driver, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
-    interface = INTERFACES[entry_point.group]
+    interface: type = getattr(drivers, INTERFACES[entry_point.group])
     try:
         driver = entry_point.load()
     except BaseException as error:

@@ -87,7 +87,8 @@ class Fleet:
         Raises:
             FleetError: there are none.
         """
-        name = name if name in self.names else current_name(name)
+        if name not in self.names:
+            name = next((each for each in self.names if quantity_label(each) == name), current_name(name))
         values = [value for value in self.values if value.name == name]
         if not values:
             names = ", ".join(self.names) or "none"

@@ -46,7 +46,8 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
         "quantities",
         "Newest value of each specimen",
         (
-            Column("quantity", None, [s.name for s in selections]),
+            Column("quantity", None, [s.name for s in selections], displayed=False),
+            Column("name", None, [s.label for s in selections], "quantity"),
             Column("source", None, [s.about for s in selections], "from"),
             Column("shown_unit", None, [shown_unit(s.unit, s.name)[1] for s in selections], "unit"),
             Column("specimens", None, [r.spread.count for r in rows], format_spec="d"),

@@ -134,7 +134,7 @@ def _summary_table(selection: FleetSelection, limits: Mapping[str, Bounds]) -> T
     """Return the statistics of one quantity, a row each."""
     table = quantity_table([selection], limits)
     rows = list(zip(table.headings, table.text_rows[0], table.columns, strict=True))
-    shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "quantity"]
+    shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "name"]
     values, _ = arrays(selection.values)
     if (trend := trend_of(times_of(selection), values)) is not None:
         shown.append(("trend in 30 days", format_trend(selection, trend)))

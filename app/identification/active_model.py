@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.identification import calibrations
-from model import NONIDEAL_NAMES, EstimatedQuantity, Membrane, ParameterError, Specimen, Tactor, replace_variables
+from model import EstimatedQuantity, Membrane, ParameterError, Tactor
 from protocols.base import ReferenceModel
 from protocols.runfile import sheet_path
 
 if TYPE_CHECKING:
+    from model import Specimen
     from model.studies import EstimateSet
 
 FileStamp = tuple[int, int, int]
@@ -40,12 +41,14 @@ class ActiveModel:
     nonideal: Mapping[str, float] = field(default_factory=dict)
     """Hysteresis, creep and flexibility of the clamp, where they were identified."""
 
-    def specimen(self, elongation_m: float | None = None) -> Specimen:
+    def specimen(self, elongation_m: float | None = None) -> "Specimen":
         """Return the specimen, free or on its membrane at an elongation (m).
 
         Raises:
             ParameterError: a value is not physical there.
         """
+        from model import Specimen, replace_variables  # a run needs them not
+
         if elongation_m is None:
             return replace_variables(Specimen(self.tactor), self.nonideal)
         stretch, c_s = elongation_m / self.membrane.L_m, self.skin_damping(elongation_m)
@@ -55,7 +58,7 @@ class ActiveModel:
         """Return the skin's damping (kg/(m s)) that was identified at one elongation alone; None where it was not."""
         return next((c_s for at, c_s in self.damping_by_elongation if same_elongation(at, elongation_m)), None)
 
-    def estimates_for(self, specimen: Specimen) -> "EstimateSet | None":
+    def estimates_for(self, specimen: "Specimen") -> "EstimateSet | None":
         """Return the estimates that a specimen depends on: the tactor's, and the membrane's if it is on one."""
         return self.estimates if specimen.membrane is None else self.membrane_estimates
 
@@ -69,6 +72,7 @@ class ActiveModel:
         description: str = "",
     ) -> Self:
         """Return the model of estimates with their covariance, (P, P), in their order."""
+        from model import NONIDEAL_NAMES
         from model.identification import parse_elongation  # slow to load
         from model.studies import EstimateSet
 
@@ -145,6 +149,8 @@ def _uncalibrated_model(folder: Path, specimen: str) -> ActiveModel:
 
 def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:
     """Return the model of a calibrated specimen that results are compared with; None without an active calibration."""
+    if not calibrations.calibrations_path(folder, specimen).exists():  # without reading the specimen sheet
+        return None
     active = load_active_model(folder, specimen)
     if active.estimates is None or active.problem:
         return None

@@ -250,8 +250,9 @@ def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
             continue
         sigmas = (after.value - value) / (uncertainty**2 - error**2) ** 0.5
         if abs(sigmas) > CONTRADICTION_SIGMAS:
+            unit = f" {sheet_unit(name)[1]}".rstrip()
             texts.append(
-                f"the runs contradict {name}: {_format(name, value, uncertainty)} {sheet_unit(name)[1]} was known, "
-                f"{_format(name, after.value, after.standard_error)} fits, {abs(sigmas):.1f} standard uncertainties away: measure it again"
+                f"the runs contradict {name}: {_format(name, value, uncertainty)}{unit} was known, "
+                f"{_format(name, after.value, after.standard_error)}{unit} fits, {abs(sigmas):.1f} standard uncertainties away: measure it again"
             )
     return tuple(texts)

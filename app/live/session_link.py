@@ -23,7 +23,7 @@ from protocols.base import BlockDiscarded, BlockStored, EventBus, Operator, Prom
 
 
 class PromptMailbox:
-    """Holds one prompt and its answer (protocols.base.operator.Operator); a new prompt replaces the previous one."""
+    """Holds one prompt and its answer (protocols.base.Operator); a new prompt replaces the previous one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -271,7 +271,8 @@ def perception_blocks(summary: SpecimenSummary) -> Iterator[Block]:
         ]
         overshoot = f"{typeset_with_error(100 * step.overshoot, 100 * step.overshoot_error)} %"
         lines.append(("overshoot over the final value", overshoot))
-        yield Table.of_rows(f"A step of {step.step_v:g} V", ("quantity", "value ± standard error"), lines)
+        title = f"A step of {step.step_v:g} V, by the model"
+        yield Table.of_rows(title, ("quantity", "value ± standard error"), lines)
 
 
 def _percent(share: float) -> str:

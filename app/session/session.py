@@ -321,7 +321,6 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulation import provide_sheet
-        from protocols import complete_results
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner
 
@@ -330,7 +329,7 @@ class Session:
         try:
             request = load()
             self._report_watchdog_log(request.folder)
-            for sentence in repair_folder(request.folder, complete_results):
+            for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
@@ -416,6 +415,13 @@ class Session:
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
         self._events.publish(BenchFailed(reason))
+
+
+def _complete_results(path: Path) -> str:
+    """Complete the results of a run that a killed program left; the modules that read runs are imported then only."""
+    from protocols import complete_results
+
+    return complete_results(path)
 
 
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:

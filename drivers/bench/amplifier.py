@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
-from drivers.drive_shapes import Drive, Hold
+from drivers.drive_shapes import Drive, Hold, LevelPulse
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
     DriveChecker,
@@ -23,7 +23,6 @@ from drivers.interfaces import (
     Source,
     UnattendedEnd,
 )
-from drivers.level_pulse import LevelPulse
 from model import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9

@@ -8,7 +8,7 @@ with its output on, and rest is reported only after it was *measured*.
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.bench.abort_level_settings import LevelSettings
 from drivers.bench.amplifier import HvAmplifier
@@ -28,7 +28,10 @@ from drivers.errors import (
     UnsafeError,
 )
 from drivers.interfaces import Block, Digitizer, InputChannel, Meter, ScanLister, Stream
-from drivers.sensors import EnvironmentSensor, LaserSensor
+from drivers.sensors import LaserSensor
+
+if TYPE_CHECKING:
+    from drivers.sensors import EnvironmentSensor
 
 RATE_TOLERANCE = 0.01
 """Largest relative deviation of the card's sample rate from the requested one: its divider makes the nearest rate."""
@@ -57,7 +60,7 @@ class Bench:
     levels: LevelSettings = field(default_factory=LevelSettings)
     channels: tuple[InputChannel, ...] = ()
     """Further inputs of the card, in the order of a block's rows from the third on."""
-    environment: EnvironmentSensor | None = None
+    environment: "EnvironmentSensor | None" = None
     """Sensor of temperature and humidity, or None."""
     suspend_warning: str = ""
     """Reason why the computer may suspend; empty if suspension is inhibited."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.clock import SharedTime, WallClock
-from drivers.level_pulse import LevelPulse
+from drivers.drive_shapes import LevelPulse
 
 HEARTBEAT_PERIOD_S = 0.1
 """Period of the interpreter's pulse, and longest interval between two heartbeats of a sleeping run thread."""

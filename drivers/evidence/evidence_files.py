@@ -10,14 +10,17 @@ The table of docs/generators.md is generated from these files. An assumption wit
 commission` measures the ones visible at the output, before high voltage is on.
 """
 
+from __future__ import annotations
+
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from drivers.evidence.assumption import Assumption, OutputCheck
+if TYPE_CHECKING:
+    from drivers.evidence.assumption import Assumption
 
 CARD_INPUT, CARD_OUTPUT, SUPPLY = "card", "card-output", "dc-supply"
 """Drivers of the tables: the card's inputs, its analogue output, and the DC supplies."""
@@ -108,6 +111,8 @@ def _rows(tables: Mapping[str, Any]) -> Iterator[Assumption]:
 
 def _assumption(driver: str, table: Mapping[str, Any], row: Mapping[str, Any], tables: Mapping[str, Any]) -> Assumption:
     """Return a row of a driver's table as an assumption, with sources and numbers inserted."""
+    from drivers.evidence.assumption import Assumption, OutputCheck  # opening a bench needs none
+
     names = tables.get("sources", {}) | {"idle_mv": table.get("idle_mv", "")}
     return Assumption(
         driver,

@@ -20,16 +20,14 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LevelPulse, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S, PlayableDrives
 from drivers.generators.dialect import Dialect, Levels
 from drivers.generators.output import HASTENED_END_S, BurstOutput
 from drivers.generators.settings import LEVEL_TOLERANCE_V, mismatches
-from drivers.generators.unsuitable import reason_unsuitable
 from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
-from drivers.level_pulse import LevelPulse
 from drivers.transport import Link, ScpiSession
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
@@ -69,6 +67,8 @@ class BurstGenerator:
         self.identity: Identity = self._scpi.identify()
         if not self.supports_model(self.identity.model):
             link.close()
+            from drivers.generators.unsuitable import reason_unsuitable
+
             remedy = reason_unsuitable(self.identity) or "Correct the driver or the resource in the bench file"
             raise InstrumentError(
                 f"{link.name} answered as '{self.identity}'; this driver is for {self.capabilities.product_names}. {remedy[0].upper()}{remedy[1:]}"

@@ -4,9 +4,8 @@ import re
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LevelPulse, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.generators.waveform import reason_memory_too_small, repetition
-from drivers.level_pulse import LevelPulse
 
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
 """Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""

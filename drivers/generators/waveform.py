@@ -5,8 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive_shapes import LinearSweep, PeriodicSweep, SquareWave, Steps
-from drivers.level_pulse import LevelPulse
+from drivers.drive_shapes import LevelPulse, LinearSweep, PeriodicSweep, SquareWave, Steps
 
 Points = NDArray[np.float64]
 """Values between -1 and 1; 0 is the idle level, and the first value."""

@@ -22,9 +22,8 @@ from nidaqmx.system import System
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.closing import Closeable
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
-from drivers.interfaces import Block, Identity, Scale
+from drivers.interfaces import Block, Closeable, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0

@@ -20,9 +20,8 @@ from pathlib import Path
 import psutil
 from filelock import FileLock, Timeout
 
-from drivers.closing import Closeable
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError, UnsafeError
-from drivers.interfaces import Identity
+from drivers.interfaces import Closeable, Identity
 
 WATCHDOG_TIMEOUT_S = 10.0
 """Longest wait for the watchdog of a program that has ended: it may be bringing the source to rest."""

@@ -15,8 +15,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from drivers.bench import HEARTBEAT_PERIOD_S
+from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError
-from drivers.level_pulse import LevelPulse
 from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.origin import describe_copy

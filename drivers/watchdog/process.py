@@ -21,9 +21,9 @@ from typing import NoReturn
 
 from drivers.bench import HvAmplifier
 from drivers.clock import SharedTime, WallClock
+from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
-from drivers.level_pulse import LevelPulse
 from drivers.transport import lock_as_watchdog
 from drivers.watchdog.activity import ProcessActivity, raise_own_priority
 from drivers.watchdog.config import WatchdogConfig

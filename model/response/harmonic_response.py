@@ -1,6 +1,6 @@
 """Frequency response of the tactor from its poles: under a pure sine on the specimen, and under the amplifier's drive."""
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from annotated_types import Interval
@@ -10,7 +10,9 @@ from model import NO_SKIN, AmplifierMap, Array, Complex, ParameterSpec, Skin, Ta
 from model.beam import Matrices, ModalForm, gram, matrices, modal_form, receptance, shape_functions
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import Waveform, fourier_series
-from model.response.periodic_response import PeriodicResponse
+
+if TYPE_CHECKING:
+    from model.response.periodic_response import PeriodicResponse
 
 Excitation = Literal["voltage", "load"]
 
@@ -79,7 +81,7 @@ def amplifier_response(
     waveform: Waveform = "sine",
     n: int = 7,
     x: float | None = None,
-) -> PeriodicResponse:
+) -> "PeriodicResponse":
     """Response to `offset_v + amplitude_v * waveform` (volts, peak) at the amplifier's *input*.
 
     Raises:
@@ -120,8 +122,10 @@ def driven_amplitudes(
     return whole, fundamental
 
 
-def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> PeriodicResponse:
+def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> "PeriodicResponse":
     """Response of one `ModalForm` output to a series V_k (K + 1,) of specimen volts, at every frequency of `frequency_hz`."""
+    from model.response.periodic_response import PeriodicResponse  # modal forms need it not
+
     f = PERIODIC_FREQUENCY_SPEC.check(frequency_hz)
     k = np.arange(V.size)
     H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size)

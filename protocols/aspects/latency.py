@@ -1,12 +1,17 @@
 """Aspects of the protocol `latency`."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from model import SeriesAxis, quantity_label
-from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigure
-from protocols.runfile import RunRecord
+
+if TYPE_CHECKING:
+    from protocols.aspects.run_points import RunPoints
+    from protocols.runfile import RunRecord
 
 FELT = "latency"
 """Prefix of the names of times to the threshold."""

@@ -1,15 +1,20 @@
 """Aspects of the protocol `mass-resonance`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import Array, SeriesAxis
-from model.identification import MassResonanceObservation, Observation, resonance_frequencies
-from protocols.aspects.run_points import RunPoints
+from model import Array, SeriesAxis, identification
 from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.base import Figure, ImportColumn, ImportForm, ModelState
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 
 class MassResonanceAspects(RunningSweepAspects):
@@ -46,7 +51,7 @@ class MassResonanceAspects(RunningSweepAspects):
         columns, peak = points.columns, _frequency_column(points)
         frequency, errors = columns[peak], columns[f"{peak}_errors"]
         good = points.good & (errors > 0) & np.isfinite(frequency)
-        yield MassResonanceObservation(
+        yield identification.MassResonanceObservation(
             points.label,
             columns["mass"],
             frequency,
@@ -65,7 +70,7 @@ def _frequency_column(points: RunPoints) -> str:
 
 def _resonance(state: ModelState, mass_kg: Array, peak: bool) -> Array:
     acting, damped = state.acting_mass(mass_kg), np.full(mass_kg.size, peak)
-    return resonance_frequencies(state.specimen.acting_tactor, acting, damped, state.shape_count)[0]
+    return identification.resonance_frequencies(state.specimen.acting_tactor, acting, damped, state.shape_count)[0]
 
 
 ASPECTS = MassResonanceAspects()

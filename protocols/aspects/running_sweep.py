@@ -1,21 +1,20 @@
 """Frequency response of a running sweep, from its present samples."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers import LinearSweep, PeriodicSweep
+from protocols import measurements, signals
 from protocols.base import Aspects, Recording, Series
-from protocols.measurements import SETTLED_S
-from protocols.signals import (
-    FrequencyResponse,
-    concatenate_responses,
-    estimate_periodic_response,
-    estimate_swept_response,
-)
+
+if TYPE_CHECKING:
+    from protocols.signals import FrequencyResponse
 
 
 class RunningSweepAspects(Aspects):
@@ -31,12 +30,12 @@ class RunningSweepAspects(Aspects):
         band = drive.start_hz, drive.stop_hz
         try:
             if isinstance(drive, LinearSweep):
-                response = estimate_swept_response(volts, metres, rate, band, delay_s=delay_s)
+                response = signals.estimate_swept_response(volts, metres, rate, band, delay_s=delay_s)
             else:
                 # Samples before the drive belong to the dropped periods.
                 used = round(_periods(recording, drive) * drive.period_s * rate)
-                dropped = max(math.ceil(SETTLED_S / drive.period_s), 1)
-                response = estimate_periodic_response(
+                dropped = max(math.ceil(measurements.SETTLED_S / drive.period_s), 1)
+                response = signals.estimate_periodic_response(
                     volts[-used:], metres[-used:], rate, drive.period_s, band, dropped, delay_s
                 )
         except ValueError:
@@ -69,7 +68,7 @@ def _joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     parts = sorted(parts, key=lambda part: float(part.x[0]))
     starts = [float(part.x[0]) for part in parts[1:]]
     kept = [part.within(0.0, math.nextafter(start, 0.0)) for part, start in zip(parts, starts, strict=False)]
-    return concatenate_responses([*kept, parts[-1]])
+    return signals.concatenate_responses([*kept, parts[-1]])
 
 
 def _over_the_band(curve: Series, *ends_hz: float) -> Series:

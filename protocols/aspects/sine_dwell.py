@@ -1,16 +1,17 @@
 """Aspects of the protocol `sine-dwell`, and base of the aspects of dwells under a membrane."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers import Sine
-from model import AmplifierMap, Array, Membrane, SeriesAxis
-from model.identification import FrequencyResponseObservation, Observation
-from protocols.aspects.run_points import RunPoints
+from model import AmplifierMap, Array, Membrane, SeriesAxis, identification
+from protocols import measurements, signals
 from protocols.base import (
     DISPLACEMENT_RANGE_M,
     Aspects,
@@ -26,9 +27,12 @@ from protocols.base import (
     RunFigure,
     RunOfSamples,
 )
-from protocols.measurements import MembraneSeries, SinePoint, sine_point
-from protocols.runfile import RunRecord
-from protocols.signals import fit_frequency, fit_sine
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
+    from protocols.measurements import SinePoint
+    from protocols.runfile import RunRecord
 
 CARD_READBACK_MARGIN_V = 0.02
 """Largest excess of a recorded drive over the amplifier's range."""
@@ -83,13 +87,13 @@ class SineDwellAspects(Aspects):
 
     def complete_table(self, table: ImportedTable) -> type[Protocol] | None:
         complete_dwell(table)
-        return MembraneSeries if "elongation" in table.values else None
+        return measurements.MembraneSeries if "elongation" in table.values else None
 
     def series_fault(self, series: ImportedSamples) -> str | None:
         if series.drive_v is None:
             return ""
         f = _largest_frequency(series.drive_v, series.rate_hz)
-        fit = fit_sine(series.drive_v, series.rate_hz, f)
+        fit = signals.fit_sine(series.drive_v, series.rate_hz, f)
         if fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
             return ""
         return (
@@ -172,7 +176,9 @@ def amplitude_model(
     return amplitudes
 
 
-def dwell_observation(points: RunPoints, label: str, elongation_m: float | None) -> FrequencyResponseObservation:
+def dwell_observation(
+    points: RunPoints, label: str, elongation_m: float | None
+) -> identification.FrequencyResponseObservation:
     """Return the response to sines, free or under a membrane."""
     columns, imported = points.columns, points.run.record.imported
     sine, width = (
@@ -202,7 +208,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
     if elongation_m is not None:
         common["shared_errors"] += points.input_errors("elongation", "elongation", good, f"{label}, {{}} m")
     offset_v = columns["drive_offset"]
-    return FrequencyResponseObservation(
+    return identification.FrequencyResponseObservation(
         label,
         columns["frequency"],
         drive_amplitude_v=_within_range(columns["drive_amplitude"], offset_v, points.run.record.amplifier_map),
@@ -278,7 +284,7 @@ def _series_point(series: ImportedSamples) -> SinePoint:
         drive = amplifier.rest_v + amplitude * np.sin(2 * np.pi * f * (time - time[0]))
     else:
         f = _largest_frequency(drive, series.rate_hz)
-        amplitude = abs(fit_sine(drive, series.rate_hz, f).fundamental)
+        amplitude = abs(signals.fit_sine(drive, series.rate_hz, f).fundamental)
     cycles = float((time[-1] - time[0]) * f)
     if cycles < MIN_CYCLES:
         raise series.refusal(f" holds {cycles:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed")
@@ -286,7 +292,7 @@ def _series_point(series: ImportedSamples) -> SinePoint:
     moved = series.displacement_m
     recording = Recording(0, (0, moved.size), series.rate_hz, sine, drive, moved, Quality.IMPORTED, series.delay_s)
     try:
-        point = sine_point([recording], series.simulated)
+        point = measurements.sine_point([recording], series.simulated)
     except ValueError as error:
         raise series.refusal(f": {error}") from None
     return point if series.drive_v is not None else replace(point, phase=math.nan, phase_errors=math.nan)
@@ -304,7 +310,7 @@ def _stated_drive(series: ImportedSamples) -> tuple[float, float]:
 
 def _largest_frequency(drive: Array, rate_hz: float) -> float:
     spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
-    return fit_frequency(drive, rate_hz, (int(spectrum[1:].argmax()) + 1) * rate_hz / drive.size)
+    return signals.fit_frequency(drive, rate_hz, (int(spectrum[1:].argmax()) + 1) * rate_hz / drive.size)
 
 
 ASPECTS = SineDwellAspects()

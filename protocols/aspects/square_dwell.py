@@ -1,10 +1,15 @@
 """Aspects of the protocol `square-dwell`."""
 
-from collections.abc import Iterator
+from __future__ import annotations
 
-from protocols.aspects.run_points import RunPoints
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 from protocols.aspects.sine_dwell import amplitude_figure
 from protocols.base import Aspects, Figure
+
+if TYPE_CHECKING:
+    from protocols.aspects.run_points import RunPoints
 
 
 class SquareDwellAspects(Aspects):

@@ -1,13 +1,15 @@
 """Aspects of the protocol `static-loading`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import GRAVITY, Array, DriveHistory, Mask, SeriesAxis
-from model.identification import LOADING_TIME_S, Observation, SharedError, Side, StaticLoadingObservation
-from protocols.aspects.run_points import RunPoints
+from model import GRAVITY, Array, DriveHistory, Mask, SeriesAxis, identification
+from protocols import measurements
 from protocols.base import (
     DISPLACEMENT_RANGE_M,
     REPEAT_ALIASES,
@@ -18,7 +20,10 @@ from protocols.base import (
     ImportForm,
     ModelState,
 )
-from protocols.measurements import StaticLoading
+
+if TYPE_CHECKING:
+    from model.identification import Observation, SharedError, Side
+    from protocols.aspects.run_points import RunPoints
 
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
 SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
@@ -85,7 +90,7 @@ class StaticLoadingAspects(Aspects):
             errors = columns["deflection_errors"][at]
             common = points.common_arguments("displacement")
             common["shared_errors"] += _weight_errors(points, good & at)
-            yield StaticLoadingObservation(
+            yield identification.StaticLoadingObservation(
                 f"{points.label} {name}",
                 columns["load"][at],
                 deflection[at],
@@ -109,7 +114,9 @@ def _pushed_sides(points: RunPoints) -> Iterator[tuple[Side, Mask, Array]]:
 def _deflection(state: ModelState, load_n: Array) -> Array:
     from model.response import load_compliance  # slow to import
 
-    return np.asarray(load_compliance(state.specimen.acting_tactor) * load_n * state.crept(LOADING_TIME_S))
+    return np.asarray(
+        load_compliance(state.specimen.acting_tactor) * load_n * state.crept(identification.LOADING_TIME_S)
+    )
 
 
 def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
@@ -135,7 +142,7 @@ def history_of_loads(points: RunPoints) -> DriveHistory | None:
     if recordings is None or not np.isfinite(load).all():
         return None
     protocol = points.read_protocol()
-    assert isinstance(protocol, StaticLoading)
+    assert isinstance(protocol, measurements.StaticLoading)
     half = protocol.record_s / 2
     events = points.run.events()
     seen_s = [event.time_s for event in events if event.kind == "Answered" and event.fields.get("words") == SEEN]

@@ -1,18 +1,21 @@
 """Aspects of the protocol `sweep`."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import Array, Complex
-from model.identification import FrequencyResponseObservation, Observation
-from model.response import loop_share
-from protocols.aspects.run_points import RunPoints
+from model import Array, Complex, identification
+from protocols import measurements, signals
 from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.base import ImportedSamples, Quality, RunOfSamples, Series
-from protocols.measurements import Sweep, check_response_present, sweep_point
-from protocols.signals import FREQUENCY_RESPONSE, MAINS_HZ, estimate_swept_response
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 MAX_SWEPT_CYCLES = 2000
 """Largest number of cycles per period at the highest frequency for loops computed in time, which takes 1 us per sample."""
@@ -61,7 +64,7 @@ class SweepAspects(RunningSweepAspects):
         in its lines, as in the fundamental of a sine.
         """
         run, map_ = points.run, points.run.record.amplifier_map
-        curves = {curve.entry: curve for curve in run.series() if curve.name == FREQUENCY_RESPONSE}
+        curves = {curve.entry: curve for curve in run.series() if curve.name == signals.FREQUENCY_RESPONSE}
         for i in np.flatnonzero(points.good).tolist():
             curve = curves.get(int(points.columns["entry"][i]))
             if curve is None:
@@ -70,7 +73,7 @@ class SweepAspects(RunningSweepAspects):
             amplitude_v = float(min(seen_v, map_.high_v - map_.rest_v, map_.rest_v - map_.low_v))
             lines = response_lines(curve, bool(run.record.imported)).scaled(1.0, amplitude_v)
             if lines.x.size and amplitude_v > 0:
-                yield FrequencyResponseObservation(
+                yield identification.FrequencyResponseObservation(
                     f"{points.label} {curve.label}".strip(),
                     lines.x,
                     lines.y,
@@ -91,7 +94,7 @@ def response_lines(curve: Series, overlaps: bool) -> Series:
     good = np.isfinite(lines.y) & np.isfinite(errors) & (errors > 0) & (f > 0)
     if f.size > 1:
         spacing = float(np.median(np.diff(f)))
-        for mains in MAINS_HZ:
+        for mains in signals.MAINS_HZ:
             good &= np.abs(f - np.maximum(np.round(f / mains), 1) * mains) > SHARE_OF_SPACING * spacing
     return _averaged(lines.at(good))
 
@@ -115,8 +118,10 @@ def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:
 
     None, as under sines, for a long sweep, for a sweep in pieces, whose bands overlap, and for averaged lines.
     """
+    from model.response import loop_share  # slow to import
+
     protocol, amplifier = points.read_protocol(), points.run.record.amplifier_map
-    assert isinstance(protocol, Sweep)
+    assert isinstance(protocol, measurements.Sweep)
     drives = protocol.drives(amplifier.rest_v)
     if len(drives) != 1 or drives[0].period_s * drives[0].stop_hz > MAX_SWEPT_CYCLES:
         return None
@@ -167,11 +172,11 @@ def _series_run(series: ImportedSamples) -> RunOfSamples:
     amplitude_v = 0.5 * float(np.ptp(drive))
     quality = Quality.IMPORTED | (Quality.SIMULATED if series.simulated else Quality.GOOD)
     try:
-        response = estimate_swept_response(
+        response = signals.estimate_swept_response(
             drive, series.displacement_m, series.rate_hz, (low, high), delay_s=series.delay_s
         )
-        check_response_present(response)
-        point = sweep_point(1.0, response, amplitude_v, int(quality))
+        measurements.check_response_present(response)
+        point = measurements.sweep_point(1.0, response, amplitude_v, int(quality))
     except ValueError as error:
         raise series.refusal(f": {error}") from None
     warnings = [f"{series.name} is taken for one sweep from {f[0]:.4g} to {f[-1]:.4g} Hz"]

@@ -4,21 +4,23 @@ Front ends and services use the aspects of a protocol and know no protocol by na
 of the same name in `protocols.aspects`; a laboratory's protocol file assigns its own (docs/how-to-write-a-protocol.md).
 """
 
+from __future__ import annotations
+
 import importlib
-from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from drivers import Drive
-from model import Array
-from protocols.base.figures import Figure, ModelState
-from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
-from protocols.base.records import Recording, Series
-from protocols.base.run_figures import ResultTable, RunFigure
-
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from drivers import Drive
+    from model import Array
     from model.identification import Observation
     from protocols.aspects import RunPoints
+    from protocols.base.figures import Figure, ModelState
+    from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
     from protocols.base.protocol import Protocol
+    from protocols.base.records import Recording, Series
+    from protocols.base.run_figures import ResultTable, RunFigure
     from protocols.runfile import RunRecord
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
@@ -27,13 +29,17 @@ MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.asp
 class Aspects:
     """Default aspects; a subclass overrides the aspects that its protocol has."""
 
-    import_form = ImportForm()
-    """Columns of tables that can be imported as its runs."""
+    @property
+    def import_form(self) -> ImportForm:
+        """Columns of tables that can be imported as its runs."""
+        from protocols.base.importing import ImportForm  # not needed to measure
+
+        return ImportForm()
 
     short_name: str = ""
     """Name for a narrow column of the report; empty: the protocol's own."""
 
-    def observations(self, points: "RunPoints") -> "Iterable[Observation]":
+    def observations(self, points: RunPoints) -> Iterable[Observation]:
         """Return the observations of a run for the fit; none for a protocol without relation to the model.
 
         Raises:
@@ -42,7 +48,7 @@ class Aspects:
         """
         return ()
 
-    def complete_table(self, table: ImportedTable) -> "type[Protocol] | None":
+    def complete_table(self, table: ImportedTable) -> type[Protocol] | None:
         """Complete the values of an imported table; return the protocol of the values, if it is another one.
 
         Raises:
@@ -69,8 +75,10 @@ class Aspects:
     figure_title: str = ""
     """Title of the points over the protocol's axes as a figure of the report; empty: no figure."""
 
-    def figures(self, points: "RunPoints") -> Iterable[Figure]:
+    def figures(self, points: RunPoints) -> Iterable[Figure]:
         """Return the figures of a run; by default the points over the protocol's axes with the curve of the model."""
+        from protocols.base.figures import Figure  # measuring needs it not
+
         yield Figure((points.series(*points.run.record.axes),), self.figure_title, model=self.model_curve)
 
     live_drives: tuple[type[Drive], ...] = ()
@@ -87,7 +95,7 @@ class Aspects:
         """Return the present curve of an entry from the parts of its drives; `running` are the samples of the last one."""
         raise NotImplementedError
 
-    def run_figures(self, run: "RunRecord", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+    def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Return the figures of a run for lists, fleets and control charts: its estimates, changed or with further figures."""
         return estimates
 

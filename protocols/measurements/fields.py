@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from annotated_types import Interval, Unit
 
 from model import QUANTITIES
 from protocols.base import EstimatedQuantity, Quality, Recording
-from protocols.signals import DecayFit, ModalFit
+
+if TYPE_CHECKING:
+    from protocols.signals import DecayFit, ModalFit
 
 SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"]
 DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), QUANTITIES["peak_to_peak_v"].definition]
@@ -32,7 +34,7 @@ def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Ma
     return int(quality)
 
 
-def modal_columns(mode: ModalFit | DecayFit | None) -> dict[str, float]:
+def modal_columns(mode: "ModalFit | DecayFit | None") -> dict[str, float]:
     """Return the columns of a fitted mode in a point; NaN without one."""
     fields = ("natural_hz", "natural_error_hz", "damping_ratio", "damping_error")
     columns = ("natural_frequency", "natural_frequency_errors", "damping", "damping_errors")

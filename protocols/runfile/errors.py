@@ -1,4 +1,4 @@
-"""Storage errors: errors of HDF5 while writing a run or study file, as one message."""
+"""Errors of run files: errors of HDF5 while reading or writing a run or study file, as one message."""
 
 import os
 import re
@@ -17,6 +17,27 @@ READ_FAILURES = (
     ValueError,
 )
 """Errors of reading a damaged or hostile file."""
+
+
+class RunReadError(Exception):
+    """A file cannot be read as a run; the message contains the path and the reason."""
+
+
+class NotARunError(RunReadError):
+    """An HDF5 file of another kind."""
+
+
+class NewerFormatError(RunReadError):
+    """A run from a newer version of this program."""
+
+
+class UnfinishedStorageError(RunReadError):
+    """The program was killed while it stored results; a journal has them."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(
+            f"{path}: results are being stored in it, or its program was killed meanwhile; 'tactor-bench verify --repair' completes it"
+        )
 
 
 class StorageError(Exception):

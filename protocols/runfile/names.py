@@ -1,10 +1,12 @@
-"""File names of specimens: escaped so that different names never share a file, on any file system."""
+"""File names of specimens and sidecars; specimens are escaped so that different names never share a file, on any file system."""
 
 import hashlib
 from pathlib import Path
 
 MAX_NAME_BYTES = 100
 """Longest part of a specimen in a file name, which has at most 255 bytes; the full name is in the file."""
+NOTES_SUFFIX = ".notes.json"
+"""Suffix of a run's sidecar."""
 SHEET_SUFFIX = ".specimen.toml"
 """Suffix of a specimen sheet."""
 _HASH_DIGITS = 16
@@ -36,6 +38,11 @@ def safe_name(specimen: str) -> str:
 def sheet_path(folder: Path, specimen: str) -> Path:
     """Return the path of a specimen's sheet, beside its runs."""
     return folder / f"{safe_name(specimen)}{SHEET_SUFFIX}"
+
+
+def notes_path(run: Path) -> Path:
+    """Return the path of a run's sidecar."""
+    return run.with_suffix(NOTES_SUFFIX)
 
 
 def folded_name(specimen: str) -> str:

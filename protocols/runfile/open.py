@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from protocols.base import RunStatus, visible_text
-from protocols.runfile.errors import READ_FAILURES
+from protocols.runfile.errors import (
+    READ_FAILURES,
+    NewerFormatError,
+    NotARunError,
+    RunReadError,
+    UnfinishedStorageError,
+)
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
 from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
@@ -24,27 +30,6 @@ T = TypeVar("T")
 
 READ_ATTEMPTS = 24
 """Number of read attempts for a piece of a growing file; together they take some ten milliseconds."""
-
-
-class RunReadError(Exception):
-    """A file cannot be read as a run; the message contains the path and the reason."""
-
-
-class NotARunError(RunReadError):
-    """An HDF5 file of another kind."""
-
-
-class NewerFormatError(RunReadError):
-    """A run from a newer version of this program."""
-
-
-class UnfinishedStorageError(RunReadError):
-    """The program was killed while it stored results; a journal has them."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(
-            f"{path}: results are being stored in it, or its program was killed meanwhile; 'tactor-bench verify --repair' completes it"
-        )
 
 
 @contextmanager

@@ -26,6 +26,7 @@ from protocols.base import (
     usable_mask,
     visible_text,
 )
+from protocols.runfile.errors import NewerFormatError, NotARunError, RunReadError
 from protocols.runfile.fields import (
     ROWS_PER_READ,
     attribute_integer,
@@ -40,19 +41,13 @@ from protocols.runfile.fields import (
     table,
 )
 from protocols.runfile.foreign_file_check import StructureError, is_run_beside
-from protocols.runfile.open import (
-    NewerFormatError,
-    NotARunError,
-    RunReadError,
-    open_run,
-    reads_run,
-    translate_read_errors,
-)
+from protocols.runfile.names import notes_path
+from protocols.runfile.open import open_run, reads_run, translate_read_errors
 from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.record import LargestPoint, RunRecord, current_parameters
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
-from protocols.runfile.sidecar import NotesError, notes_path, read_notes, with_later_verdict
+from protocols.runfile.sidecar import NotesError, read_notes, with_later_verdict
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
 
 if TYPE_CHECKING:
@@ -342,7 +337,9 @@ def _largest_point(points: Mapping[str, Array]) -> LargestPoint | None:
     if not good.any():
         return None
     top = int(np.flatnonzero(good)[y[good].argmax()])
-    return LargestPoint(float(f[top]), float(y[top]), float(errors[top]), float(np.median(drive[good])))
+    drives = np.sort(drive[good])  # np.median imports numpy.ma
+    median = (drives[(drives.size - 1) // 2] + drives[drives.size // 2]) / 2
+    return LargestPoint(float(f[top]), float(y[top]), float(errors[top]), float(median))
 
 
 def _event(row: Any, texts: list[bytes]) -> LoggedEvent:

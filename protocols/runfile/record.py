@@ -44,8 +44,8 @@ class LargestPoint:
 class RunRecord:
     """Facts of a run: identity, people and conditions, instruments, verdict, estimates, key figures.
 
-    Its JSON form, for lists and the sidecar, has only the bench's name and the identities of the configuration, and no reference
-    model and software.
+    Its JSON form, for lists and the sidecar, has only the bench's name and the identities of the configuration, only failed checks,
+    and no reference model and software.
     """
 
     protocol: str = ""
@@ -138,7 +138,8 @@ class RunRecord:
     def for_lists(self) -> Self:
         """Return the record without fields that lists do not use."""
         kept = {name: self.configuration[name] for name in LISTED_CONFIGURATION if name in self.configuration}
-        return replace(self, configuration=kept, reference={}, software={})
+        verdict = replace(self.verdict, checks=self.verdict.failed_checks)
+        return replace(self, configuration=kept, reference={}, software={}, verdict=verdict)
 
     def to_json(self) -> str:
         """Return the JSON form for lists; non-finite values are null, and defaults are left out."""
@@ -162,12 +163,13 @@ class RunRecord:
         Raises:
             ArithmeticError, AttributeError, LookupError, TypeError, ValueError: it is no record of this version.
         """
-        if "\\" in text or not text.isprintable():
+        is_visible = "\\" not in text and text.isprintable()
+        if not is_visible:
             plain = visible_values(plain)
         for name, kind in _PLAIN.items():
             if name in plain and not isinstance(plain[name], kind):
                 raise TypeError(f"{name} has another type")
-            if kind is str and name in plain:
+            if kind is str and name in plain and not is_visible:
                 plain[name] = visible_text(plain[name])
         return cls(**plain | {name: read(plain[name]) for name, read in _COMPOSED.items() if name in plain})
 

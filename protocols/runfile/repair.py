@@ -14,15 +14,12 @@ import h5py
 import numpy as np
 
 from protocols.base import RunStatus
-from protocols.runfile.checksums import store_checksums, stored_digests
 from protocols.runfile.creation import creator_of
-from protocols.runfile.errors import StorageError, os_error_text
+from protocols.runfile.errors import RunReadError, StorageError, os_error_text
 from protocols.runfile.fields import read_integer, read_text
 from protocols.runfile.names import truncate_utf8
-from protocols.runfile.open import RunReadError, open_run, translate_read_errors
 from protocols.runfile.presence import Superblock, process_is_alive, writer_is_alive
 from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, MAX_TEXT_BYTES, REPAIRED
-from protocols.runfile.transaction import has_journal, replay_journal, transaction
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
@@ -60,6 +57,8 @@ def needs_repair(path: Path) -> bool:
     Raises:
         OSError: it cannot be read.
     """
+    from protocols.runfile.transaction import has_journal  # a new folder has no file
+
     block = Superblock.read(path)
     return (block is not None and block.is_marked) or has_journal(path)
 
@@ -75,6 +74,10 @@ def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> st
         RunReadError: it is not a run, or damaged.
         StorageError: a program still writes it, or it is not writable.
     """
+    from protocols.runfile.checksums import store_checksums, stored_digests  # a start finds no such file as a rule
+    from protocols.runfile.open import open_run, translate_read_errors
+    from protocols.runfile.transaction import replay_journal, transaction
+
     try:
         replayed = replay_journal(path, keep_announcement=True)  # first: a file with unapplied changes may not open
         block = Superblock.read(path)

@@ -22,9 +22,9 @@ from protocols.base import (
     visible_values,
     write_atomic,
 )
+from protocols.runfile.names import notes_path
 from protocols.runfile.record import RunRecord
 
-NOTES_SUFFIX = ".notes.json"
 MAX_HASHED_BYTES = 16_000_000
 """Longest file that is hashed at the end of a run, and for a copy in a list; reading longer files by HDF5 is faster."""
 LOCK_TIMEOUT_S = 30.0
@@ -79,11 +79,6 @@ class Notes:
     later_verdict: LaterVerdict | None = None
     listed: Mapping[str, Any] | None = None
     """The record for lists with size, time of modification and SHA-256 of its file, and its digest."""
-
-
-def notes_path(run: Path) -> Path:
-    """Return the path of a run's sidecar."""
-    return run.with_suffix(NOTES_SUFFIX)
 
 
 def read_notes(path: Path) -> Notes:

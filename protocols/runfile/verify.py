@@ -17,9 +17,10 @@ from protocols.runfile.checksums import (
     pieces,
     stored_digests,
 )
+from protocols.runfile.errors import NewerFormatError, NotARunError, RunReadError, UnfinishedStorageError
 from protocols.runfile.fields import read_integer, read_text
 from protocols.runfile.foreign_file_check import READ_ERRORS, FileItem, walk
-from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, UnfinishedStorageError, open_run
+from protocols.runfile.open import open_run
 from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.transaction import has_journal
 

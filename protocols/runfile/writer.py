@@ -26,11 +26,9 @@ from drivers import Block, Drive, InputChannel, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.creation import create_file, create_group, free_name
-from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
+from protocols.runfile.errors import FileLostError, RunReadError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.names import truncate_utf8
-from protocols.runfile.open import RunReadError
 from protocols.runfile.presence import FilePresence
-from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
@@ -46,7 +44,6 @@ from protocols.runfile.schema import (
     run_path,
 )
 from protocols.runfile.series import append_series
-from protocols.runfile.sidecar import NotesError, store_listed
 from protocols.runfile.transaction import announced_transaction, transaction
 
 log = logging.getLogger(__name__)
@@ -412,22 +409,34 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
     Raises:
         StorageError: the file cannot be written, or it is damaged, which new checksums would hide.
     """
-    record: RunRecord | None = None
-    with translate_write_errors("run", path), transaction(path) as changed:
-        with h5py.File(changed, "r+", libver="latest") as file:
-            stored = stored_digests(file)
-            if stored is not None and (different := changed_names(stored, compute_digests(file))):
-                raise StorageError(
-                    f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
-                    "another copy of it"
-                )
-            yield file
-            if new or stored is not None:
-                store_checksums(file)
-        with suppress(RunReadError), h5py.File(changed, "r") as file, Run(path, file) as run:
+    with (
+        translate_write_errors("run", path),
+        transaction(path) as changed,
+        h5py.File(changed, "r+", libver="latest") as file,
+    ):
+        stored = stored_digests(file)
+        if stored is not None and (different := changed_names(stored, compute_digests(file))):
+            raise StorageError(
+                f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
+                "another copy of it"
+            )
+        yield file
+        if new or stored is not None:
+            store_checksums(file)
+    _store_for_lists(path)
+
+
+def _store_for_lists(path: Path) -> None:
+    """Store the record of an ended run in its sidecar; lists read a run without it from its data."""
+    try:
+        from protocols.runfile.reader import Run  # not needed before the end of a run
+        from protocols.runfile.sidecar import NotesError, store_listed
+    except ImportError:  # the program was replaced or removed during the run, whose results are in the file
+        return
+    with suppress(RunReadError, NotesError, OSError, ValueError, TypeError, LookupError):
+        with h5py.File(path, "r", locking=False) as file, Run(path, file) as run:
             record = run.stored_record()
-    with suppress(NotesError, OSError, ValueError, TypeError, LookupError):  # without it lists read the run file
-        if record is not None and record.status is not RunStatus.RUNNING:
+        if record.status is not RunStatus.RUNNING:
             store_listed(path, record)
 
 

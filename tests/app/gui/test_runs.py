@@ -18,9 +18,10 @@ from app.gui.widgets.theme import WindowTheme
 from app.live.model_overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
+from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
-from protocols.runfile.sidecar import notes_path, read_notes
+from protocols.runfile.sidecar import read_notes
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED

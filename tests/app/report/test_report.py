@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -98,6 +99,8 @@ def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(wri
     assert "class='mark'" in html
     assert "class='banner'>SIMULATED" in html
     assert "<h2>Every run</h2>" in html
+    (step,) = (caption for caption in re.findall("<caption>(.*?)</caption>", html) if "1500" in caption)
+    assert "model" in step
     for path in written.runs.glob("*.h5"):
         assert path.name in html
         assert hashlib.sha256(path.read_bytes()).hexdigest() in html
