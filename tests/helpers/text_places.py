@@ -102,11 +102,11 @@ def widget_texts(window: QWidget) -> Iterator[Place]:
 
 def _layer(widget: QWidget) -> int:
     """Return what a widget lies in: an overlay, a scroll area, or the window."""
-    from app.gui.widgets import Overlay
+    from app.gui.widgets import OverlayCard
 
     at: QWidget | None = widget
     while at is not None:
-        if isinstance(at, Overlay | QAbstractScrollArea):
+        if isinstance(at, OverlayCard | QAbstractScrollArea):
             return id(at)
         at = at.parentWidget()
     return 0

@@ -2,18 +2,29 @@
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import ACTIONS, STRETCH, Item, Overlay, Place, column, make_button, make_label, make_line_edit, row
+from app.gui.widgets import (
+    ACTIONS,
+    STRETCH,
+    Item,
+    OverlayCard,
+    Place,
+    column,
+    make_button,
+    make_label,
+    make_line_edit,
+    row,
+)
 
 
-class SearchOverlay(Overlay):
-    """Subclasses implement `_fill`, which is called after every change of the search.
+class SearchOverlay(OverlayCard):
+    """Base of searchable overlays. Subclasses implement `_fill`, which is called after every change of the search.
 
     Args:
-        name: of the action that opens and closes it, and beginning of the object names.
-        heading: at the top.
-        hint: what can be searched.
-        accessible_name: of the search field.
-        place: where it lies.
+        name: name of the action that opens and closes it, and prefix of the object names.
+        heading: heading of the overlay.
+        hint: hint in the search field.
+        accessible_name: accessible name of the search field.
+        place: place of the overlay in the window.
     """
 
     def __init__(self, name: str, heading: str, hint: str, accessible_name: str, place: Place = Place.RIGHT) -> None:
@@ -23,7 +34,7 @@ class SearchOverlay(Overlay):
         self.search.textChanged.connect(self._fill)
 
     def search_for(self, text: str = "") -> None:
-        """Show what matches a text, and give the search field the keyboard."""
+        """Show the matches of a text, and give the search field the keyboard focus."""
         self.search.setText(text)
         self._fill()
         self.search.setFocus()

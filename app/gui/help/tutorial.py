@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import Overlay, Place, column, make_button, make_label, row
+from app.gui.widgets import OverlayCard, Place, column, make_button, make_label, row
 from app.session import BenchState, WindowState
 from protocols.base import Outcome
 
@@ -15,7 +15,7 @@ IsDone = Callable[[WindowState, str], bool]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step: what to do, and what shows that it was done."""
+    """One step: instruction, and test of its completion."""
 
     text: str
     is_done: IsDone | None = None
@@ -131,7 +131,7 @@ TUTORIALS = {
 """The tutorials by name."""
 
 
-class TutorialBand(Overlay):
+class TutorialBand(OverlayCard):
     """The current step of a tutorial, over the page; hidden while no tutorial is open."""
 
     def __init__(self) -> None:
@@ -215,7 +215,7 @@ FINISHED_TEXT = "Finished, and the bench is at rest. The run is stored: Ctrl+4 l
 ENDED_TEXT = "The run ended: {summary}. F5 measures again; F1 lists every key."
 
 
-class FirstRunHint(Overlay):
+class FirstRunHint(OverlayCard):
     """Hint for the first run, hidden until `start`."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 
-from app.common import axis_name
+from app.common import axis_name, format_point
 from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
@@ -21,7 +21,6 @@ from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, configure, make_choice, row
 from app.live import ModelCurves
-from app.session import describe_point
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
 from protocols.runfile import RunReadError, point_columns
@@ -30,10 +29,10 @@ HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"
 
 MODEL_PLACES = 40
-"""Places at which the model's curve is computed."""
+"""Number of abscissae of the model's curve."""
 
 MAX_WIDENING = 3.0
-"""Up to which the range of the points is widened for their error bars."""
+"""Largest widening of the range of the points for their error bars."""
 
 
 class PointsPlot(PlotBase):
@@ -147,11 +146,11 @@ class PointsPlot(PlotBase):
             self._show_strip()
 
     def _show_strip(self) -> None:
-        wanted = bool(self._lines) and self.strip_box.currentIndex() == 0
-        self.strip.setVisible(wanted and self.height() >= MIN_HEIGHT_OF_BOTH)
+        is_visible = bool(self._lines) and self.strip_box.currentIndex() == 0
+        self.strip.setVisible(is_visible and self.height() >= MIN_HEIGHT_OF_BOTH)
 
     def _draw_lines(self, points: Sequence[Any]) -> None:
-        """Draw the fit lines through the points, and what the points leave."""
+        """Draw the fit lines through the points, and the residuals."""
         assert self._kind is not None
         for item in self.line_items:
             self.plot.removeItem(item)
@@ -212,7 +211,7 @@ class PointsPlot(PlotBase):
         chosen = [entry in self.selection.entries for entry in self._shown_indices]
         pens = [pg.mkPen(QColor(tokens().accent if taken else ink), width=4 if taken else 2) for taken in chosen]
         fills = [pg.mkBrush(ink if good else tokens().surface) for good in usable]
-        texts = [describe_point(p) for p in points]
+        texts = [format_point(p) for p in points]
         self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=texts)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))
         self.hint_label.setVisible(not all(usable))
@@ -226,8 +225,8 @@ class PointsPlot(PlotBase):
 
 def _shown_units(kind: type[Protocol]) -> list[tuple[float, str]]:
     """Return factor and name of the units in which x and y of a protocol are displayed."""
-    known = point_columns(kind.point_type)
-    return [shown_unit(known[name][0])[:2] for name in kind.axes]
+    columns = point_columns(kind.point_type)
+    return [shown_unit(columns[name][0])[:2] for name in kind.axes]
 
 
 def _has_position(point: Any, *names: str) -> bool:

@@ -54,11 +54,11 @@ class CentralStack(OverlayHost):
             )
         )
         self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple
-        """Returns what the command palette offers."""
+        """Returns the entries of the command palette."""
         self.settings: Callable[[], Sequence[help_pages.Setting]] = tuple
         """Returns the settings; called once."""
         self.problem_facts: Callable[[], tuple[ProblemFacts, RecentErrors]]
-        """Returns what a problem report has of this window."""
+        """Returns the facts of this window for a problem report."""
         covers = {
             "shortcuts": ("shortcut_sheet", self.show_shortcuts),
             "palette": ("command_palette", self.show_palette),
@@ -211,6 +211,6 @@ class CentralStack(OverlayHost):
         return widget
 
     def select_page(self, index: int) -> None:
-        """Show a page, whatever lies over the pages, and give it the focus."""
+        """Show a page above overlays and give it the focus."""
         self.show_pages()
         self.tabs.select_page(index)

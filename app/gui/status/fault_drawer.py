@@ -11,7 +11,7 @@ from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
-    Overlay,
+    OverlayCard,
     Place,
     add_actions,
     column,
@@ -107,7 +107,7 @@ class _HatchedHead(QFrame):
         painter.end()
 
 
-class FaultDrawer(Overlay):
+class FaultDrawer(OverlayCard):
     """Lies over the page at its right; F9 opens and closes it.
 
     Args:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from PySide6.QtWidgets import QWidget
 
 from app.common import Severity
-from app.gui.widgets import LogView, Overlay, Place, column, configure, make_button, make_choice, make_label, row
+from app.gui.widgets import LogView, OverlayCard, Place, column, configure, make_button, make_choice, make_label, row
 from app.session import LogLine, WindowState
 
 FILTERS: dict[str, tuple[str, Callable[[LogLine], bool]]] = {
@@ -16,7 +16,7 @@ FILTERS: dict[str, tuple[str, Callable[[LogLine], bool]]] = {
 """Titles of the filters, and which lines they show; without one all lines are shown."""
 
 
-class LogDrawer(Overlay):
+class LogDrawer(OverlayCard):
     """Opened with Ctrl+J; right of the left column, so that Run stays free."""
 
     def __init__(self) -> None:

@@ -2,10 +2,10 @@
 
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.widgets import SELECTABLE, STRETCH, IconView, Overlay, column, make_label, row
+from app.gui.widgets import SELECTABLE, STRETCH, IconView, OverlayCard, column, make_label, row
 
 
-class MessageCard(Overlay):
+class MessageCard(OverlayCard):
     """Hidden while its message is empty.
 
     Args:

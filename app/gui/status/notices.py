@@ -9,7 +9,7 @@ from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
 from app.gui.status.unsafe_card import UnsafeCard
-from app.gui.widgets import ACTIONS, Overlay, OverlayHost, add_action, add_actions, make_button
+from app.gui.widgets import ACTIONS, OverlayCard, OverlayHost, add_action, add_actions, make_button
 from app.session import WindowState
 from protocols.base import PromptShown
 
@@ -99,7 +99,7 @@ class Notices(QObject):
         self._update_answer()
 
     def show_unsafe_exit(self) -> None:
-        """Request the acknowledgement with which the window closes although rest was not confirmed."""
+        """Request the acknowledgement that closes the window without confirmed rest."""
         self.closing.show_message("")
         self.unsafe.buttons[0].setText("I have switched it off: close")
         self._update_answer()
@@ -108,7 +108,7 @@ class Notices(QObject):
         self._answer_action.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
     @staticmethod
-    def _awaits_answer(card: Overlay) -> bool:
+    def _awaits_answer(card: OverlayCard) -> bool:
         buttons = card.buttons if isinstance(card, MessageCard | PromptCard) else []
         return not card.isHidden() and bool(buttons) and not buttons[0].isHidden()
 

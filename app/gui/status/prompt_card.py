@@ -14,7 +14,7 @@ from app.gui.widgets import (
     STRETCH,
     ActionInfo,
     IconView,
-    Overlay,
+    OverlayCard,
     add_action,
     column,
     configure,
@@ -41,7 +41,7 @@ ACT_LENGTH = 44
 """Largest number of characters of an act in the large size; longer ones are shown in the size of headings."""
 
 
-class PromptCard(Overlay):
+class PromptCard(OverlayCard):
     """Shows one prompt at a time. Enter gives its first answer; each other answer has its first letter as shortcut.
 
     Args:

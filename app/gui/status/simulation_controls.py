@@ -38,9 +38,11 @@ class SimulationControls(QWidget):
             button.setToolTip(_speed_tip(speed))
         self._speeds.chosen.connect(change_speed)
         self.answered_by = Segments(
-            f"{name}.answered-by", "prompts are answered by", ((text, each) for each, text in ANSWERED_BY.items())
+            f"{name}.answered-by", "who answers prompts", ((text, each) for each, text in ANSWERED_BY.items())
         )
-        self.answered_by.setToolTip("Practise what a prompt asks for: an answer does it on the simulated bench")
+        self.answered_by.setToolTip(
+            "Practise the actions of prompts: an answer performs the action on the simulated bench"
+        )
         self.answered_by.chosen.connect(self.choose_answered_by)
         rows = []
         for text, segments in (("Speed", self._speeds), ("Prompts", self.answered_by)):

@@ -66,6 +66,6 @@ def strip_view(view: WindowState, streamed_s: float = 0.0, bench: "Bench | None"
         view.voltage_note,
         0.1,
         "" if view.bench_state in (BenchState.CONNECTING, BenchState.NO_BENCH) else "rest, 0 V",
-        "Switch the high voltage OFF at the amplifier" if danger else "",
+        "Switch HV off at the amplifier" if danger else "",
         run,
     )

@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QFrame, QWidget
 
 from app.gui.face import BOLD, LABEL_PX, PRESENT_PX, SEMIBOLD, VALUE_PX, px, set_length, text_font, tokens
-from app.gui.widgets import SELECTABLE, STRETCH, Overlay, column, configure, make_button, make_label, row
+from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row
 from app.session import WindowState
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from model import AmplifierMap
@@ -148,7 +148,7 @@ class InputScale(QWidget):
         painter.end()
 
 
-class UnsafeCard(Overlay):
+class UnsafeCard(OverlayCard):
     """No button takes the keyboard: only F4, F6 or a click answer it.
 
     Args:

@@ -47,7 +47,7 @@ from .layouts import set_style_kind as set_style_kind
 from .layouts import set_tone as set_tone
 from .log_view import LogView as LogView
 from .menu import Menu as Menu
-from .overlays import Overlay as Overlay
+from .overlays import OverlayCard as OverlayCard
 from .overlays import OverlayHost as OverlayHost
 from .overlays import Place as Place
 from .progress_row import ProgressRow as ProgressRow

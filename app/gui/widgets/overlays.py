@@ -20,7 +20,7 @@ LOG_SHARE = 0.4
 """Of the page's height."""
 
 
-Added = TypeVar("Added", bound="Overlay")
+Added = TypeVar("Added", bound="OverlayCard")
 
 
 class Place(Enum):
@@ -32,7 +32,7 @@ class Place(Enum):
     HINT = "card at the bottom, right of the left column"
 
 
-class Overlay(QFrame):
+class OverlayCard(QFrame):
     """A card or drawer around a content, hidden at first; it scrolls where the page is too small for it.
 
     Args:
@@ -204,7 +204,7 @@ class OverlayHost(QWidget):
 
     def __init__(self, page: QWidget) -> None:
         super().__init__()
-        self._page, self._overlays = page, list[Overlay]()
+        self._page, self._overlays = page, list[OverlayCard]()
         page.setParent(self)
         self._wash = _Wash(self)
 
@@ -216,13 +216,13 @@ class OverlayHost(QWidget):
         self._overlays.append(overlay)
         return overlay
 
-    def place_overlay(self, overlay: Overlay) -> None:
+    def place_overlay(self, overlay: OverlayCard) -> None:
         """Place an overlay where it lies on the page."""
         if overlay.geometry() != (goal := overlay.geometry_in(self.rect())):
             overlay.setGeometry(goal)
 
     @property
-    def opened(self) -> list[Overlay]:
+    def opened(self) -> list[OverlayCard]:
         """The visible overlays, the topmost one last."""
         order = {child: at for at, child in enumerate(self.children())}
         return sorted((each for each in self._overlays if not each.isHidden()), key=lambda each: order[each])
@@ -250,6 +250,6 @@ class OverlayHost(QWidget):
                 self._wash.raise_()
                 for each in self.opened:
                     each.raise_()
-            if isinstance(watched, Overlay) and event.type() == QEvent.Type.ShowToParent:
+            if isinstance(watched, OverlayCard) and event.type() == QEvent.Type.ShowToParent:
                 self.place_overlay(watched)
         return super().eventFilter(watched, event)

@@ -1,4 +1,9 @@
-"""Detector of cut and overlapping texts: it finds what is planted, in plots and among widgets, and nothing in a sound window."""
+"""Cut and overlapping texts: the detector finds planted ones in plots and among widgets, and none in the window at any size or scale."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pyqtgraph as pg
 import pytest
@@ -7,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
 from tests.helpers.main_window import Stage
 from tests.helpers.session_events import OPENED
+from tests.helpers.size_matrix import SCALES
 from tests.helpers.text_places import faults_of_plot, faults_of_window
 
 
@@ -60,3 +66,18 @@ def test_the_shell_has_no_fault_at_any_size(stage: Stage) -> None:
         stage.window.resize(size)
         QCoreApplication.processEvents()
         assert list(faults_of_window(stage.window)) == [], size
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("scale", SCALES)
+def test_nothing_is_cut_and_stop_pause_and_state_are_whole(scale: float, tmp_path: Path) -> None:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("QT_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.helpers.size_matrix", "--scale", f"{scale:g}"],
+        env={**environment, "PYTHONPATH": str(Path(__file__).parents[3])},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr[-2000:]}"
