@@ -58,7 +58,7 @@ class Chart(QWidget):
         self.title_label = make_label(kind="heading", wrap=False)
         self.note_label = configure(ElidedLabel(), kind="note")
         self._chip_row = row(spacing=8)
-        self.layers_button = configure(QPushButton(), kind="choice")
+        self.layers_button = configure(QPushButton(), "plot.layers", kind="choice", accessibleName="layers of the plot")
         self.layers_button.clicked.connect(self._choose_layers)
         self.tools = PlotTools(self)
         self.head_layout = row(

@@ -66,7 +66,9 @@ class PlotTools(QObject):
         add_actions(canvas, commands)
         self.buttons = []
         for name, action in BUTTONS:
-            button = configure(QPushButton(), kind="tool", toolTip=tooltip(action) if action else "More")
+            button = configure(
+                QPushButton(), f"plot.{name}", kind="tool", toolTip=tooltip(action) if action else "More"
+            )
             button.setIcon(icon(name, "text2"))
             button.setAccessibleName(ACTIONS[action].text if action else "more about this plot")
             button.clicked.connect(commands.get(action, partial(self._popup, button)))

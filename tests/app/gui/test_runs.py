@@ -187,7 +187,7 @@ def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     traces = page.viewer.trace_plot
     whole_s, whole_um = traces.picture.layers[0].x, traces.picture.layers[0].y
-    assert len(whole_s) == 200
+    assert np.isfinite(whole_s).sum() == 200
     for _ in range(4):
         QTest.keyClick(page.window(), Qt.Key.Key_Minus, Qt.KeyboardModifier.ControlModifier)
     traces.show_range(0.1, 0.13)
@@ -200,7 +200,7 @@ def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     assert set(times.round(6)) <= set(seen_s.round(6))
     assert "every sample" in traces.picture.note
     QTest.keyClick(page.window(), Qt.Key.Key_0, Qt.KeyboardModifier.ControlModifier)
-    until(lambda: len(traces.picture.layers[0].x) == 200, "for the whole")
+    until(lambda: np.isfinite(traces.picture.layers[0].x).sum() == 200, "for the whole")
     np.testing.assert_array_equal(traces.picture.layers[0].y, whole_um)
 
 
@@ -401,7 +401,7 @@ def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..
     view = page.viewer
     with Run(next((tmp_path / "runs").glob("*.h5"))) as file:
         (kept,) = file.series()
-    (curve,) = [layer for layer in view.plots.chart.picture.layers if layer.name == kept.title]
+    (curve,) = [layer for layer in view.plots.chart.picture.layers if layer.name == kept.title and not layer.panel]
     np.testing.assert_allclose(curve.y, 1e6 * kept.plotted)
     view.plots.curves_button.click()
     points = view.plots.chart.layer(view.plots.kind.title)
