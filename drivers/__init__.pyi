@@ -12,6 +12,7 @@ from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.shutdown import LiveWarning as LiveWarning
 from .bench.shutdown import channel_skew_s as channel_skew_s
+from .bench.shutdown import live_warning as live_warning
 from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISABLED_WARNING
 from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
 from .bench.watchdog_interface import NoWatchdog as NoWatchdog
@@ -20,6 +21,11 @@ from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
 from .closing import Closeable as Closeable
+from .deadlines import CallThread as CallThread
+from .deadlines import Deadline as Deadline
+from .deadlines import OverdueError as OverdueError
+from .deadlines import overdue_s as overdue_s
+from .deadlines import threads_left_behind as threads_left_behind
 from .drive_shapes import Drive as Drive
 from .drive_shapes import Hold as Hold
 from .drive_shapes import LinearSweep as LinearSweep

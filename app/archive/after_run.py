@@ -15,13 +15,13 @@ from typing import Any
 
 from app.common import UsageError, truncate_text
 from app.config import BenchConfig
+from drivers import Deadline
 from protocols.base import LogMessage, RunEnded
 
 ENTRY_POINT_GROUP = "tactor_bench.after_run"
 """Entry points of installed packages; each is called with the path of the run file and the event `RunEnded`, and returns a problem or nothing."""
 
 RUN_PLACEHOLDER = "{run}"
-COMMAND_TIMEOUT_S = 600.0
 MAX_OUTPUT_LENGTH = 300
 
 
@@ -114,13 +114,13 @@ def _run_command(command: tuple[str, ...], path: Path, ended: RunEnded) -> str:
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=COMMAND_TIMEOUT_S,
+            timeout=Deadline.AFTER_RUN.seconds,
             check=False,
         )
     except OSError as error:
         return f"it cannot be started: {error.strerror or error}"
     except subprocess.TimeoutExpired:
-        return f"it was ended after {COMMAND_TIMEOUT_S:.0f} s"
+        return f"it was ended after {Deadline.AFTER_RUN.seconds:.0f} s"
     if done.returncode == 0:
         return ""
     output = " ".join((done.stderr or done.stdout).split())

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
 from app.common import NO_PROGRESS, Progress
+from drivers import Deadline
 from protocols import BUILT_IN_PROTOCOLS
 from protocols.runfile import NOTES_SUFFIX
 
@@ -195,7 +196,7 @@ class Catalogue:
     def _open(self) -> sqlite3.Connection:
         self.index.parent.mkdir(parents=True, exist_ok=True)
         for _ in range(2):
-            db = sqlite3.connect(self.index, timeout=10.0)
+            db = sqlite3.connect(self.index, timeout=Deadline.RUN_INDEX.seconds)
             try:
                 if self._ensure_schema(db):
                     db.execute(f"PRAGMA mmap_size = {MAPPED_BYTES}")

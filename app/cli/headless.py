@@ -57,7 +57,7 @@ class HeadlessSession:
         """Wait until the run has ended, or the bench failed."""
         # In slices, because an endless wait would keep Python from handling the signal.
         while not self.session.finished.wait(0.1):
-            self.session.abandon_if_hung()
+            pass
 
     @property
     def exit_code(self) -> int:
@@ -221,7 +221,9 @@ def headless_session(
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
         front = HeadlessSession(
-            Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
+            Session(
+                opener, [observer, operator, plan, *observers, after_run.observe], operator, folder, ends_at_stop=True
+            )
         )
         plan.on_switched = front.session.inject_event
         with closing(after_run), handling_stop_signals(front.stop), operator.listening(front.session):

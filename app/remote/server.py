@@ -17,10 +17,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from app.remote.page_files import PAGE, SCRIPT, STYLE
+from drivers import Deadline
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"  # noqa: S104 - only with a token
-TIMEOUT_S = 5.0
-"""After which a connection that sends nothing is closed."""
 MAX_CONNECTIONS = 16
 MIN_TOKEN_LENGTH = 16
 HEADERS = {
@@ -157,7 +156,7 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
-    timeout = TIMEOUT_S
+    timeout = Deadline.WEB_PAGE.seconds
     server_version, sys_version = "TactorBench", ""
     protocol_version = "HTTP/1.1"
 

@@ -17,6 +17,7 @@ from nidaqmx.errors import DaqError, RpcError
 from nidaqmx.stream_writers import AnalogSingleChannelWriter
 
 from drivers.clock import Clock
+from drivers.deadlines import Deadline
 from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_input import OUTPUT, NiConnection
 from drivers.nidaq.errors import translate_errors
@@ -37,8 +38,8 @@ WRITE_PAUSE_S = 1e-4
 SAMPLES_PER_WRITE = 200_000
 """Samples in one message: below the 4 MB of gRPC's own default, which NI's server lifts (grpc-device at c1ddf51) and a proxy may not."""
 
-WRITE_TIMEOUT_S, REWRITE_TIMEOUT_S = 10.0, 0.1
-"""How long NI's driver may hold samples back: nidaqmx's default, and while the task runs. A copy to memory has no need to wait."""
+REWRITE_TIMEOUT_S = 0.1
+"""How long NI's driver may hold samples back while the task runs. A copy to memory has no need to wait."""
 
 WRITE_MESSAGES = 3
 """Messages of one write: the offset, the number of channels, which `nidaqmx` asks for, and the samples."""
@@ -165,7 +166,7 @@ class OutputTask:
         """Clear the task; the output stays at the sample that was converted last."""
         self._connection.close_task(self._task, OUTPUT)
 
-    def _write(self, samples: Array, timeout_s: float = WRITE_TIMEOUT_S) -> None:
+    def _write(self, samples: Array, timeout_s: float = Deadline.CARD_OUTPUT.seconds) -> None:
         writer = AnalogSingleChannelWriter(self._task.out_stream, auto_start=False)
         written = writer.write_many_sample(np.ascontiguousarray(samples), timeout_s)
         if written != samples.size:

@@ -21,11 +21,9 @@ import psutil
 from filelock import FileLock, Timeout
 
 from drivers.closing import Closeable
+from drivers.deadlines import Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError, UnsafeError
 from drivers.interfaces import Identity
-
-WATCHDOG_TIMEOUT_S = 10.0
-"""Longest wait for the watchdog of a program that has ended: it may be bringing the source to rest."""
 
 RELEASED = "{}"
 """Record of an instrument that its last program released."""
@@ -124,13 +122,13 @@ class InstrumentLocks(Closeable):
                     ) from None
                 raise InstrumentError(f"{instrument} is in use: {_holder(path)}; end that program first") from None
             try:
-                with _make_lock(_watchdog_file(path)).acquire(timeout=WATCHDOG_TIMEOUT_S):
+                with _make_lock(_watchdog_file(path)).acquire(timeout=Deadline.INSTRUMENT_LOCK.seconds):
                     pass
             except Timeout:
                 lock.release()
                 raise UnsafeError(
                     f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {instrument} is in use: the watchdog of an ended program has not brought it to "
-                    f"rest within {WATCHDOG_TIMEOUT_S:g} s ({_holder(path)}). Then read watchdog.log beside its runs, and try again "
+                    f"rest within {Deadline.INSTRUMENT_LOCK.seconds:g} s ({_holder(path)}). Then read watchdog.log beside its runs, and try again "
                     "when it is done"
                 ) from None
             self._locks[str(path)] = lock
@@ -154,7 +152,7 @@ def lock_as_watchdog(files: Sequence[str]) -> list[FileLock]:
         with _translate_errors(path):
             try:
                 lock = _make_lock(path)
-                lock.acquire(timeout=WATCHDOG_TIMEOUT_S)
+                lock.acquire(timeout=Deadline.INSTRUMENT_LOCK.seconds)
             except Timeout:
                 raise InstrumentError(f"another watchdog holds {path}; end it first") from None
             locks.append(lock)

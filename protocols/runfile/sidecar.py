@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from drivers import Deadline
 from protocols.base import (
     Verdict,
     file_hash,
@@ -26,7 +27,6 @@ from protocols.runfile.record import RunRecord
 NOTES_SUFFIX = ".notes.json"
 MAX_HASHED_BYTES = 16_000_000
 """Files up to this length are hashed at the end of a run and where a list finds a copy; reading longer ones by HDF5 is faster."""
-LOCK_TIMEOUT_S = 30.0
 _DIGEST_BYTES = 16
 _FIELDS = " ".join(field.name for field in fields(RunRecord))
 
@@ -143,11 +143,13 @@ def _locked(path: Path) -> Iterator[None]:
     """Hold the lock of a sidecar, which ends with its process; the lock file is removed. A share without locks has none."""
     from filelock import FileLock, Timeout  # slow to import, and reading needs none
 
-    lock = FileLock(path.with_name(f".{path.name}.lock"), LOCK_TIMEOUT_S)
+    lock = FileLock(path.with_name(f".{path.name}.lock"), Deadline.NOTES_LOCK.seconds)
     try:
         lock.acquire()
     except Timeout:
-        raise NotesError(f"the notes {path} are locked by another program for more than {LOCK_TIMEOUT_S:g} s") from None
+        raise NotesError(
+            f"the notes {path} are locked by another program for more than {Deadline.NOTES_LOCK.seconds:g} s"
+        ) from None
     except OSError:
         pass  # a file system without locks; where the folder cannot be written, the writing fails
     try:

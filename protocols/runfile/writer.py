@@ -6,23 +6,24 @@ while running. Status, series, estimates and checksums are written when the run 
 """
 
 import contextlib
+import errno
 import json
 import logging
 import math
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import h5py
 import numpy as np
 
-from drivers import Block, Drive, InputChannel, Scale, as_record
+from drivers import Block, CallThread, Deadline, Drive, InputChannel, OverdueError, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.creation import create_file, create_group
@@ -57,6 +58,30 @@ Results = tuple[Sequence[EstimatedQuantity], Sequence[Series], Verdict]
 
 _OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
 """Files that are not closed, or cannot be, and their datasets: HDF5 prints a traceback for each that Python releases."""
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+SLOWEST_DISK_BYTES_PER_S = 10e6
+
+
+def _within_deadline(
+    method: Callable[Concatenate["RunFileWriter", P], R],
+) -> Callable[Concatenate["RunFileWriter", P], R]:
+    """Let a method run in the thread of the file; raise StorageError if it does not return in time."""
+
+    def call(self: "RunFileWriter", /, *args: P.args, **kwargs: P.kwargs) -> R:
+        seconds = Deadline.DISK.seconds + self.written_bytes / SLOWEST_DISK_BYTES_PER_S
+        try:
+            return self.calls.call(lambda: method(self, *args, **kwargs), seconds)
+        except OverdueError as error:
+            raise StorageError(
+                f"the disk of the run file {self.path} does not answer ({error}); what was written before is in the file when it answers again"
+            ) from error
+
+    call.__doc__ = method.__doc__
+    return call
 
 
 class RunFileWriter:
@@ -99,8 +124,23 @@ class RunFileWriter:
         """Datasets that stay open: closing one writes to the file, and an error then cannot be reported."""
         self._tables: list[tuple[str, np.ndarray]] = []
         """Rows of events and points, for another file in case this one is lost."""
+        self.calls = CallThread(f"run file {path}")
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            self._create()
+        except BaseException:
+            self.calls.end()
+            raise
+
+    @_within_deadline
+    def _create(self) -> None:
+        path, (record, _, channels) = self.path, self._begun_with
+        if os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
+            raise FileExistsError(path)
+        try:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except FileExistsError:
+                raise NotADirectoryError(errno.ENOTDIR, "not a folder") from None
             begun = record.start_time or self._created_at.isoformat(timespec="milliseconds")
             create_file(path, replace(record, start_time=begun), self._columns, channels)
             self._file = h5py.File(path, "r+", libver="latest")
@@ -132,11 +172,16 @@ class RunFileWriter:
         first = run_path(folder, record.specimen, record.protocol, begun)
         for attempt in range(1, 1000):
             path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
-            if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
-                with contextlib.suppress(FileExistsError):  # another program's, of this moment
-                    return cls(path, record, point_type, channels, hold_s)
+            with contextlib.suppress(FileExistsError):
+                return cls(path, record, point_type, channels, hold_s)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
+    @property
+    def written_bytes(self) -> int:
+        """Bytes of the samples so far."""
+        return 2 * len(self._channels) * self.row_count
+
+    @_within_deadline
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
         """Store the card's true rate and scaling; afterwards rows are only appended."""
         with translate_write_errors("run", self.path):
@@ -164,6 +209,7 @@ class RunFileWriter:
             self._write_held()
         return row
 
+    @_within_deadline
     def _write_held(self) -> None:
         """Write and flush the blocks that are held, if there are any."""
         if not self._held:
@@ -184,12 +230,14 @@ class RunFileWriter:
             self._append_rows("blocks", np.array(rows, BLOCK_DTYPE))
         self._written_s = time.monotonic()
 
+    @_within_deadline
     def read_raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
         """Return the raw counts of a channel in appended rows, (stop - start,)."""
         self._write_held()
         with translate_write_errors("run", self.path):
             return np.asarray(self._dataset(f"trace/{channel}")[slice(*rows)])
 
+    @_within_deadline
     def append_event(self, event: Event, time_s: float) -> None:
         """Append an event as JSON; a long text continues in further rows."""
         text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
@@ -199,12 +247,14 @@ class RunFileWriter:
                 kind = event.kind if start == 0 else CONTINUED_EVENT
                 self._append_row("events", np.array((time_s, self.row_count, kind, piece), EVENT_DTYPE))
 
+    @_within_deadline
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
         """Append a recording: rows start..stop, quality flags, drive, entry of the plan."""
         with self._appending():
             row = np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING_DTYPE)
             self._append_row("recordings", row)
 
+    @_within_deadline
     def append_point(self, point: Any, entry: int = 0) -> int:
         """Append one row to every column of the points; return its index."""
         row = self._point_count
@@ -219,6 +269,7 @@ class RunFileWriter:
         """Flag a point whose entry was measured again."""
         self.flag_point(row, Quality.SUPERSEDED)
 
+    @_within_deadline
     def flag_point(self, row: int, flag: Quality) -> None:
         """Add a flag to a point: the only value ever changed in place."""
         if "quality" in self._columns:
@@ -227,6 +278,7 @@ class RunFileWriter:
                 quality[row] = int(quality[row]) | flag
                 quality.flush()
 
+    @_within_deadline
     def check_presence(self) -> None:
         """Check that the file is still where it was created, with all that was written.
 
@@ -235,6 +287,7 @@ class RunFileWriter:
         """
         self._presence.check()
 
+    @_within_deadline
     def finish(
         self,
         status: RunStatus,
@@ -252,17 +305,23 @@ class RunFileWriter:
         if self._closed:
             return reason
         try:
+            return self._finish(status, reason, (estimates, series, verdict))
+        finally:
+            self.calls.end()
+
+    def _finish(self, status: RunStatus, reason: str, results: Results) -> str:
+        try:
             self._write_held()
         except FileLostError:  # `problem` states it
             pass
         except StorageError as error:
             reason += f"; the last samples could not be stored: {error}"
         if self._presence.problem:
-            return self._finish_lost(status, reason, (estimates, series, verdict))
+            return self._finish_lost(status, reason, results)
         with announced_transaction(self.path):  # or a kill in between would leave an ended run without results
-            self._finish_open(status, reason, verdict)
+            self._finish_open(status, reason, results[-1])
             try:
-                return self._append_results(self.path, reason, (estimates, series, verdict))
+                return self._append_results(self.path, reason, results)
             finally:
                 self._presence.close()
 
@@ -329,13 +388,17 @@ class RunFileWriter:
         finally:
             presence.close()
 
+    @_within_deadline
     def close_after_error(self) -> None:
         """Close after a storage error, keeping what reached the disk."""
-        if not self._closed:
-            with contextlib.suppress(StorageError):
-                self._write_held()
-            self._close()
-        self._presence.close()
+        try:
+            if not self._closed:
+                with contextlib.suppress(StorageError):
+                    self._write_held()
+                self._close()
+        finally:
+            self._presence.close()
+            self.calls.end()
 
     def _close(self) -> None:
         self._closed = True
@@ -356,6 +419,8 @@ class RunFileWriter:
     @contextlib.contextmanager
     def _checked(self) -> Iterator[None]:
         """Check the file before a write, and take its size afterwards; a lost file is reported once."""
+        if self._closed:
+            raise StorageError(f"the run file {self.path} is closed")
         if not self._presence.problem:
             self._presence.check()
         with translate_write_errors("run", self.path):

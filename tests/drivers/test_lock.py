@@ -16,6 +16,7 @@ import pytest
 
 from app.config.bench_file import BenchConfig
 from app.session.bench_connection import connect
+from drivers.deadlines import Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, AcquisitionError, InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 from drivers.transport import lock
@@ -128,7 +129,7 @@ def test_a_bench_that_cannot_be_opened_after_its_program_was_killed_is_unsafe(fo
 def test_an_instrument_stays_locked_until_the_watchdog_has_ended_too(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lock, "WATCHDOG_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(Deadline.INSTRUMENT_LOCK, "seconds", 0.1)
     with InstrumentLocks("mine") as locks:
         locks.lock_address("the source", ADDRESS)
         files = locks.files
@@ -239,7 +240,7 @@ def test_an_instrument_without_a_serial_number_is_locked_by_its_address_alone(fo
 
 
 def test_two_watchdogs_do_not_share_an_instrument(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "WATCHDOG_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(Deadline.INSTRUMENT_LOCK, "seconds", 0.1)
     with InstrumentLocks("mine") as locks:
         locks.lock_address("the source", ADDRESS)
         mine = lock_as_watchdog(locks.files)
