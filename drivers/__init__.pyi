@@ -21,6 +21,7 @@ from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
 from .closing import Closeable as Closeable
+from .deadlines import AbandonableThread as AbandonableThread
 from .deadlines import CallThread as CallThread
 from .deadlines import Deadline as Deadline
 from .deadlines import OverdueError as OverdueError
@@ -37,6 +38,7 @@ from .drive_shapes import Steps as Steps
 from .drive_shapes import as_record as as_record
 from .drive_shapes import from_record as from_record
 from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
+from .errors import MEMORY_SHORT as MEMORY_SHORT
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
 from .errors import CardInUseError as CardInUseError
@@ -46,6 +48,7 @@ from .errors import LinkError as LinkError
 from .errors import ScanOrderError as ScanOrderError
 from .errors import ScansLostError as ScansLostError
 from .errors import UnsafeError as UnsafeError
+from .errors import is_memory_short as is_memory_short
 from .evidence.evidence_files import GeneratorFamily as GeneratorFamily
 from .evidence.evidence_files import generator_families as generator_families
 from .generators.burst import BurstGenerator as BurstGenerator

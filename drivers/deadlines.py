@@ -1,6 +1,7 @@
 """Deadlines: the longest time of every call that leaves the process, and threads whose calls can be given up."""
 
 import contextlib
+import math
 import queue
 import threading
 import time
@@ -47,6 +48,7 @@ class Deadline(Enum):
         10.0,
         "the run ends *failed* at measured rest; the thread of the call is left behind, and the next start repairs the file",
     )
+    ANALYSIS = "the analysis of a recording, beyond its duration", 120.0, "the run ends *failed* at measured rest"
     WAY_TO_REST = (
         "the way to rest: repeating what failed over new connections, under the warning that the specimen may be live",
         5.0,
@@ -92,7 +94,13 @@ class OverdueError(Exception):
     """A call did not return within its deadline; its thread was left behind."""
 
 
-class CallThread(threading.Thread):
+class AbandonableThread(threading.Thread):
+    """A thread that can be given up: nobody waits for it any more."""
+
+    given_up = False
+
+
+class CallThread(AbandonableThread):
     """Makes the calls of one connection or file one after the other, so that a caller can give one up that does not return.
 
     The thread begins with its connection: where memory is short, a call must not need a new one.
@@ -101,7 +109,7 @@ class CallThread(threading.Thread):
     def __init__(self, name: str) -> None:
         super().__init__(name=name, daemon=True)
         self._calls: queue.SimpleQueue[tuple[Callable[[], Any], queue.SimpleQueue[Any]] | None] = queue.SimpleQueue()
-        self.given_up = self._ended = False
+        self._ended = False
         self.start()
 
     def run(self) -> None:
@@ -113,8 +121,14 @@ class CallThread(threading.Thread):
                 outcome.put((None, error))
             del action, outcome, call  # else they live until the next call
 
-    def call(self, action: Callable[[], T], seconds: float) -> T:
-        """Return what `action` returns in this thread, or raise what it raises.
+    def call(
+        self,
+        action: Callable[[], T],
+        seconds: float,
+        meanwhile: Callable[[], object] = lambda: None,
+        every_s: float = math.inf,
+    ) -> T:
+        """Return what `action` returns in this thread, or raise what it raises; call `meanwhile` every so often.
 
         Raises:
             OverdueError: it did not return within `seconds`, or an earlier call did not.
@@ -125,11 +139,16 @@ class CallThread(threading.Thread):
             raise OverdueError(f"an earlier call of '{self.name}' has not returned")
         outcome: queue.SimpleQueue[tuple[T, BaseException | None]] = queue.SimpleQueue()
         self._calls.put((action, outcome))
-        try:
-            value, error = outcome.get(timeout=seconds)
-        except queue.Empty:
-            self.given_up = True
-            raise OverdueError(f"a call has not returned within {seconds:.3g} s") from None
+        until_s = time.monotonic() + seconds
+        while True:
+            try:
+                value, error = outcome.get(timeout=max(min(until_s - time.monotonic(), every_s), 0.0))
+                break
+            except queue.Empty:
+                if time.monotonic() >= until_s:
+                    self.given_up = True
+                    raise OverdueError(f"a call has not returned within {seconds:.3g} s") from None
+            meanwhile()
         if error is not None:
             try:
                 raise error
@@ -144,8 +163,10 @@ class CallThread(threading.Thread):
 
 
 def threads_left_behind() -> list[str]:
-    """Return the names of the threads whose call was given up and has not returned."""
-    return [thread.name for thread in threading.enumerate() if isinstance(thread, CallThread) and thread.given_up]
+    """Return the names of the threads that were given up and have not ended. Python would wait for them at its end."""
+    return [
+        thread.name for thread in threading.enumerate() if isinstance(thread, AbandonableThread) and thread.given_up
+    ]
 
 
 _IN_PROGRESS: dict[int, tuple[Deadline, float]] = {}

@@ -136,7 +136,7 @@ def load_protocol_file(path: Path) -> type[Protocol]:
     try:
         # From its text, always: Python's cache takes a file of the same size and second for the same file.
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # noqa: S102 - the operator's own file
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ProtocolFileError(f"{path} does not run: {type(error).__name__}: {error}") from error
     kinds = [
         kind

@@ -46,9 +46,12 @@ class AfterRun:
     def observe(self, event: Any) -> None:
         """Start the actions if this is the end of a run."""
         if isinstance(event, RunEnded) and event.path and Path(event.path).is_file():
+            path = Path(event.path)
+            if next(self._actions(path, event), None) is None:
+                return  # without a thread: memory may be short
             if self._executor is None:
                 self._executor = ThreadPoolExecutor(1, "after run")
-            self._executor.submit(self._act, Path(event.path), event)
+            self._executor.submit(self._act, path, event)
 
     def close(self) -> None:
         """Wait for the actions of the last run."""

@@ -231,7 +231,7 @@ def index_path(folder: Path) -> Path:
     """Return the index path of a folder: in the user's cache, or the temporary directory if that is not writable."""
     from platformdirs import user_cache_path
 
-    name = f"runs-{hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]}.sqlite"
+    name = f"runs-{hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]}.sqlite"
     place = user_cache_path("tactor-bench", appauthor=False)
     with suppress(OSError):
         place.mkdir(parents=True, exist_ok=True)

@@ -16,8 +16,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from app.common import current_conditions, record_audit, with_sensor
-from app.session.supervisor import Signs, Supervisor, end_run_from_outside
-from drivers import Bench, BenchError, Block, Deadline, Scale, UnsafeError, overdue_s, threads_left_behind
+from app.session.supervisor import Rescue, Signs, Supervisor
+from drivers import (
+    MEMORY_SHORT,
+    AbandonableThread,
+    Bench,
+    BenchError,
+    Block,
+    Deadline,
+    Scale,
+    UnsafeError,
+    is_memory_short,
+    overdue_s,
+    threads_left_behind,
+)
 from drivers.watchdog import take_unreported_lines
 from protocols.base import (
     Event,
@@ -165,7 +177,8 @@ class Session:
         self._watches_card = False
         self._runner: Runner | None = None
         """Of the present run."""
-        self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
+        self._thread = AbandonableThread(target=self._work, name="bench", daemon=False)
+        self._rescue: Rescue | None = None
         self._supervisor = Supervisor(self, Deadline.STOP_ANSWER if ends_at_stop else Deadline.EARLY_STOP)
         self.state = SessionState.CONNECTING
         self.outcome: RunEnded | None = None
@@ -175,16 +188,20 @@ class Session:
         self.bench: Bench | None = None
         self.unsafe = False
         """Whether the bench could not be opened and was left live by an earlier program."""
-        self.abandoned = False
-        """Whether the thread hangs and is no longer waited for; the process must then be ended."""
         self._stop_requested_s = math.inf
         self._last_event_s = time.monotonic()
+
+    @property
+    def abandoned(self) -> bool:
+        """Whether the thread hangs and is no longer waited for; the process must then be ended."""
+        return self._thread.given_up
 
     def start(self) -> None:
         """Start connecting; returns immediately."""
         self._last_event_s = time.monotonic()
-        self._thread.start()
+        self._rescue = Rescue()
         self._supervisor.start()
+        self._thread.start()
 
     def run(self, request: RunRequest) -> None:
         """Queue a run; returns immediately."""
@@ -259,7 +276,7 @@ class Session:
                 SessionState.RUNNING,
             ):  # they end, or the supervisor gives them up
                 closing_s = time.monotonic()
-            self.abandoned = time.monotonic() - closing_s > Deadline.BENCH_CLOSING.seconds
+            self._thread.given_up = time.monotonic() - closing_s > Deadline.BENCH_CLOSING.seconds
         return not self._thread.is_alive()
 
     def _work(self) -> None:
@@ -278,10 +295,15 @@ class Session:
             self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
         except Exception as error:
-            log.exception("the session failed by an error of this program")
-            self._fail(f"an error of this program: {type(error).__name__}: {error}")
+            if is_memory_short(error):
+                self._fail(MEMORY_SHORT)
+            else:
+                log.exception("the session failed by an error of this program")
+                self._fail(f"an error of this program: {type(error).__name__}: {error}")
         finally:
             self._supervisor.ended.set()
+            if self._rescue is not None:
+                self._rescue.close()
             self.bench = None
             if self.state is not SessionState.NO_BENCH:
                 self.state = SessionState.CLOSED
@@ -374,6 +396,7 @@ class Session:
         self._last_event_s = time.monotonic()
         match event:
             case RunEnded():
+                self.outcome = event
                 self.state = SessionState.IDLE  # before the observers, which may start the next run
                 self._forward_injected()
             case PromptShown(ask_id, prompt) if prompt == self._restore:
@@ -395,12 +418,18 @@ class Session:
             watching_card=self._watches_card,
             may_be_live=runner is not None and runner.may_be_live,
             at_end=runner is not None and runner.at_end,
+            told_unsafe=self._told_unsafe(),
             quiet_s=now_s - self._last_event_s,
             stopped_s=now_s - self._stop_requested_s,
             call_overdue_s=overdue_s(self._thread),
             silent_s=bench.watchdog.overdue_s if bench is not None else -math.inf,
             watchdog_acts=bench is not None and bool(bench.watchdog.takeover_reason or bench.watchdog.inactive_reason),
         )
+
+    def _told_unsafe(self) -> bool:
+        """Whether the present run was reported unsafe, and what follows its end has not been done."""
+        ended = self.outcome
+        return ended is not None and ended.status is RunStatus.UNSAFE and not self.finished.is_set()
 
     def say(self, event: Event) -> None:
         """Publish an event of the supervisor; it is no sign of life."""
@@ -418,10 +447,10 @@ class Session:
 
         Who waits for `finished` finds state and reason already published.
         """
-        self.abandoned = True  # before the events below: their observers ask for it
-        if self._runner is not None and self.bench is not None and self.state is SessionState.RUNNING:
+        self._thread.given_up = True  # before the events below: their observers ask for it
+        if self._runner and self.bench and self._rescue and self.state is SessionState.RUNNING:
             status = RunStatus.STOPPED if self._control.cancel.is_set() else RunStatus.FAILED
-            self.outcome = end_run_from_outside(self._runner, self.bench, status, hangs)
+            self.outcome = self._rescue.end_run(self._runner, self.bench, status, hangs)
             self.path = self._runner.path
             if self.state is SessionState.RUNNING:  # the run could not be concluded
                 self._events.publish(self.outcome)

@@ -1,17 +1,14 @@
 """Supervisor: gives up a session whose thread hangs, warns meanwhile, and answers Stop; in a thread of its own."""
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol
 
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, CallThread, Deadline, OverdueError, threads_left_behind
 from protocols.base import Event, LogMessage, RunEnded, RunStatus, Verdict
 
 if TYPE_CHECKING:
     from protocols.runner import Runner
-
-T = TypeVar("T")
 
 POLL_S = 0.1
 WARNING_S = 0.3
@@ -26,6 +23,7 @@ class Signs:
 
     Attributes:
         at_end: whether the run has left its drive behind and computes or stores its result.
+        told_unsafe: whether the run was reported unsafe, and its thread has not done what follows.
         quiet_s: since its last event.
         stopped_s: since a stop was requested.
         call_overdue_s: for which it is in a call of the card's driver beyond its deadline.
@@ -38,6 +36,7 @@ class Signs:
     watching_card: bool = False
     may_be_live: bool = False
     at_end: bool = False
+    told_unsafe: bool = False
     quiet_s: float = 0.0
     stopped_s: float = -1.0
     call_overdue_s: float = -1.0
@@ -53,12 +52,14 @@ class Signs:
             return f"The run hangs: its thread has given no sign of life for {self.silent_s:.0f} s, in an instrument's driver or in this program"
         if self.connecting and self.quiet_s > Deadline.BENCH_OPENING.seconds:
             return f"An instrument's driver hangs: the bench is not open after {self.quiet_s:.0f} s. Nothing was driven"
+        if self.told_unsafe and self.quiet_s > Deadline.BENCH_CLOSING.seconds:
+            return f"The run was reported unsafe, and its thread has not ended after {self.quiet_s:.0f} s"
         waits_s = min(self.quiet_s, self.stopped_s)
         early = self.connecting or self.watching_card or (self.running and not live and not self.at_end)
         if early and waits_s > early_stop.seconds:
             return f"The bench did not answer within {waits_s:.1f} s of the stop, before anything was driven"
         if self.running and waits_s > Deadline.STOPPED_RUN.seconds:
-            return f"The stopped run has not ended after {waits_s:.0f} s"
+            return f"The stopped run hangs in an instrument's driver or in this program: it has not ended after {waits_s:.0f} s"
         return ""
 
 
@@ -111,44 +112,40 @@ class Supervisor(threading.Thread):
         return False
 
 
-def end_run_from_outside(runner: "Runner", bench: Bench, status: RunStatus, hangs: str) -> RunEnded:
-    """Bring the source to rest where the thread of a run cannot, conclude the run, and return how it ended."""
-    reason = f"{hangs}. The thread was left behind"
-    if left := threads_left_behind():
-        reason += f", with {len(left)} more ({', '.join(left)})"
-    if runner.may_be_live:
-        said = _bring_to_rest(bench, hangs)
-        bench.watchdog.log(f"the program could not measure rest: {hangs}. {said}")
-        status, reason = RunStatus.UNSAFE, f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {reason}. {said}"
-    try:
-        return _call("end of a run that hangs", lambda: runner.give_up(status, reason))
-    except OverdueError:
-        return RunEnded(status, reason, str(runner.path), (), Verdict.of_status(status, reason))
+class Rescue:
+    """Ends a run whose thread hangs, in threads that exist before memory may be short."""
 
+    def __init__(self) -> None:
+        self._to_rest, self._to_end = CallThread("way to rest"), CallThread("end of a run that hangs")
 
-def _bring_to_rest(bench: Bench, hangs: str) -> str:
-    """Ask the watchdog, then command the source over a new connection; return what they report."""
-    watchdog = bench.watchdog
-    said = watchdog.takeover_outcome or watchdog.request_rest(hangs)
-    if said:
-        said = f"The watchdog reports: {said}"
-    if watchdog.brought_to_rest:
-        return said
-    try:
-        _call("way to rest", bench.amplifier.reconnect_and_force_rest)
-    except Exception as error:  # noqa: BLE001 - make-safe: whatever a driver raises is reported
-        return f"{said}. The source did not obey: {error}".lstrip(". ")
-    return f"{said}. The source obeyed a command over a new connection".lstrip(". ")
+    def end_run(self, runner: "Runner", bench: Bench, status: RunStatus, hangs: str) -> RunEnded:
+        """Bring the source to rest, conclude the run, and return how it ended."""
+        left = threads_left_behind()
+        reason = f"{hangs}. Threads left behind: {len(left)} ({', '.join(left)})"
+        if runner.may_be_live:
+            said = self._bring_to_rest(bench, hangs)
+            bench.watchdog.log(f"the program could not measure rest: {hangs}. {said}")
+            status, reason = RunStatus.UNSAFE, f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {reason}. {said}"
+        try:
+            return self._to_end.call(lambda: runner.give_up(status, reason), Deadline.BENCH_CLOSING.seconds)
+        except OverdueError:
+            return RunEnded(status, reason, str(runner.path), (), Verdict.of_status(status, reason))
 
+    def close(self) -> None:
+        """End the threads."""
+        self._to_rest.end()
+        self._to_end.end()
 
-def _call(name: str, action: Callable[[], T]) -> T:
-    """Return what `action` returns in a thread of its own.
-
-    Raises:
-        OverdueError: it does not return.
-    """
-    calls = CallThread(name)
-    try:
-        return calls.call(action, Deadline.BENCH_CLOSING.seconds)
-    finally:
-        calls.end()
+    def _bring_to_rest(self, bench: Bench, hangs: str) -> str:
+        """Ask the watchdog, then command the source over a new connection; return what they report."""
+        watchdog = bench.watchdog
+        said = watchdog.takeover_outcome or watchdog.request_rest(hangs)
+        if said:
+            said = f"The watchdog reports: {said}"
+        if watchdog.brought_to_rest:
+            return said
+        try:
+            self._to_rest.call(bench.amplifier.reconnect_and_force_rest, Deadline.BENCH_CLOSING.seconds)
+        except Exception as error:  # noqa: BLE001 - make-safe: whatever a driver raises is reported
+            return f"{said}. The source did not obey: {error}".lstrip(". ")
+        return f"{said}. The source obeyed a command over a new connection".lstrip(". ")

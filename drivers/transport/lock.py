@@ -6,6 +6,7 @@ The watchdog holds a second file of each, so that an instrument stays locked unt
 """
 
 import contextlib
+import errno
 import getpass
 import hashlib
 import json
@@ -102,7 +103,10 @@ class InstrumentLocks(Closeable):
     def close(self) -> None:
         """Release all locks; what an earlier program left stays on record until a program has taken the instruments over."""
         for path, lock in self._locks.items():
-            _write_record(Path(path), self._left_records.get(path, RELEASED))
+            if path in self._left_records:
+                _write_record(Path(path), self._left_records[path])
+            else:
+                _remove_files(Path(path))
             lock.release()
         self._locks.clear()
 
@@ -176,6 +180,14 @@ def _make_lock(path: Path) -> FileLock:
     return FileLock(path, mode=0o666, thread_local=False, preserve_lock_file=True, poll_interval=0.02)
 
 
+def _remove_files(path: Path) -> None:
+    """Remove the files of a lock that is held: `filelock` does not take one that was removed meanwhile for its own."""
+    _write_record(path, RELEASED)  # where they cannot be removed
+    with contextlib.suppress(OSError, Timeout), _make_lock(_watchdog_file(path)).acquire(timeout=0):
+        for each in (path.with_suffix(".json"), _watchdog_file(path), path):
+            each.unlink()
+
+
 def _write_holder(path: Path, bench: str) -> None:
     holder = {
         "pid": os.getpid(),
@@ -230,6 +242,7 @@ def _translate_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InstrumentError(
-            f"the lock {path} cannot be taken: {error.strerror or error}; make its folder writable for all users of this computer"
-        ) from error
+        remedy = "make its folder writable for all users of this computer"
+        if error.errno == errno.ELOOP:
+            remedy = "it is a symbolic link, which is not followed; remove it"
+        raise InstrumentError(f"the lock {path} cannot be taken: {error.strerror or error}; {remedy}") from error

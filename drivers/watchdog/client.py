@@ -232,7 +232,8 @@ class WatchdogClient:
 
     def _send_pulses(self) -> None:
         while not self._closing.wait(HEARTBEAT_PERIOD_S):
-            self._process.update()
+            with contextlib.suppress(MemoryError):  # without pulses the watchdog would take the source over
+                self._process.update()
             if self._live.is_set():
                 self._send("pulse")
 

@@ -240,10 +240,11 @@ class RunFileWriter:
     @_within_deadline
     def append_event(self, event: Event, time_s: float) -> None:
         """Append an event as JSON; a long text continues in further rows."""
-        text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
+        text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False)
+        encoded = text.encode("utf-8", "replace")  # of a path that is not UTF-8
         with self._appending():
-            for start in range(0, len(text), MAX_TEXT_BYTES):
-                piece = text[start : start + MAX_TEXT_BYTES]
+            for start in range(0, len(encoded), MAX_TEXT_BYTES):
+                piece = encoded[start : start + MAX_TEXT_BYTES]
                 kind = event.kind if start == 0 else CONTINUED_EVENT
                 self._append_row("events", np.array((time_s, self.row_count, kind, piece), EVENT_DTYPE))
 
@@ -329,22 +330,30 @@ class RunFileWriter:
         """Store how the run ended where a reader of the open file sees it, and close the file."""
         try:
             with translate_write_errors("run", self.path):
-                self._dataset("status")[()] = str(status)
-                self._dataset("reason")[()] = truncate_utf8(reason, MAX_TEXT_BYTES)
-                self._dataset("verdict")[()] = str(verdict.outcome)
-                self._dataset("end_time")[()] = self._end_time().isoformat(timespec="milliseconds")
+                self._store_end(self._dataset, status, reason, verdict)
                 self._file.flush()
         finally:
             self._close()
+
+    def _store_end(
+        self, dataset: Callable[[str], h5py.Dataset], status: RunStatus, reason: str, verdict: Verdict
+    ) -> None:
+        dataset("status")[()] = str(status)
+        dataset("reason")[()] = truncate_utf8(reason, MAX_TEXT_BYTES)
+        dataset("verdict")[()] = str(verdict.outcome)
+        dataset("end_time")[()] = self._end_time().isoformat(timespec="milliseconds")
 
     def _end_time(self) -> datetime:
         """Return the start time plus the elapsed time, which a change of the computer's clock does not affect."""
         return self._created_at + timedelta(seconds=time.monotonic() - self._created_s)
 
-    def _append_results(self, path: Path, reason: str, results: Results) -> str:
+    def _append_results(self, path: Path, reason: str, results: Results, status: RunStatus | None = None) -> str:
+        """Append the results; also how the run ended, with `status`, to a copy that may have it as it was before."""
         estimates, series, verdict = results
         try:
             with append_results(path, new=True) as file:
+                if status is not None:
+                    self._store_end(lambda name: file[f"entry/{name}"], status, reason, verdict)
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
                 append_series(file, series, self._begun_with[0].default_plot)
@@ -375,9 +384,11 @@ class RunFileWriter:
                 except OSError as error:
                     log.warning("the run file cannot be saved at %s: %s", saved, os_error_text(error))
                 else:
-                    self.path = saved
-                    told = f"{reason}; the measured data are saved in {saved}"
-                    return self._append_results(saved, told, results)
+                    if _is_whole(saved, self._channels):
+                        self.path = saved
+                        told = f"{reason}; the measured data are saved in {saved}"
+                        return self._append_results(saved, told, results, status)
+                    saved.unlink(missing_ok=True)
             rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path
             for name, row in self._tables:
@@ -447,6 +458,17 @@ class RunFileWriter:
         self._append_rows(name, row[None])
         if name != "recordings":  # those are of samples
             self._tables.append((name, row))
+
+
+def _is_whole(path: Path, channels: Sequence[str]) -> bool:
+    """Whether the samples of a saved copy can be read to their end."""
+    try:
+        with h5py.File(path, "r") as file:
+            for name in channels:
+                file[f"entry/trace/{name}"][-1:]
+    except (OSError, RuntimeError, ValueError, KeyError):
+        return False
+    return True
 
 
 def _free_path(path: Path) -> Path:

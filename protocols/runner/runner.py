@@ -10,7 +10,17 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from drivers import DISPLACEMENT_CHANNEL, ArmedBench, Bench, BenchError, LiveWarning, live_warning, safety_statement
+from drivers import (
+    DISPLACEMENT_CHANNEL,
+    MEMORY_SHORT,
+    ArmedBench,
+    Bench,
+    BenchError,
+    LiveWarning,
+    is_memory_short,
+    live_warning,
+    safety_statement,
+)
 from protocols.base import (
     BenchArmed,
     ChannelCalibration,
@@ -178,6 +188,7 @@ class Runner:
             self.at_end = True
             if self._ended is None:
                 self._ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)
+                self._acquisition.close()
                 self.path = self._run_file.path  # another one if the file was moved or deleted
         return self._ended
 
@@ -213,8 +224,10 @@ class Runner:
         except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
         except BaseException as error:  # SystemExit too, which a driver may raise: the end of a run is always reported
-            log.exception("the run failed by an error of this program")
-            status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
+            status, reason = RunStatus.FAILED, MEMORY_SHORT
+            if not is_memory_short(error):
+                log.exception("the run failed by an error of this program")
+                reason = f"an error of this program: {type(error).__name__}: {error}"
         return self._conclude(status, reason)
 
     def _report_folded_lines(self) -> None:

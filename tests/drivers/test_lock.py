@@ -201,14 +201,58 @@ def test_the_folder_can_be_made_on_this_computer() -> None:
         assert lock_folder().parent.stat().st_mode & 0o1777 == 0o1777
 
 
-def test_the_files_stay_when_the_locks_are_released(folder: Path) -> None:
-    """A file that is removed while another program waits for it would leave two programs with a lock each."""
+def test_released_locks_leave_no_files(folder: Path) -> None:
     with InstrumentLocks("mine") as locks:
         locks.lock_address("the source", ADDRESS)
-        files = {file: file.stat().st_ino for file in folder.iterdir()}
-    assert len(files) == 3
-    assert {file: file.stat().st_ino for file in folder.iterdir()} == files
+        assert len(list(folder.iterdir())) == 3
+    assert not list(folder.iterdir())
     assert locks.files == ()
+
+
+def test_the_files_stay_while_a_watchdog_has_its_lock(folder: Path) -> None:
+    locks = InstrumentLocks("mine")
+    locks.lock_address("the source", ADDRESS)
+    (watchdog,) = lock_as_watchdog(locks.files)
+    locks.close()
+    assert len(list(folder.iterdir())) == 3
+    watchdog.release()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="an open file cannot be removed there")
+def test_a_program_that_had_opened_a_removed_lock_takes_the_one_that_is_there(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it and a third program would have a lock each."""
+    from filelock import _unix
+
+    mine, theirs = InstrumentLocks("mine"), InstrumentLocks("theirs")
+    mine.lock_address("the source", ADDRESS)
+    attempt = _unix.lock_fd_nonblocking
+
+    def after_release(descriptor: int) -> bool:
+        monkeypatch.setattr(_unix, "lock_fd_nonblocking", attempt)
+        mine.close()
+        return attempt(descriptor)
+
+    monkeypatch.setattr(_unix, "lock_fd_nonblocking", after_release)
+    with pytest.raises(InstrumentError):
+        theirs.lock_address("the source", ADDRESS)  # it may try again
+    theirs.lock_address("the source", ADDRESS)
+    with InstrumentLocks("a third") as third, pytest.raises(InstrumentError, match="in use"):
+        third.lock_address("the source", ADDRESS)
+    theirs.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="symbolic links need a privilege there")
+def test_a_symbolic_link_in_the_place_of_a_lock_is_named(folder: Path, tmp_path: Path) -> None:
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        (path,) = map(Path, locks.files)
+    (victim := tmp_path / "victim").write_text("untouched")
+    path.symlink_to(victim)
+    with InstrumentLocks("mine") as locks, pytest.raises(InstrumentError, match="symbolic link"):
+        locks.lock_address("the source", ADDRESS)
+    assert victim.read_text() == "untouched"
 
 
 def test_locks_taken_by_one_thread_are_released_by_another(folder: Path) -> None:

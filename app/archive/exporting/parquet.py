@@ -25,12 +25,13 @@ def write_parquet(run: Run, table: Table | None, path: Path, progress: Progress)
     if table is not None:
         columns = [(c.name, c.unit, pa.array(_plain(c.values))) for c in table.columns]
         schema = pa.schema([_field(name, values.type, unit) for name, unit, values in columns], about)
-        pq.write_table(pa.table([values for *_, values in columns], schema=schema), path, compression=COMPRESSION)
+        with path.open("wb") as file:  # its own opening takes UTF-8 names only
+            pq.write_table(pa.table([values for *_, values in columns], schema=schema), file, compression=COMPRESSION)
         return
     schema = pa.schema([_field(name, pa.float64(), unit) for name, unit in raw_columns(run)], about)
-    with pq.ParquetWriter(path, schema, compression=COMPRESSION) as file:
+    with path.open("wb") as file, pq.ParquetWriter(file, schema, compression=COMPRESSION) as writer:
         for chunk in raw_chunks(run, progress):
-            file.write_table(pa.table([pa.array(column, pa.float64()) for column in chunk], schema=schema))
+            writer.write_table(pa.table([pa.array(column, pa.float64()) for column in chunk], schema=schema))
 
 
 def _field(name: str, kind: Any, unit: str | None) -> Any:

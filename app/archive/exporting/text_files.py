@@ -62,7 +62,7 @@ def json_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], N
 
 
 def _write_json(run: Run, record: Any, with_raw: bool, path: Path, progress: Progress) -> None:
-    with path.open("w", encoding="utf-8") as file:
+    with path.open("w", encoding="utf-8", errors="backslashreplace") as file:
         text = json.dumps(record, ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
         if with_raw:
