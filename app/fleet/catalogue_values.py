@@ -173,7 +173,7 @@ def read_fleet(
 
     Raises:
         FleetError: no run has a result.
-        sqlite3.Error: the index cannot be read.
+        OSError: the index cannot be read.
     """
     entries = [entry for entry in catalogue.figure_entries() if entry.has_result]
     folders = sorted({str(Path(entry.path).parent) for entry in entries} | {"."})
