@@ -19,6 +19,10 @@ READ_FAILURES = (
 """Errors that reading a damaged or hostile file raises."""
 
 
+WRITE_FAILURES = (OSError, RuntimeError, ValueError, KeyError)
+"""Errors of HDF5 while it writes; it raises KeyError for a dataset that it cannot read."""
+
+
 class StorageError(Exception):
     """The file cannot be written. The message contains the path and the reason; what was written before stays readable."""
 
@@ -34,7 +38,7 @@ def translate_write_errors(
     """Raise StorageError for what HDF5 raises while it writes the run or study file."""
     try:
         yield
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
+    except WRITE_FAILURES as error:
         raise StorageError(f"the {kind} file {path} cannot be written: {os_error_text(error)}; {advice}") from error
 
 

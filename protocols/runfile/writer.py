@@ -27,7 +27,7 @@ from drivers import Block, CallThread, Deadline, Drive, InputChannel, OverdueErr
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.creation import create_file, create_group
-from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
+from protocols.runfile.errors import WRITE_FAILURES, FileLostError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.open import RunReadError
 from protocols.runfile.presence import FilePresence
@@ -146,10 +146,15 @@ class RunFileWriter:
             self._file = h5py.File(path, "r+", libver="latest")
             _OPEN[path] = self._file, self._open_datasets
             self._file.swmr_mode = True
+            # Opening one reads the file with Python's lock held: a silent disk would stop all threads in mid-drive.
+            traces = (f"trace/{name}" for name in self._channels)
+            points = (f"points/{name}" for name in (*self._columns, ENTRY_COLUMN))
+            for name in (*traces, *points, "blocks", "events", "recordings", "status", "reason", "verdict", "end_time"):
+                self._dataset(name)
             self._presence = FilePresence(path, self._file.id.get_vfd_handle())
         except FileExistsError:
             raise
-        except (OSError, RuntimeError, ValueError) as error:
+        except WRITE_FAILURES as error:
             raise StorageError(
                 f"the run file {path} cannot be created: {os_error_text(error)}; choose another folder"
             ) from error
@@ -286,7 +291,8 @@ class RunFileWriter:
         Raises:
             FileLostError: another program deleted, cut, moved or detached it.
         """
-        self._presence.check()
+        with translate_write_errors("run", self.path):
+            self._presence.check()
 
     @_within_deadline
     def finish(
@@ -415,7 +421,7 @@ class RunFileWriter:
         self._closed = True
         try:
             self._file.close()
-        except (OSError, RuntimeError) as error:
+        except WRITE_FAILURES as error:
             raise StorageError(f"the run file {self.path} could not be closed: {os_error_text(error)}") from error
         self._open_datasets.clear()
         _OPEN.pop(self._first_path, None)
@@ -432,9 +438,9 @@ class RunFileWriter:
         """Check the file before a write, and take its size afterwards; a lost file is reported once."""
         if self._closed:
             raise StorageError(f"the run file {self.path} is closed")
-        if not self._presence.problem:
-            self._presence.check()
         with translate_write_errors("run", self.path):
+            if not self._presence.problem:
+                self._presence.check()
             yield
         self._presence.note_size()
 
