@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Deadline(Enum):
-    """Longest times of calls. docs/make_reference.py prints them into docs/deadlines.md.
+    """Longest times of calls. docs/make_reference.py prints them into docs/reference/deadlines.md.
 
     Attributes:
         calls: what is called.

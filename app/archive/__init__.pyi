@@ -12,10 +12,10 @@ from .exporting.export import FORMAT_NAMES as FORMAT_NAMES
 from .exporting.export import FORMATS as FORMATS
 from .exporting.export import Format as Format
 from .exporting.export import export_run as export_run
+from .exporting.export import raw_left_out as raw_left_out
 from .exporting.parts import PARTS as PARTS
 from .exporting.parts import ExportError as ExportError
 from .exporting.parts import Part as Part
-from .notes import check_run as check_run
 from .problem_report import CONTENTS as CONTENTS
 from .problem_report import NOT_IN as NOT_IN
 from .problem_report import ProblemFacts as ProblemFacts
@@ -27,11 +27,12 @@ from .replay import load_run as load_run
 from .replay import load_trace_window as load_trace_window
 from .replay import read_measured_response as read_measured_response
 from .replay import run_result as run_result
-from .run_summary import RunFilter as RunFilter
+from .run_filter import RunFilter as RunFilter
+from .run_filter import read_since as read_since
 from .run_summary import RunState as RunState
 from .run_summary import RunSummary as RunSummary
 from .run_summary import read_run_summary as read_run_summary
-from .run_summary import read_since as read_since
+from .second_person import check_run as check_run
 from .specimen_archive import SUFFIX as SUFFIX
 from .specimen_archive import ArchiveError as ArchiveError
 from .specimen_archive import restore_archive as restore_archive

@@ -1,9 +1,9 @@
-"""Summary of a run file, the row of the catalogue; filters for lists of runs."""
+"""Summary of a run file, the row of the catalogue."""
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
@@ -79,8 +79,8 @@ class RunSummary(NamedTuple):
     verdict: str = str(Outcome.NOT_JUDGED)
     """The outcome of the verdict."""
     failed_checks: str = ""
-    """Names of the checks because of which the run did not pass."""
-    found: str = ""
+    """Names of the failed checks of a run that did not pass."""
+    estimates_text: str = ""
     """Estimates as text."""
     operator: str = ""
     instruments: str = ""
@@ -93,7 +93,7 @@ class RunSummary(NamedTuple):
     note: str = ""
     checked_by: str = ""
     """Second persons who checked it."""
-    words: str = ""
+    search_text: str = ""
     """Text that is searched, casefolded."""
     modified_ns: int = 0
     size: int = 0
@@ -101,7 +101,7 @@ class RunSummary(NamedTuple):
 
     @property
     def record(self) -> RunRecord:
-        """The record of the run; of a file that cannot be read, what its name and the error state."""
+        """The record of the run; for an unreadable file, the facts from its name and the error."""
         return decode_record(self.record_json)
 
     @property
@@ -142,7 +142,7 @@ class RunSummary(NamedTuple):
 
     @property
     def has_result(self) -> bool:
-        """Whether the run gave a result; one of an earlier version if it was completed and no check of it failed."""
+        """Whether the run gave a result; a run of an earlier version if it was completed without a failed check."""
         if self.outcome is Outcome.NOT_JUDGED:
             return self.state == RunState.COMPLETED and not self.failed_checks
         return self.outcome.has_result
@@ -234,7 +234,7 @@ def summarize_run(
         row.specimen,
         f"{begun:%Y-%m-%d %H:%M}" if begun else "",
         "simulated" if row.simulated else "",
-        row.found,
+        row.estimates_text,
         row.tags,
         row.note,
         row.operator,
@@ -244,69 +244,7 @@ def summarize_run(
         record.bench_name,
         row.instruments,
     )
-    return row._replace(words="\n".join(words).casefold())
-
-
-@dataclass(frozen=True, slots=True)
-class RunFilter:
-    """Selection of runs; empty fields select all. Every word of `search_text` must occur."""
-
-    search_text: str = ""
-    specimen: str = ""
-    protocol: str = ""
-    state: str = ""
-    since: str = ""
-    """ISO, UTC."""
-    verdict: str = ""
-    """A word of the verdict: `good`, `not judged`, `crashed`."""
-    operator: str = ""
-    checked_by: str = ""
-    """The person who checked the run; `nobody` selects runs that were not checked."""
-    instrument: str = ""
-    """Part of the identity of an instrument, such as a serial number."""
-
-    def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
-        """Return the selected entries in their order."""
-        words = self.search_text.casefold().split()
-        return [
-            e
-            for e in entries
-            if (not self.specimen or e.specimen == self.specimen)
-            and (not self.protocol or e.protocol == self.protocol)
-            and (not self.state or e.state == self.state)
-            and (not self.since or e.start_time >= self.since)
-            and (not self.verdict or self.verdict in e.verdict_text.split(", "))
-            and (not self.operator or e.operator.casefold() == self.operator.casefold())
-            and (not self.checked_by or _is_checked_by(e, self.checked_by.casefold()))
-            and (not self.instrument or self.instrument.casefold() in e.instruments.casefold())
-            and all(word in e.words for word in words)
-        ]
-
-
-def _is_checked_by(summary: RunSummary, name: str) -> bool:
-    return not summary.checked_by if name == "nobody" else name in summary.checked_by.casefold().split(", ")
-
-
-def read_since(text: str, now: datetime | None = None) -> str:
-    """Parse `2026-11-01`, `2026-11`, `today`, `7 d`, `12 h` into ISO time in UTC.
-
-    Raises:
-        ValueError: the text has none of these forms.
-    """
-    now = (now or datetime.now()).astimezone()
-    text = text.strip().casefold()
-    number, unit = text[:-1].strip(), text[-1:]
-    if text == "today":
-        begin = now.replace(hour=0, minute=0, second=0, microsecond=0)
-    elif unit in ("h", "d") and number.isdigit():
-        begin = now - timedelta(hours=int(number) * (24 if unit == "d" else 1))
-    else:
-        try:
-            begin = datetime.fromisoformat(f"{text}-01" if len(text) == 7 else text)
-        except ValueError:
-            raise ValueError(f"'{text}' is not a date") from None
-        begin = begin.astimezone() if begin.tzinfo is None else begin
-    return begin.astimezone(UTC).isoformat(timespec="milliseconds")
+    return row._replace(search_text="\n".join(words).casefold())
 
 
 def read_run_summary(file: Path, path: str, notes_file: Path | None = None) -> RunSummary | None:
@@ -333,7 +271,7 @@ def read_run_summary(file: Path, path: str, notes_file: Path | None = None) -> R
 
 
 def _read_record(file: Path, notes: Notes) -> tuple[RunRecord, str, Sequence[str]]:
-    """Return the record of a run, from its sidecar where that has it, its JSON form if known, and the names of the failed checks.
+    """Return the record of a run, from its sidecar if possible, its JSON form if available, and the names of the failed checks.
 
     Raises:
         RunReadError: the file cannot be read.
@@ -369,7 +307,7 @@ def calibration_text(record: RunRecord) -> str:
 
 
 def _needs_points(run: RunRecord) -> bool:
-    """Whether the checks of a run are known from its points only; other protocols' checks cost a fit."""
+    """Whether the checks of a run need its points only; checks of other protocols need a fit."""
     kind = PROTOCOLS.get(run.protocol)
     ended = run.state in (RunState.COMPLETED, RunState.IMPORTED)
     return run.verdict.outcome is Outcome.NOT_JUDGED and ended and kind is not None and kind.passes_or_fails

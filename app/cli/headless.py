@@ -14,6 +14,7 @@ from app.common import (
     ExitCode,
     UsageError,
     current_conditions,
+    exit_code_of,
     print_message,
     remember_conditions,
     remember_typed_conditions,
@@ -24,21 +25,8 @@ from app.identification import reference_model
 from app.services import operator_reachable, refuse_without_operator
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols import load_plug_ins
-from protocols.base import Outcome, Prompt, Protocol
+from protocols.base import Prompt, Protocol
 from protocols.runner import RunRequest
-
-EXIT_CODES = {
-    Outcome.GOOD: ExitCode.DONE,
-    Outcome.DOUBTFUL: ExitCode.DONE,
-    Outcome.NO_RESULT: ExitCode.NO_RESULT,
-    Outcome.UNSAFE: ExitCode.UNSAFE,
-}
-"""Exit codes by verdict; all others are `ExitCode.FAILED`."""
-
-
-def exit_code_of(outcome: Outcome) -> ExitCode:
-    """Return the exit code of a verdict."""
-    return EXIT_CODES.get(outcome, ExitCode.FAILED)
 
 
 @dataclass
@@ -144,10 +132,10 @@ def run_headless(
     """
     check_planned_faults(bench, planned_faults)
     refuse_unreachable_operator(bench, request.protocol, request.prepare)
-    with headless_session(bench, as_json, observers, planned_faults, request.folder) as front:
-        front.session.run(request)
-        front.wait()
-    return front.exit_code, front.session.path if front.session.outcome else None
+    with headless_session(bench, as_json, observers, planned_faults, request.folder) as session:
+        session.session.run(request)
+        session.wait()
+    return session.exit_code, session.session.path if session.session.outcome else None
 
 
 def _ask_operator(bench: SelectedBench) -> None:
@@ -155,7 +143,7 @@ def _ask_operator(bench: SelectedBench) -> None:
     if bench.config.simulated or not operator_reachable() or remembered_conditions().operator:
         return
     print_message(
-        f"Who measures today? Type a name and Enter; Enter alone: {current_conditions().operator or 'nobody'}"
+        f"Name of today's operator? Type it and press Enter; Enter alone: {current_conditions().operator or 'nobody'}"
     )
     remember_conditions(sys.stdin.readline().strip() or current_conditions().operator)
 
@@ -187,7 +175,7 @@ def headless_session(
 ) -> Iterator[HeadlessSession]:
     """Open a bench as a session with the terminal as its front end; at the end it is closed at rest.
 
-    What the watchdog wrote into `folder` since the last start is printed first.
+    New lines of the watchdog's log in `folder` are printed first.
 
     Raises:
         UsageError: faults were planned for a real bench.
@@ -213,22 +201,19 @@ def headless_session(
     with observer:
         opener = plan.wrap(
             lambda: connect(
-                bench.config,
-                bench.speed,
-                UNATTENDED_BLOCK_S,
-                without_commissioning=bench.without_commissioning,
+                bench.config, bench.speed, UNATTENDED_BLOCK_S, without_commissioning=bench.without_commissioning
             )
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
-        front = HeadlessSession(
+        session = HeadlessSession(
             Session(
                 opener, [observer, operator, plan, *observers, after_run.observe], operator, folder, ends_at_stop=True
             )
         )
-        plan.on_switched = front.session.inject_event
-        with closing(after_run), handling_stop_signals(front.stop), operator.listening(front.session):
-            front.session.start()
+        plan.on_switched = session.session.inject_event
+        with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
+            session.session.start()
             try:
-                yield front
+                yield session
             finally:
-                front.session.close()
+                session.session.close()

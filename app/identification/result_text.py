@@ -1,4 +1,4 @@
-"""First lines of an identification: adequacy, what dimensions are from, and the parameters that were held, with their values."""
+"""First lines of an identification: adequacy, source of the dimensions, and held parameters with their values."""
 
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
@@ -22,20 +22,20 @@ def verdict_line(identification: IdentificationResult) -> str:
 
 
 def steps_line(identification: IdentificationResult, also: str, plain: str) -> str:
-    """Return which causes were added to a model that was not adequate, how that ended, and how to agree to it, as text.
+    """Return the causes added to an inadequate model, the outcome, and the way of agreement, as text.
 
     Args:
         identification: the fit.
-        also: what agrees to the causes.
-        plain: what fits without any.
+        also: option that agrees to the causes.
+        plain: option of a fit without causes.
     """
     if not identification.steps:
         return ""
     adequacy, names = identification.adequacy, [step.name for step in identification.steps]
     end = "adequate with them" if adequacy is not None and adequacy.adequate else "not adequate with them either"
-    words = "; ".join(step.explanation.cause_words for step in identification.steps)
+    causes = "; ".join(step.explanation.cause_text for step in identification.steps)
     return (
-        f"the model was not adequate by itself; added in turn, as its test proposed: {words}; {end}. "
+        f"the model was not adequate by itself; added in turn, as its test proposed: {causes}; {end}. "
         f"To agree to it: {also} {','.join(names)}; the model without any of them: {plain}."
     )
 
@@ -54,7 +54,7 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
     names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
     shown = []
     for name in names:
-        value = None if name in identification.known else identification.fixed.get(name)
+        value = None if name in identification.priors else identification.fixed.get(name)
         if value is not None:
             factor, text = sheet_unit(name)
             shown.append(f"{name} {factor * value:.4g} {text}".strip())

@@ -36,7 +36,7 @@ from protocols.runfile import Run
 
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
-"""A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as exact."""
+"""A specimen sheet; None: the sheet beside the runs, "none": exact dimensions and masses."""
 
 NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
 """Parameters of the fit that the beam model does not have."""
@@ -66,35 +66,35 @@ class IdentificationResult:
     adequacy: Adequacy | None = None
     """Of a joint fit: whether the misfit is noise or a model error."""
     shapes: int = FitOptions.n
-    """Number of shape functions of the fit; curves of it should use the same number."""
+    """Number of shape functions of the fit; its curves should use the same number."""
     budget: UncertaintyBudget | None = None
     """Of a joint fit: the sources of the uncertainties of its estimates."""
     sheet: SpecimenSheet | None = None
-    """What dimensions and masses are from; None where the options alone say it."""
+    """Source of dimensions and masses; None if the options define them."""
     steps: tuple[ExtensionStep, ...] = ()
     """Causes that were added to a first fit whose model was not adequate, in turn."""
     first_fit: JointFit | None = field(default=None, repr=False)
-    """Of a joint fit: the one without any of them."""
+    """The joint fit without added causes."""
 
     @property
-    def known(self) -> Mapping[str, tuple[float, float]]:
-        """Value and standard uncertainty of the parameters that were known beforehand, such as lengths."""
+    def priors(self) -> Mapping[str, tuple[float, float]]:
+        """Prior value and standard uncertainty of the parameters with a prior, such as lengths."""
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
 
     @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
         """The estimates of effects outside the beam model with a prior size, such as creep."""
-        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)
+        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.priors)
 
     @property
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
         """Prior values that are no nonideality: lengths, masses, moduli."""
-        return {name: known for name, known in self.known.items() if name not in NONIDEAL}
+        return {name: prior for name, prior in self.priors.items() if name not in NONIDEAL}
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates without the parameters that were known beforehand."""
-        return tuple(e for e in self.estimates if e.name not in self.known)
+        """The estimates without the parameters with a prior."""
+        return tuple(e for e in self.estimates if e.name not in self.priors)
 
     @property
     def statistical_errors(self) -> Mapping[str, float]:
@@ -141,13 +141,13 @@ def identify(
         FitCancelled: `cancelled` returned true.
     """
     paths = tuple(paths)
-    specimen, campaign, left_out = read_observations(track(paths), open_run)
+    specimen, campaign, left_out = read_observations(paths, open_run, track)
     options = replace(options or FitOptions(), n=n or max(map(shape_count_of_file, paths)))
-    known = (
+    priors = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
     result = identify_observations(
-        specimen, campaign, method, options, progress, sheet=known, plain=plain, cancelled=cancelled
+        specimen, campaign, method, options, progress, sheet=priors, plain=plain, cancelled=cancelled
     )
     return replace(result, notes=(*left_out, *result.notes))
 
@@ -261,5 +261,5 @@ def _base_values(fit: JointFit) -> dict[str, float | None]:
 def _fixed_parameters(
     base: Mapping[str, float | None], estimates: Sequence[EstimatedQuantity]
 ) -> dict[str, float | None]:
-    found = {e.name for e in estimates}
-    return {name: value for name, value in base.items() if name not in found}
+    identified = {e.name for e in estimates}
+    return {name: value for name, value in base.items() if name not in identified}

@@ -58,12 +58,12 @@ class SheetEntry:
     measured: bool = True
     """False where it is Table I's, since the sheet has no value."""
     weighed: Weighing | None = None
-    """What a linear density is from, if a mass and a length are stated."""
+    """Source of a linear density, if a mass and a length are stated."""
 
 
 @dataclass(frozen=True)
 class SpecimenSheet:
-    """The sheet of one specimen; without a file (`path` None) all of it is Table I's."""
+    """The sheet of one specimen; without a file (`path` None) all values are from Table I."""
 
     specimen: str = ""
     entries: Mapping[str, SheetEntry] = field(default_factory=dict)
@@ -119,8 +119,8 @@ class SpecimenSheet:
         usual = {} if plain else usual_effects(observations)
         names = self._names_for(observations)
         own = {*options.fixed, *options.tied, *options.priors, *(options.free or ())}
-        known = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
-        priors = {name: prior for name, prior in {**known, **usual, **known}.items() if name not in own}
+        priors = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
+        priors = {name: prior for name, prior in {**priors, **usual, **priors}.items() if name not in own}
         free = None if options.free is None else (*options.free, *(name for name in priors if name not in options.free))
         return replace(
             options,

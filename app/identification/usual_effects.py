@@ -1,7 +1,7 @@
-"""Usual nonidealities of a tactor and its set-up, as parameters of every fit with the size that is to be expected of them.
+"""Usual nonidealities of a tactor and its set-up, as parameters of every fit with their expected size.
 
-Each is free with a normal prior around none, as a length is around what a ruler read. A specimen sheet, `--prior` or `--fix` replaces the
-prior; `--sheet none` and `--plain` hold all of them at none.
+Each is free with a normal prior around zero, like a length around the reading of a ruler. A specimen sheet, `--prior` or `--fix`
+replaces the prior; `--sheet none` and `--plain` hold all of them at none.
 """
 
 from collections.abc import Iterator, Mapping
@@ -42,7 +42,7 @@ USUAL_EFFECTS: Mapping[str, UsualEffect] = {
 
 def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]]:
     """Return value and standard deviation of each usual nonideality that these runs depend on, by name."""
-    found = {
+    effects = {
         name: (float(parameter_spec(name).default or 0.0), effect.standard_deviation)
         for name, effect in USUAL_EFFECTS.items()
         if name in set(_affecting(observations))
@@ -50,8 +50,8 @@ def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]
     driven = (VoltageStepsObservation, FrequencyResponseObservation)
     slopes = [e.standard_error for e in observations.shared_errors.values() if e.acts_on == "volts"]
     if slopes and any(isinstance(run, driven) for run in observations.runs):
-        found["gain_below_rest"] = 0.0, sqrt(2) * max(slopes)  # difference of two slopes with an error each
-    return found
+        effects["gain_below_rest"] = 0.0, sqrt(2) * max(slopes)  # difference of two slopes with an error each
+    return effects
 
 
 def _affecting(observations: ObservationSet) -> Iterator[str]:

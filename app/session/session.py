@@ -128,7 +128,7 @@ class BuiltInOperator(Operator, Protocol):
     """Operator that belongs to the bench, such as the simulated one."""
 
     def clear_specimen(self) -> None:
-        """Remove what a stopped run left on the specimen. Raises BenchError if the bench is gone."""
+        """Remove weights and masses of a stopped run from the specimen. Raises BenchError without a bench."""
 
 
 class ConnectedBench(Protocol):
@@ -175,8 +175,8 @@ class Session:
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
         self._monitoring = threading.Event()
         self._watches_card = False
-        self._runner: Runner | None = None
-        """Of the present run."""
+        self.runner: Runner | None = None
+        """Runner of the present run."""
         self._thread = AbandonableThread(target=self._work, name="bench", daemon=False)
         self._rescue: Rescue | None = None
         self._supervisor = Supervisor(self, Deadline.STOP_ANSWER if ends_at_stop else Deadline.EARLY_STOP)
@@ -271,12 +271,11 @@ class Session:
             self._thread.join(CLOSING_POLL_S if timeout_s is None else timeout_s)
             if timeout_s is not None:
                 break
-            if self.state in (
-                SessionState.CONNECTING,
-                SessionState.RUNNING,
-            ):  # they end, or the supervisor gives them up
+            # These states end by themselves, or the supervisor gives them up.
+            if self.state in (SessionState.CONNECTING, SessionState.RUNNING):
                 closing_s = time.monotonic()
-            self._thread.given_up = time.monotonic() - closing_s > Deadline.BENCH_CLOSING.seconds
+            if time.monotonic() - closing_s > Deadline.BENCH_CLOSING.seconds:
+                self._thread.given_up = True
         return not self._thread.is_alive()
 
     def _work(self) -> None:
@@ -321,16 +320,15 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulation import provide_sheet
-        from protocols import complete_results
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner
 
-        self.state, self._runner = SessionState.RUNNING, None
+        self.state, self.runner = SessionState.RUNNING, None
         self._forward_injected()
         try:
             request = load()
             self._report_watchdog_log(request.folder)
-            for sentence in repair_folder(request.folder, complete_results):
+            for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
@@ -340,7 +338,7 @@ class Session:
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
             request = self._with_conditions(self._with_restored_setup(request), connection.bench)
-            self._runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
+            self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
             self.state = SessionState.IDLE
@@ -385,7 +383,7 @@ class Session:
             self._events.publish(note)
 
     def _with_restored_setup(self, request: RunRequest) -> RunRequest:
-        """Return the request with a prompt that undoes the set-up of the last run, and note what this one leaves."""
+        """Return the request with a prompt that undoes the set-up of the last run, and note the set-up left by this one."""
         left = request.protocol.restore
         if self._restore is not None and self._restore != left:
             request = replace(request, prepare=(self._restore, *request.prepare))
@@ -411,14 +409,14 @@ class Session:
 
     def signs(self) -> Signs:
         """Return what another thread can see of this session's."""
-        now_s, bench, runner = time.monotonic(), self.bench, self._runner
+        now_s, bench, runner, ended = time.monotonic(), self.bench, self.runner, self.outcome
         return Signs(
             connecting=self.state is SessionState.CONNECTING,
             running=self.state is SessionState.RUNNING,
             watching_card=self._watches_card,
             may_be_live=runner is not None and runner.may_be_live,
             at_end=runner is not None and runner.at_end,
-            told_unsafe=self._told_unsafe(),
+            told_unsafe=ended is not None and ended.status is RunStatus.UNSAFE and not self.finished.is_set(),
             quiet_s=now_s - self._last_event_s,
             stopped_s=now_s - self._stop_requested_s,
             call_overdue_s=overdue_s(self._thread),
@@ -426,21 +424,11 @@ class Session:
             watchdog_acts=bench is not None and bool(bench.watchdog.takeover_reason or bench.watchdog.inactive_reason),
         )
 
-    def _told_unsafe(self) -> bool:
-        """Whether the present run was reported unsafe, and what follows its end has not been done."""
-        ended = self.outcome
-        return ended is not None and ended.status is RunStatus.UNSAFE and not self.finished.is_set()
-
     def say(self, event: Event) -> None:
         """Publish an event of the supervisor; it is no sign of life."""
         quiet_since_s = self._last_event_s
         self._events.publish(event)
         self._last_event_s = quiet_since_s
-
-    def warn_of_live_specimen(self, reason: str) -> None:
-        """Publish that the specimen may be live, because the thread of the run cannot."""
-        if self._runner is not None:
-            self.say(self._runner.live_warning(reason))
 
     def give_up(self, hangs: str) -> None:
         """Report the session as ended whose thread does not return; the source is brought to rest if it may be live.
@@ -448,10 +436,10 @@ class Session:
         Who waits for `finished` finds state and reason already published.
         """
         self._thread.given_up = True  # before the events below: their observers ask for it
-        if self._runner and self.bench and self._rescue and self.state is SessionState.RUNNING:
+        if self.runner and self.bench and self._rescue and self.state is SessionState.RUNNING:
             status = RunStatus.STOPPED if self._control.cancel.is_set() else RunStatus.FAILED
-            self.outcome = self._rescue.end_run(self._runner, self.bench, status, hangs)
-            self.path = self._runner.path
+            self.outcome = self._rescue.end_run(self.runner, self.bench, status, hangs)
+            self.path = self.runner.path
             if self.state is SessionState.RUNNING:  # the run could not be concluded
                 self._events.publish(self.outcome)
         self._fail(f"{hangs}; end this program and start it again")
@@ -460,6 +448,13 @@ class Session:
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
         self._events.publish(BenchFailed(reason))
+
+
+def _complete_results(path: Path) -> str:
+    """Complete the results of a run that a killed program left; the modules that read runs are imported then only."""
+    from protocols import complete_results
+
+    return complete_results(path)
 
 
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:

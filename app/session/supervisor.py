@@ -66,13 +66,13 @@ class Signs:
 class SupervisedSession(Protocol):
     """A session as the supervisor sees it."""
 
+    runner: "Runner | None"
+
     def signs(self) -> Signs: ...
 
     def say(self, event: Event) -> None: ...
 
     def give_up(self, hangs: str) -> None: ...
-
-    def warn_of_live_specimen(self, reason: str) -> None: ...
 
 
 class Supervisor(threading.Thread):
@@ -97,10 +97,9 @@ class Supervisor(threading.Thread):
         """Do what the signs ask for; return whether the session was given up."""
         live = signs.running and signs.may_be_live
         warns = live and signs.silent_s > WARNING_S and signs.watchdog_acts
-        if warns and not self._warned:
-            self._session.warn_of_live_specimen(
-                f"the run has given no sign of life for {signs.silent_s:.1f} s more than allowed"
-            )
+        if warns and not self._warned and (runner := self._session.runner):
+            reason = f"the run has given no sign of life for {signs.silent_s:.1f} s more than allowed"
+            self._session.say(runner.live_warning(reason))
         self._warned = warns or (self._warned and live)
         if hangs := signs.hang(self._early_stop):
             self._session.give_up(hangs)

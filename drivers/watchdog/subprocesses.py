@@ -21,13 +21,13 @@ def python_environment() -> dict[str, str]:
     return {
         **os.environ,
         "PYTHONPATH": os.pathsep.join([str(PACKAGE_FOLDER), *(p for p in inherited if Path(p).is_absolute())]),
-        "PYTHONSAFEPATH": "1",  # for the processes that it starts
-        "OPENBLAS_NUM_THREADS": "1",  # the matrices are small; a second thread would slow them down
+        "PYTHONSAFEPATH": "1",  # for its child processes
+        "OPENBLAS_NUM_THREADS": "1",  # the matrices are small; a second thread would be slower
     }
 
 
 def terminate(child: "subprocess.Popen[str]") -> None:
-    """Close its standard input, which makes it end, and wait; kill it at the timeout."""
+    """Close its standard input, which ends it, and wait; kill it at the timeout."""
     if child.stdin is not None:
         with contextlib.suppress(OSError):
             child.stdin.close()

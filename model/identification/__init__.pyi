@@ -1,13 +1,13 @@
 from .adequacy import Adequacy as Adequacy
 from .adequacy import assess_adequacy as assess_adequacy
+from .attribution.cause_text import describe_cause as describe_cause
+from .attribution.cause_text import format_size as format_size
 from .attribution.diagnosis import diagnose as diagnose
 from .attribution.explanation import Diagnosis as Diagnosis
 from .attribution.explanation import Explanation as Explanation
 from .attribution.model_error import with_model_error as with_model_error
 from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
-from .attribution.words import describe_cause as describe_cause
-from .attribution.words import format_size as format_size
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
 from .experiment_design import ExpectedPrecision as ExpectedPrecision

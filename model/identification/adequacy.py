@@ -14,30 +14,25 @@ from scipy.special import chdtrc, gammaln, ndtr
 from model import Array, Mask
 from model.identification import attribution
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
-from model.identification.forward_model import (
-    Values,
-    beam_under,
-    equation_factors,
-    skin_from_values,
-)
+from model.identification.forward_model import Values, beam_under, equation_factors, skin_from_values
 from model.identification.model_discrepancy import Discrepancy, clamp_discrepancy, possible_discrepancies
 from model.identification.nonidealities import loop_harmonic, specimen_harmonic, with_flexible_clamp
 from model.identification.observations import FrequencyResponseObservation, observed_values
 from model.identification.receptance import ReceptanceSolver
 
 SIGNIFICANCE_LEVEL = 0.05
-"""Probability, over all tests together, below which the model is not adequate: false alarms among runs without any departure."""
+"""Probability over all tests together below which the model is not adequate: rate of false alarms among runs of a correct model."""
 MIN_PATTERN_ROWS = 6
-"""Residuals of a run from which on its neighbours are compared."""
+"""Smallest number of residuals of a run for a comparison of neighbours."""
 CLAMP = attribution.Cause("parameter", "clamp_flexibility")
 TESTED_HARMONICS = (2, 3, 4, 5)
 HARMONIC_TOLERANCE = 0.03
-"""Of a harmonic's predicted amplitude: the amplifier's map and the upper modes are not known better."""
+"""Relative error of a harmonic's predicted amplitude, by amplifier map and upper modes."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One way in which the data do not follow the model."""
+    """One discrepancy between data and model."""
 
     kind: str
     runs: tuple[str, ...]
@@ -45,13 +40,13 @@ class Finding:
     """A share (1 is one hundred percent), or a correlation for a pattern."""
     standard_error: float
     probability: float
-    """Of so much by chance in any of all tests made (Bonferroni)."""
-    words: str
+    """Bonferroni-corrected p-value."""
+    text: str
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Adequacy of the model; `adequate` is None where the runs cannot test it."""
+    """Adequacy of the model; `adequate` is None for runs that cannot test it."""
 
     adequate: bool | None
     message: str
@@ -59,26 +54,30 @@ class Adequacy:
     """The most significant first, unexplained patterns last."""
     test_count: int
     diagnosis: attribution.Diagnosis | None = None
-    """Of a model that is not adequate: causes that explain the misfit."""
+    """Causes that explain the misfit of an inadequate model."""
     undecidable: tuple[attribution.UndecidableError, ...] = ()
-    """Scale errors that these runs cannot show, with the measurement that would."""
+    """Scale errors that these runs cannot show, with the measurement that can."""
 
 
 def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[], bool] | None = None) -> Adequacy:
-    """Test a fit for every discrepancy its runs could show, for patterns, harmonics, and the size of the misfit.
+    """Test a fit for every discrepancy that its runs can show, for patterns, harmonics, and the size of the misfit.
 
-    `attribute` fits the likeliest causes where the model is not adequate, which takes some times as long as the fit.
+    `attribute` fits the likeliest causes of an inadequate model, which takes several times as long as the fit.
 
     Raises:
         FitCancelled: `cancelled` returned true.
     """
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
-    Q, discrepancies, known = attribution.fit_subspace(fit), possible_discrepancies(fit), attribution.effects(fit)
-    if (clamp := known.get(CLAMP)) is not None:
+    Q, discrepancies, cause_effects = (
+        attribution.fit_subspace(fit),
+        possible_discrepancies(fit),
+        attribution.effects(fit),
+    )
+    if (clamp := cause_effects.get(CLAMP)) is not None:
         discrepancies = (*discrepancies, clamp_discrepancy(fit, clamp))
-    directions = [*(d.direction for d in discrepancies), *known.values()]
-    unseen = attribution.undecidable_errors(fit, known)
+    directions = [*(d.direction for d in discrepancies), *cause_effects.values()]
+    unseen = tuple(attribution.undecidable_errors(fit, cause_effects))
     harmonics = _harmonic_tests(fit, 1.0)
     chance = attribution.chance_of_smallest(fit, Q, directions, [pattern for _, pattern in _patterns(fit, Q)])
     tests = len(directions) + len(harmonics) + sum(run.values.size > 1 for run in fit.residuals) + 1
@@ -94,17 +93,17 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
     if left > 1 and findings:
         # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
         findings, _ = _significant_findings(fit, Q, discrepancies, left)
-    diagnosis = attribution.diagnose(fit, known, cancelled=cancelled) if attribute else None
+    diagnosis = attribution.diagnose(fit, cause_effects, cancelled=cancelled) if attribute else None
     message = _verdict_message(fit, findings, tests, diagnosis, chance)
     return Adequacy(False, message, tuple(findings), tests, diagnosis, unseen)
 
 
 def _cause_message(diagnosis: attribution.Diagnosis) -> str:
-    """Return the likeliest cause as text, and those that the runs do not tell from it."""
+    """Return the likeliest cause as text, and the causes that the runs do not distinguish from it."""
     first, *others = diagnosis.likeliest
-    text = f"the model is wrong for these runs, most likely because {first.words}"
+    text = f"the model is wrong for these runs, most likely because {first.text}"
     if others:
-        text += "; these runs do not tell this from: " + "; or ".join(e.cause_words for e in others)
+        text += "; these runs do not distinguish it from: " + "; or ".join(e.cause_text for e in others)
     return text
 
 
@@ -113,19 +112,19 @@ def _significant_findings(
 ) -> tuple[list[Finding], int]:
     """The significant findings with all errors multiplied by `error_scale`, and the number of tests."""
     r = np.where(fit.used_rows, fit.weighted_residuals, 0.0) / error_scale
-    found = [
+    findings = [
         *_score_tests(fit, discrepancies, r, Q, error_scale),
         *_pattern_tests(fit, r, Q),
         *_harmonic_tests(fit, error_scale),
     ]
-    tests = len(found) + 1
-    significant = [replace(f, probability=min(1.0, f.probability * tests)) for f in found]
+    tests = len(findings) + 1
+    significant = [replace(f, probability=min(1.0, f.probability * tests)) for f in findings]
     significant = [f for f in significant if f.probability < SIGNIFICANCE_LEVEL]
     return sorted(significant, key=lambda f: (f.kind == "pattern", f.probability)), tests
 
 
 def _residual_error_scale(fit: JointFit, Q: Array, discrepancies: Sequence[Discrepancy]) -> float:
-    """Return the root of the reduced chi-square without these discrepancies; 1 where it can be chance."""
+    """Return the root of the reduced chi-square without these discrepancies; 1 if it can be chance."""
     basis = np.linalg.svd(
         np.column_stack((Q, *(w.direction / np.linalg.norm(w.direction) for w in discrepancies))), full_matrices=False
     )
@@ -154,10 +153,10 @@ def _verdict_message(
 ) -> str:
     chi = _chi_square_text(fit)
     if diagnosis is not None and diagnosis.likeliest:
-        seen = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:2])
+        seen = "; ".join(f"{f.text} ({format_p_value(f.probability)})" for f in findings[:2])
         return f"{_cause_message(diagnosis)}{f'. Without it: {seen}' if seen else ''}. {chi}"
     if findings:
-        first = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:3])
+        first = "; ".join(f"{f.text} ({format_p_value(f.probability)})" for f in findings[:3])
         more = f"; and {len(findings) - 3} more" if len(findings) > 3 else ""
         return f"the model is wrong for these runs: {first}{more}. {chi}"
     if fit.p_value <= MIN_P_VALUE:
@@ -221,7 +220,7 @@ def _pattern_tests(fit: JointFit, r: Array, Q: Array) -> list[Finding]:
 
 
 def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
-    """Measured harmonics against those the amplifier's two slopes make of the linear model."""
+    """Yield tests of measured harmonics against the harmonics of the linear model with the amplifier's two slopes."""
     out = []
     for run in fit.observations.of_type(FrequencyResponseObservation):
         noise = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m

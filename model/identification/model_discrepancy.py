@@ -1,7 +1,7 @@
 """Model discrepancies: possible differences between specimen and model, as additions to the predictions.
 
-A discrepancy is a direction in the space of all weighted residuals, scaled so that its size is a share that means something:
-of the deflection, of the frequency, of the loop. `adequacy` estimates how much of each is in the residuals.
+A discrepancy is a direction in the space of all weighted residuals, scaled so that its size is a meaningful share: of the
+deflection, of the frequency, of the loop. `adequacy` estimates how much of each is in the residuals.
 """
 
 import re
@@ -21,23 +21,23 @@ WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """One possible difference; `direction` (rows,) is what one hundred percent of it would add to the residuals."""
+    """One possible difference; `direction` (rows,) is the addition of one hundred percent of it to the residuals."""
 
     kind: str
-    """gain, bend, loop, creep, tuning, lag, damping, amplitude, drift or clamp."""
+    """Kind: gain, bend, loop, creep, tuning, lag, damping, amplitude, drift or clamp."""
     runs: tuple[str, ...]
     description: str
-    """What it means, with {} for its size in percent and error, and <one|other> for words of a positive and a negative one."""
+    """Meaning, with {} for its size in percent and error, and <one|other> for texts of a positive and a negative size."""
     direction: Array
 
     def describe(self, size: float, error: float) -> str:
-        """Return what a discrepancy of this size means; the words have the sign, the number has none."""
-        words = WORD_PAIR.sub(lambda found: found[1 if size >= 0 else 2], self.description)
-        return words.format(format_with_uncertainty(100 * abs(size), 100 * error))
+        """Return the meaning of a discrepancy of this size; the text expresses the sign, the number has none."""
+        template = WORD_PAIR.sub(lambda pair: pair[1 if size >= 0 else 2], self.description)
+        return template.format(format_with_uncertainty(100 * abs(size), 100 * error))
 
 
 def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
-    """Return every discrepancy that the runs of this fit could show."""
+    """Return every discrepancy that the runs of this fit can show."""
     labels = [run.label for run in fit.observations.runs]
     place = dict(zip(labels, fit.run_slices, strict=True))
     predictions = fit.problem.forward_model.predict(fit.theta)
@@ -53,15 +53,15 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
                 )
         return d
 
-    found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y))
-    return tuple(Discrepancy(kind, tuple(parts), message, direction(parts)) for kind, message, parts in found)
+    discrepancies = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y))
+    return tuple(Discrepancy(kind, tuple(parts), message, direction(parts)) for kind, message, parts in discrepancies)
 
 
 def clamp_discrepancy(fit: JointFit, effect: Array) -> Discrepancy:
     """Return the discrepancy of a clamp that rotates, from the effect of its flexibility on the weighted residuals."""
     runs = [run.label for run, part in zip(fit.observations.runs, fit.run_slices, strict=True) if np.any(effect[part])]
-    words = "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>"
-    return Discrepancy("clamp", tuple(runs), words, effect)
+    description = "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>"
+    return Discrepancy("clamp", tuple(runs), description, effect)
 
 
 DiscrepancyParts = tuple[str, str, dict[str, Any]]
@@ -69,7 +69,7 @@ DiscrepancyParts = tuple[str, str, dict[str, Any]]
 
 def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
     tuned = _frequency_stretch_derivatives(fit)
-    others = "the other runs say" if len(fit.observations.runs) > 1 else "the parameters that are held allow"
+    others = "the other runs state" if len(fit.observations.runs) > 1 else "the parameters that are held allow"
     for run in fit.observations.runs:
         p = y[run.label]
         match run:
@@ -151,7 +151,7 @@ def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepan
 
 
 def _amplitude_discrepancies(drives: dict[str, Array], y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
-    """Yield what dwells with different drives show, by the amplitudes at their points."""
+    """Yield the discrepancies of dwells with different drives, by the amplitudes at their points."""
     every = np.concatenate([*drives.values(), np.zeros(0)])
     if not every.size or np.ptp(every) <= 0.1 * every.max():
         return
@@ -165,7 +165,7 @@ def _amplitude_discrepancies(drives: dict[str, Array], y: dict[str, Any]) -> Ite
 def _drift_discrepancies(
     dwells: list[observed.FrequencyResponseObservation], y: dict[str, Any]
 ) -> Iterator[DiscrepancyParts]:
-    """Yield what dwells whose order is known show."""
+    """Yield the discrepancies of dwells in a known order."""
     ordered = sorted(dwells, key=lambda r: float(r.order or 0))
     if len(ordered) > 1 and ordered[0].order != ordered[-1].order:
         first, last = float(ordered[0].order or 0), float(ordered[-1].order or 0)
@@ -179,7 +179,7 @@ def _drift_discrepancies(
 def _repeated_settings(
     ordered: list[observed.FrequencyResponseObservation],
 ) -> Iterator[tuple[observed.FrequencyResponseObservation, observed.FrequencyResponseObservation]]:
-    """The first and the last dwell of each setting that was done more than once."""
+    """Return the first and the last dwell of each repeated setting."""
     settings: dict[Any, list[observed.FrequencyResponseObservation]] = {}
     for r in ordered:
         drive = float(np.round(np.mean(r.drive_amplitude_v), 2))
@@ -190,7 +190,7 @@ def _repeated_settings(
 
 
 def _frequency_stretch_derivatives(fit: JointFit) -> dict[str, Any]:
-    """Per dwell the slope of its prediction to a stretch of the frequency axis: a resonance a hundred percent higher."""
+    """Return the slope of each dwell's prediction to a stretch of the frequency axis: a resonance a hundred percent higher."""
     step = 1e-4
     dwells = fit.observations.of_type(observed.FrequencyResponseObservation)
     if not dwells:

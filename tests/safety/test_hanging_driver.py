@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, Session, SessionState
 from app.session.supervisor import Signs, Supervisor
@@ -182,14 +182,18 @@ class Noted:
     def signs(self) -> Signs:
         return Signs()
 
+    @property
+    def runner(self) -> "Noted":
+        return self
+
+    def live_warning(self, _reason: str) -> str:
+        return "warned"
+
     def say(self, event: object) -> None:
-        self.done.append("said")
+        self.done.append(event if isinstance(event, str) else "said")
 
     def give_up(self, hangs: str) -> None:
         self.done.append("given up")
-
-    def warn_of_live_specimen(self, reason: str) -> None:
-        self.done.append("warned")
 
 
 LIVE = Signs(running=True, may_be_live=True)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from model import Mask, Membrane, Tactor, parameter_specs
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
@@ -18,9 +18,9 @@ RUN_ERRORS: dict[Kind, tuple[observed.ErrorTarget, float]] = {
     "frequency": ("frequency", 10.0),
     "elongation": ("elongation", 2e-3),
 }
-"""Errors of a single run: what they act on, and a standard error so large that the run determines them."""
+"""Errors of a single run: affected quantity, and a standard error large enough for the run to determine them."""
 SAME_EFFECT = {"b_Al": "h_Al", "E_Al": "h_Al", "b_m": "contact_length"}
-"""Parameters that enter the model only together with another one, which stands for them."""
+"""Parameters that enter the model only together with another one, which represents them."""
 NO_CAUSES = ("mu", "mass_put_in", "gain_above_rest")
 """Parameters that are no cause: any drive determines the moment per volt, which takes up the slope above rest."""
 
@@ -36,7 +36,7 @@ PLAUSIBLE_ERRORS = {
     "load_gain": 0.03,
     "sensor_gain": 0.03,
 }
-"""Relative standard deviation of what ruler, caliper, balance or sensor may be wrong by; a cause beyond that is less likely."""
+"""Relative standard deviation of plausible errors of ruler, caliper, balance or sensor; a larger cause is less likely."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class Cause:
 
     kind: Kind
     name: str
-    """Of a parameter, or of a run."""
+    """Name of a parameter or run."""
     point: int = -1
     """Index of the point in its run."""
 
     @property
     def title(self) -> str:
-        """What it is called in a table."""
+        """Name in a table."""
         match self.kind:
             case "scale" | "frequency" | "elongation":
                 return f"{self.kind} of {self.name}"
@@ -63,7 +63,7 @@ class Cause:
 
     @property
     def parameter(self) -> str:
-        """The parameter of the extended fit that has its size; empty for a point."""
+        """The parameter of the extended fit with the size of the cause; empty for a point."""
         return "" if self.kind == "point" else self.title if self.kind in RUN_ERRORS else self.name
 
     def extend(self, fit: JointFit) -> tuple[observed.ObservationSet, FitOptions]:
@@ -83,15 +83,15 @@ class Cause:
 
     @property
     def shared_error(self) -> observed.SharedError:
-        """Return the error of one run, as the parameter that it is."""
+        """Return the error of one run, as a shared error."""
         return observed.SharedError(self.title, *RUN_ERRORS[self.kind])
 
     def plausible(self, fit: JointFit) -> tuple[float, float] | None:
-        """Return the held value and the standard deviation that is plausible; None where any size is."""
+        """Return the held value and the plausible standard deviation; None if any size is plausible."""
         share = PLAUSIBLE_ERRORS.get(self.name) if self.kind == "parameter" else None
         if share is None:
             return None
-        held = known.start_value(self.name, fit.options.base_values())
+        held = fit_parameters.start_value(self.name, fit.options.base_values())
         return held, share * (abs(held) or 1.0)
 
     def _priors(self, fit: JointFit) -> dict[str, tuple[float, float]]:
@@ -106,14 +106,14 @@ class Cause:
 def free_as_well(fit: JointFit, names: tuple[str, ...]) -> FitOptions:
     """Return the options of a fit with these parameters free in addition, which begins where `fit` ended."""
     base = fit.options.base_values()
-    start = {name: known.start_value(name, base) for name in names}
+    start = {name: fit_parameters.start_value(name, base) for name in names}
     start |= dict(zip(fit.names, fit.theta.tolist(), strict=True))
     fixed = {name: value for name, value in fit.options.fixed.items() if name not in names}
     return replace(fit.options, free=fit.free_parameters, also=names, fixed=fixed, start=start)
 
 
 def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
-    """Return every parameter that is held and what may be wrong with a whole run; points are found by their residuals."""
+    """Return every held parameter and the possible errors of whole runs; wrong points are found by their residuals."""
     base = fit.options.base_values()
     names = [q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))]
     names += ["contact_length", "asymmetry", *NONIDEALITIES]
@@ -134,7 +134,7 @@ def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
 
 
 def _run_kinds(run: observed.Observation) -> Iterator[Kind]:
-    """Yield what may be wrong with a run as a whole."""
+    """Yield the possible errors of a whole run."""
     if not isinstance(
         run, observed.MassResonanceObservation | observed.MembraneSagObservation | observed.DecayPoleObservation
     ):
@@ -146,7 +146,7 @@ def _run_kinds(run: observed.Observation) -> Iterator[Kind]:
 
 
 def with_errors_of_runs(fit: JointFit, causes: Sequence[Cause]) -> observed.ObservationSet:
-    """Return the observations with the error of every cause that is one of a run."""
+    """Return the observations with the error of every cause that is an error of a run."""
     runs = []
     for run in fit.observations.runs:
         errors = tuple(c.shared_error for c in causes if c.kind in RUN_ERRORS and c.name == run.label)

@@ -11,9 +11,9 @@ SAME_CHI_SQUARE = 6.0
 """Causes whose chi-squares differ by less are reported as indistinguishable: odds of 20 to 1."""
 
 IMPLAUSIBLE = 25.0
-"""Penalty, five standard deviations, beyond which a cause is not named beside another."""
+"""Penalty, five standard deviations, above which a cause is not named beside another."""
 MAX_TOGETHER = 3
-"""Causes that are named together."""
+"""Largest number of causes named together."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ParameterShift:
     before: float
     after: float
     standard_error: float
-    """With the cause."""
+    """Standard error with the cause."""
 
 
 @dataclass(frozen=True)
@@ -33,40 +33,40 @@ class Explanation:
 
     cause: Cause
     size: float
-    """Of its parameter; NaN for a point."""
+    """Size of its parameter; NaN for a point."""
     standard_error: float
     chi_square: float
-    """Without the penalty."""
+    """Chi-square without the penalty."""
     penalty: float
-    """Square of the size over what is plausible; 0 where any size is."""
+    """Square of the size over its plausible standard deviation; 0 if any size is plausible."""
     degrees_of_freedom: int
     log_probability: float
     """Logarithm of the probability of the improvement by chance, all causes of its kind counted."""
     shifts: tuple[ParameterShift, ...]
-    """Parameters of the fit that it moves, the most moved first."""
+    """Changes of the fit's parameters, the largest first."""
     fit: JointFit
-    cause_words: str = ""
-    """What it means, with its size."""
-    words: str = ""
+    cause_text: str = ""
+    """Meaning of the cause, with its size."""
+    text: str = ""
     """The explanation with the changes of the fit."""
 
     @property
     def p_value(self) -> float:
-        """Of a chi-square at least as large with this cause."""
+        """Probability of a chi-square at least as large with this cause."""
         return float(chdtrc(self.degrees_of_freedom, self.chi_square)) if self.degrees_of_freedom > 0 else 1.0
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Explanations of a misfit, the likeliest first; none where no cause is significant."""
+    """Explanations of a misfit, the likeliest first; empty if no cause is significant."""
 
     explanations: tuple[Explanation, ...]
     tried: int
-    """Causes that were compared."""
+    """Number of compared causes."""
 
     @property
     def likeliest(self) -> tuple[Explanation, ...]:
-        """The first explanation and those that the runs do not tell from it, three at most."""
+        """The first explanation and the ones that the runs do not distinguish from it, three at most."""
         if not self.explanations:
             return ()
         first, *others = self.explanations

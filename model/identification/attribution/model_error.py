@@ -1,4 +1,4 @@
-"""Model error of a fit that is not adequate: how far the parameters move with each of the causes that may explain the misfit."""
+"""Model error of an inadequate fit: shift of the parameters by each possible cause of the misfit."""
 
 from dataclasses import replace
 
@@ -9,13 +9,13 @@ from model.identification.fit_result import JointFit
 def with_model_error(fit: JointFit, adequacy: Adequacy, others: tuple[JointFit, ...] = ()) -> JointFit:
     """Return the fit with a covariance that covers the other fits of the same runs, if it is not adequate.
 
-    Where the model is wrong in a way that is not known, the fits with each likely cause are the models that may be right. Their
-    differences from the fit are added to its covariance: every total uncertainty is at least the largest of them.
+    If the model is wrong in an unknown way, the fits with each likely cause are possible models. Their differences from the fit
+    are added to its covariance: every total uncertainty is at least the largest of them.
 
     Args:
         fit: the fit.
-        adequacy: its test with the causes that were compared.
-        others: further fits, such as those before causes were added.
+        adequacy: test of the fit with the compared causes.
+        others: further fits, such as earlier ones without added causes.
     """
     if adequacy.adequate is not False:
         return fit
@@ -25,6 +25,6 @@ def with_model_error(fit: JointFit, adequacy: Adequacy, others: tuple[JointFit, 
 
 
 def _shift(fit: JointFit, other: JointFit) -> list[float]:
-    """Return the change of each parameter of the fit, 0 for one that the other fit does not have."""
-    found = dict(zip(other.names, other.theta.tolist(), strict=True))
-    return [found.get(name, value) - value for name, value in zip(fit.names, fit.theta.tolist(), strict=True)]
+    """Return the change of each parameter of the fit, 0 for a parameter that the other fit lacks."""
+    values = dict(zip(other.names, other.theta.tolist(), strict=True))
+    return [values.get(name, value) - value for name, value in zip(fit.names, fit.theta.tolist(), strict=True)]

@@ -15,7 +15,7 @@ from model import Array
 from model.identification.fit_result import JointFit
 
 DRAWS = 2000
-"""Simulated sets of residuals."""
+"""Number of simulated sets of residuals."""
 INSIDE_FIT = 1e-6
 """Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
 
@@ -30,14 +30,14 @@ class Pattern(NamedTuple):
 
 
 def unit_effect(effect: Array, Q: Array) -> Array | None:
-    """Return what of an effect the fit leaves, of length 1; None where these runs cannot show it."""
+    """Return the part of an effect outside the space of the fit, of length 1; None if these runs cannot show it."""
     rest = effect - Q @ (Q.T @ effect)
     weight = float(rest @ rest)
     return rest / np.sqrt(weight) if weight > INSIDE_FIT * float(effect @ effect) and weight > 0 else None
 
 
 def point_rows(fit: JointFit) -> list[tuple[str, int, NDArray[np.intp]]]:
-    """Return run, index and rows of each point in runs of two or more, all of whose points are used."""
+    """Return run, index and rows of each point in runs of two or more points that are all used."""
     out = []
     for run, part in zip(fit.observations.runs, fit.run_slices, strict=True):
         usable = np.flatnonzero(run.usable)
@@ -48,7 +48,7 @@ def point_rows(fit: JointFit) -> list[tuple[str, int, NDArray[np.intp]]]:
 
 
 def point_gains(residuals: Array, Q: Array, rows: Sequence[NDArray[np.intp]]) -> Array:
-    """Return by how much chi-square is smaller without each point, (..., points), for residuals (..., rows)."""
+    """Return the decrease of chi-square without each point, (..., points), for residuals (..., rows)."""
     gains = []
     for i in rows:
         left = np.eye(i.size) - Q[i] @ Q[i].T
@@ -71,8 +71,8 @@ def chance_of_smallest(fit: JointFit, Q: Array, directions: Sequence[Array], pat
 
     Args:
         fit: the fit.
-        Q: orthonormal basis of its degrees of freedom, (rows, k).
-        directions: effects that are tested, (rows,) each.
+        Q: orthonormal basis of the fit's degrees of freedom, (rows, k).
+        directions: tested effects, (rows,) each.
         patterns: tests for correlated neighbours.
     """
     used = fit.used_rows
@@ -83,16 +83,16 @@ def chance_of_smallest(fit: JointFit, Q: Array, directions: Sequence[Array], pat
 
     def smallest(r: Array) -> Array:
         """The logarithm of the smallest p-value of residuals (draws, rows)."""
-        found = [np.log(np.maximum(chdtrc(fit.degrees_of_freedom, np.sum(r * r, axis=1)), 1e-300))[:, None]]
+        samples = [np.log(np.maximum(chdtrc(fit.degrees_of_freedom, np.sum(r * r, axis=1)), 1e-300))[:, None]]
         if D:
-            found.append(log_p_value((r @ tests) ** 2, 1))
+            samples.append(log_p_value((r @ tests) ** 2, 1))
         if rows:
-            found.append(log_p_value(point_gains(r, Q, rows), freedom))
+            samples.append(log_p_value(point_gains(r, Q, rows), freedom))
         for p in patterns:
             part = r[:, p.rows]
             z = (np.einsum("di,ij,dj->d", part, p.form, part, optimize=True) - p.mean) / p.deviation
-            found.append(log_ndtr(-z)[:, None])
-        return np.asarray(np.concatenate(found, axis=1).min(axis=1))
+            samples.append(log_ndtr(-z)[:, None])
+        return np.asarray(np.concatenate(samples, axis=1).min(axis=1))
 
     observed = float(smallest(np.where(used, fit.weighted_residuals, 0.0)[None])[0])
     if observed < -25:

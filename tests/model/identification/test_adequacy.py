@@ -59,8 +59,8 @@ def test_what_is_outside_the_model_is_noticed(
     verdict = judged(world, drives_v=drives_v)
     assert verdict.adequate is False
     assert verdict.message.startswith("the model is wrong for these runs, most likely because ")
-    named = [f for f in verdict.findings if f.kind == kind and message in f.words]
-    assert named, [f.words for f in verdict.findings]
+    named = [f for f in verdict.findings if f.kind == kind and message in f.text]
+    assert named, [f.text for f in verdict.findings]
     if truth is not None:
         assert named[0].size == pytest.approx(truth, rel=0.3)
 
@@ -116,7 +116,7 @@ def test_words_of_a_finding_follow_its_sign_and_name_no_other_run_where_there_is
         w = 1.38e-4 * loads * (1 + bend * loads / 5)
         run = StaticLoadingObservation("static", loads, w, 1e-7 * np.ones(10))
         found = assess_adequacy(joint_fit(ObservationSet((run,)), FitOptions(free=("k2",)))).findings
-        (words,) = (f.words for f in found if f.kind == "bend")
+        (words,) = (f.text for f in found if f.kind == "bend")
         assert re.fullmatch(
             rf"static is [\d.]+ ± \S+ % {word} at its largest load than at none: it is not linear", words
         )

@@ -1,4 +1,4 @@
-"""Sentences of a diagnosis: a cause with value, error and sign, and what it changes."""
+"""Sentences of a diagnosis: a cause with value, error and sign, and its effect on the fit."""
 
 import re
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 
 from model import SCALES, format_with_uncertainty
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.attribution.causes import Cause
 from model.identification.attribution.explanation import Explanation
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
@@ -16,7 +16,7 @@ UNITS = {"1": "%", "kg": "g", "m": "mm", "s": "µs", "N": "mN", "Pa": "MPa"}
 """Units of sizes of errors."""
 WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
 
-PARAMETER_WORDS = {
+PARAMETER_TEXTS = {
     "mass_fraction": "the masses put in the cylinder act as {value} of their weight",
     "mass_offset": "{size} <more|less> than stated acts with every added mass: cylinder and glue, or the balance",
     "asymmetry": "loads deflect the MFC side {size} <more|less> than the mean of both sides, the aluminium side <less|more>",
@@ -28,15 +28,15 @@ PARAMETER_WORDS = {
     "creep": "deflections creep <on|back> by {size} a decade of time",
     "hysteresis": "hysteresis: {size} of the deflection at full drive comes <late|early>",
     "stiffening": "the specimen is {size} <stiffer|softer> at a deflection of 1 mm than at none: it is not linear",
-    "gain_below_rest": "the amplifier's slope below rest is {size} <larger|smaller> against that above rest than its map says",
+    "gain_below_rest": "the amplifier's slope below rest is {size} <larger|smaller> against the slope above rest than in its map",
     "delay": "the displacement is {size} <later|earlier> than its phases were corrected for",
     "gain_drift": "the dwells <grow|shrink> by {size} from the first to the last",
-    "elongation_offset": "the membrane is {size} <longer|shorter> than every elongation says",
-    "elongation_slip": "the membrane is stretched {size} <less|more> than every elongation says: it slips in its clamps",
+    "elongation_offset": "the membrane is {size} <longer|shorter> than every stated elongation",
+    "elongation_slip": "the membrane is stretched {size} <less|more> than every stated elongation: it slips in its clamps",
     "h_Al": "the bare plate bends as with h_Al = {value}, not {held} (h_Al, b_Al or E_Al)",
     "contact_length": "the skin acts over a contact_length of {value}, not {held} (or b_m differs)",
 }
-"""With {value}, {size} (of the difference to what was held) and {held}; <one|other> for a positive and a negative difference."""
+"""Templates with {value}, {held} (the value held in the fit) and {size} (their difference); <one|other> by its sign."""
 
 
 def format_size(value: float, error: float | None, unit: str, signed: bool = True) -> str:
@@ -44,12 +44,12 @@ def format_size(value: float, error: float | None, unit: str, signed: bool = Tru
     shown = UNITS.get(unit, unit)
     factor = SCALES[shown] if unit in UNITS else 1.0
     value, error = factor * (value if signed else abs(value)), factor * (error or 0.0)
-    known = np.isfinite(error) and error > 0
-    return format_with_uncertainty(value, error, shown) if known else f"{value:.4g} {shown}".strip()
+    has_error = np.isfinite(error) and error > 0
+    return format_with_uncertainty(value, error, shown) if has_error else f"{value:.4g} {shown}".strip()
 
 
-def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
-    """Return what a cause of this size means; the words have the sign of the difference."""
+def cause_text(fit: JointFit, cause: Cause, size: float, error: float) -> str:
+    """Return the meaning of a cause of this size; the text expresses the sign of the difference."""
     match cause.kind:
         case "scale":
             return f"{cause.name} reads {format_size(size, error, '1', False)} too {'large' if size > 0 else 'small'}"
@@ -58,18 +58,18 @@ def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
         case "elongation":
             return f"the elongation of {cause.name} is {format_size(size, error, 'm', False)} {'more' if size > 0 else 'less'} than stated"
         case "point":
-            return _point_words(fit, cause)
-    spec = known.parameter_spec(cause.name)
+            return _point_text(fit, cause)
+    spec = fit_parameters.parameter_spec(cause.name)
     if cause.kind == "prior":
         stated, uncertainty = fit.options.priors[cause.name]
         return (
             f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}, which contradicts its prior value, "
             f"{format_size(stated, uncertainty, spec.unit)}"
         )
-    held = known.start_value(cause.name, fit.options.base_values())
-    words = PARAMETER_WORDS.get(cause.name, f"{cause.name} ({spec.description}) is {{value}}, not {{held}}")
-    words = WORD_PAIR.sub(lambda found: found[1 if size >= held else 2], words)
-    return words.format(
+    held = fit_parameters.start_value(cause.name, fit.options.base_values())
+    template = PARAMETER_TEXTS.get(cause.name, f"{cause.name} ({spec.description}) is {{value}}, not {{held}}")
+    template = WORD_PAIR.sub(lambda pair: pair[1 if size >= held else 2], template)
+    return template.format(
         value=format_size(size, error, spec.unit),
         size=format_size(size - held, error, spec.unit, False),
         held=format_size(held, None, spec.unit),
@@ -77,11 +77,11 @@ def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
 
 
 def describe_cause(fit: JointFit, name: str, size: float, error: float) -> str:
-    """Return what a parameter of this size and standard uncertainty means, as `cause_words`."""
-    return cause_words(fit, Cause("parameter", name), size, error)
+    """Return the meaning of a parameter of this size and standard uncertainty, as `cause_text`."""
+    return cause_text(fit, Cause("parameter", name), size, error)
 
 
-def _point_words(fit: JointFit, cause: Cause) -> str:
+def _point_text(fit: JointFit, cause: Cause) -> str:
     run = cause.run(fit)
     part = fit.run_slices[fit.observations.runs.index(run)]
     rows = fit.weighted_residuals[part].reshape(-1, int(run.usable.sum()))
@@ -105,16 +105,16 @@ def _where(run: observed.Observation, point: int) -> str:
     return ""
 
 
-def with_words(fit: JointFit, explanation: Explanation) -> Explanation:
-    """Return the explanation with its words: the cause, and what the fit is with it."""
-    cause = cause_words(fit, explanation.cause, explanation.size, explanation.standard_error)
+def with_text(fit: JointFit, explanation: Explanation) -> Explanation:
+    """Return the explanation with its texts: the cause, and the fit with it."""
+    cause = cause_text(fit, explanation.cause, explanation.size, explanation.standard_error)
     freedom = explanation.degrees_of_freedom
-    with_it = f"chi-square {fit.cost:.0f} becomes {explanation.chi_square:.0f} for {freedom} degrees of freedom"
+    fit_text = f"chi-square {fit.cost:.0f} becomes {explanation.chi_square:.0f} for {freedom} degrees of freedom"
     if explanation.p_value < MIN_P_VALUE:
-        with_it += f", {format_p_value(explanation.p_value)}: it is not the only one"
+        fit_text += f", {format_p_value(explanation.p_value)}: it is not the only cause"
     if explanation.shifts:
-        with_it += "; " + ", ".join(
+        fit_text += "; " + ", ".join(
             f"{s.name} {s.before:.3g} becomes {format_with_uncertainty(s.after, s.standard_error)}"
             for s in explanation.shifts
         )
-    return replace(explanation, cause_words=cause, words=f"{cause} ({with_it})")
+    return replace(explanation, cause_text=cause, text=f"{cause} ({fit_text})")
