@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import ArmedBench, Bench, Block, LevelAction, RestartableStream, ScansLostError
+from drivers import ArmedBench, Bench, Block, LevelAction, ScansLostError
 from protocols.base import (
     STREAMED_RECORDING_SCANS,
     Array,
@@ -133,9 +133,6 @@ class RunAcquisition:
         try:
             block = armed.discard_block()
         except ScansLostError:
-            if not isinstance(armed.stream, RestartableStream):
-                raise
-            armed.stream.restart()
             block = armed.discard_block()
         self._scans_read = block.stop
         self._recorder.notify(BlockDiscarded(block))

@@ -9,7 +9,15 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from drivers import DISPLACEMENT_CHANNEL, ArmedBench, Bench, BenchError, LiveWarning, safety_statement
+from drivers import (
+    DISPLACEMENT_CHANNEL,
+    ArmedBench,
+    Bench,
+    BenchError,
+    LiveWarning,
+    longest_unmoved_s,
+    safety_statement,
+)
 from protocols.base import (
     BenchArmed,
     ChannelCalibration,
@@ -170,7 +178,8 @@ class Runner:
                 finally:
                     with contextlib.suppress(StorageError):
                         self._recorder.publish_external()
-                    self._recorder.notify(ShutdownStarted())
+                    unmoved_s = longest_unmoved_s(self._bench.amplifier, armed.predicted_rest_s)
+                    self._recorder.notify(ShutdownStarted(unmoved_s))
                     if (wait_s := self._bench.amplifier.stop_wait_s) > STATED_WAIT_S:
                         self._recorder.notify(LogMessage(WAITING_TEXT.format(wait_s)))
             self._report_folded_lines()
@@ -255,7 +264,9 @@ class Runner:
         self._recorder.publish(StreamStarted(armed.rate_hz, armed.scales))
 
     def _warn_of_live_specimen(self, warning: LiveWarning) -> None:
-        self._recorder.publish_always(SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message))
+        self._recorder.publish_always(
+            SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message, warning.part, warning.age_s)
+        )
 
 
 def separate_folded_lines(
