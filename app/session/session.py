@@ -12,11 +12,13 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from app.common import current_conditions, record_audit, with_sensor
-from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
+from app.session.bench_state import UNSEEN, Observation
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, ScansLostError, UnsafeError
 from drivers.watchdog import take_unreported_lines
 from protocols.base import (
     Event,
@@ -47,8 +49,13 @@ HUNG_S = 60.0
 
 HUNG_CONNECTING_S = 10.0
 
-MONITOR_RATE_HZ = 10e3
-"""Scans per second while the card is watched between runs."""
+MONITOR_RATE_HZ, MONITOR_BLOCK_S = 10e3, 0.1
+"""Scans per second, and duration of a block, while the card is watched between runs."""
+
+MONITOR_RETRY_S = 2.0
+"""Real seconds until a card that could not be watched is tried again."""
+
+NO_LIVE_VALUES = "There are no live values"
 
 
 class SessionState(StrEnum):
@@ -164,8 +171,9 @@ class Session:
         self._restore_id: int | None = None
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
-        self._monitoring = threading.Event()
+        self._monitoring, self._monitor_failed = threading.Event(), False
         self._watches_card = False
+        self._seen = UNSEEN
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = SessionState.CONNECTING
         self.outcome: RunEnded | None = None
@@ -179,6 +187,7 @@ class Session:
         """Whether the thread hangs in a driver and is no longer waited for; the process must then be ended."""
         self._stop_requested_s = self._last_event_s = math.inf
         self._takeover_seen_s = math.inf
+        self._closing = False
 
     def start(self) -> None:
         """Start connecting; returns immediately."""
@@ -207,17 +216,24 @@ class Session:
         self.outcome = None
         self._stop_requested_s = self._takeover_seen_s = math.inf
         self.finished.clear()
-        self._requests.put(lambda connected: self._run(connected, load))
+        self._requests.put(partial(self._run, load=load))
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
-            self.finished.set()
+            self._reject_requests()
 
     def monitor(self, active: bool) -> None:
-        """Watch the card between runs, or stop watching; returns immediately. A run ends it, and it is requested again after it."""
-        if not active:
-            self._monitoring.clear()
-        elif not self._monitoring.is_set():
+        """Watch the card whenever no run is in progress, or stop watching; returns immediately."""
+        if active:
             self._monitoring.set()
-            self._requests.put(self._monitor)
+            self._requests.put(lambda _: None)
+        else:
+            self._monitoring.clear()
+
+    @property
+    def observation(self) -> Observation:
+        """What the instruments answered last, from any thread; kept when the bench is closed."""
+        if (bench := self.bench) is not None:
+            self._seen = Observation(bench.reading, bench.answered_s)
+        return self._seen
 
     @property
     def pause_requested(self) -> bool:
@@ -240,6 +256,8 @@ class Session:
             self._abandon(
                 "the card's driver hangs between runs; end this program and start it again. Nothing was driven"
             )
+        if self._closing and self.state is SessionState.IDLE and quiet_s > HUNG_CONNECTING_S and not self.abandoned:
+            self._abandon("an instrument's driver hangs while the bench is released; end this program")
         if self.abandoned or now_s < self._stop_requested_s or self.finished.is_set():
             return
         if self.state is SessionState.CONNECTING and quiet_s > HUNG_CONNECTING_S:
@@ -279,6 +297,7 @@ class Session:
 
     def close(self, timeout_s: float | None = None) -> bool:
         """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`."""
+        self._closing = True
         self.stop()
         self._requests.put(None)
         if self._thread.is_alive() and not self.abandoned:
@@ -295,7 +314,7 @@ class Session:
                 self.state = SessionState.IDLE
                 gain = connected.bench.sensor.gain_relative_uncertainty
                 self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities, gain))
-                while (request := self._requests.get()) is not None:
+                while (request := self._next_request(connected)) is not None:
                     request(connected)
         except BenchError as error:
             self.unsafe = isinstance(error, UnsafeError)
@@ -304,19 +323,19 @@ class Session:
             log.exception("the session failed by an error of this program")
             self._fail(f"an error of this program: {type(error).__name__}: {error}")
         finally:
+            _ = self.observation
             self.bench = None
             if self.state is not SessionState.NO_BENCH:
                 self.state = SessionState.CLOSED
-            self.finished.set()
+            self._reject_requests()
 
-    @staticmethod
-    def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
-        """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
-        from app.config import bench_warnings
-
-        conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
-        expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
-        return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
+    def _reject_requests(self) -> None:
+        """Reject the runs that were requested of a bench that is closed; one that failed has said why."""
+        with suppress(queue.Empty):
+            while True:
+                if isinstance(self._requests.get_nowait(), partial) and self.state is SessionState.CLOSED:
+                    self._events.publish(RunRejected("the bench was closed before the run began; nothing was measured"))
+        self.finished.set()
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
@@ -338,7 +357,7 @@ class Session:
             operator = connection.operator or self._operator
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
-            request = self._with_conditions(self._with_restored_setup(request), connection.bench)
+            request = _with_conditions(self._with_restored_setup(request), connection.bench)
             runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
@@ -358,24 +377,33 @@ class Session:
             )
         self.finished.set()
 
+    def _next_request(self, connection: ConnectedBench) -> Callable[[ConnectedBench], None] | None:
+        """Return the next request; watches the card until then, where that is wanted, and tries again where it fails."""
+        while True:
+            if self._monitoring.is_set() and self._requests.empty():
+                self._monitor(connection)
+            with suppress(queue.Empty):
+                return self._requests.get(timeout=MONITOR_RETRY_S if self._monitoring.is_set() else None)
+
     def _monitor(self, connection: ConnectedBench) -> None:
-        """Publish blocks of the card until another request arrives; nothing is commanded."""
+        """Publish blocks of the card until a request arrives; nothing is commanded."""
         bench = connection.bench
         self._last_event_s, self._watches_card = time.monotonic(), True
         waits = not isinstance(bench.configuration.get("speed", 1.0), int | float)  # the virtual clock does not
         try:
-            with bench.open_stream(MONITOR_RATE_HZ) as stream:
+            with bench.open_stream(MONITOR_RATE_HZ, MONITOR_BLOCK_S) as stream:
+                self._monitor_failed = False
                 self._events.publish(MonitorStarted(stream.rate_hz, stream.scales))
                 while self._monitoring.is_set() and self._requests.empty():
-                    self._events.publish(BlockMonitored(stream.read()))
+                    with suppress(ScansLostError):
+                        self._events.publish(BlockMonitored(stream.read()))
                     if waits:
-                        time.sleep(bench.block_s)
+                        time.sleep(MONITOR_BLOCK_S)
         except BenchError as error:
-            self._events.publish(
-                MonitorFailed(f"There are no live values: {error}. Then connect again on the page Bench")
-            )
+            if not self._monitor_failed:
+                self._events.publish(MonitorFailed(f"{NO_LIVE_VALUES}: {error}"))
+            self._monitor_failed = True
         finally:
-            self._monitoring.clear()
             self._watches_card = False
 
     def _report_watchdog_log(self, folder: Path) -> None:
@@ -415,6 +443,15 @@ class Session:
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
         self._events.publish(BenchFailed(reason))
+
+
+def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
+    """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
+    from app.config import bench_warnings
+
+    conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
+    expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
+    return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
 
 
 def _complete_results(path: Path) -> str:
