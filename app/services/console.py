@@ -49,10 +49,10 @@ class VoltsColumn(ProgressColumn):
         self._follower = follower
 
     def render(self, _task: Task) -> Text:
-        """Return state and volts as they are now."""
+        """Return state and volts as they are now; volts that are not present have their age."""
         strip = self._follower.strip()
-        dim = "" if strip.present else "dim"
-        return Text(f"{strip.state.upper()} {strip.measured}".strip(), "bold red" if strip.danger else dim)
+        volts = strip.measured if strip.present else " ".join(filter(None, (strip.measured, f"({strip.caption})")))
+        return Text(f"{strip.state.upper()} {volts}", "bold red" if strip.danger else "" if strip.present else "dim")
 
 
 class ConsoleObserver:

@@ -135,7 +135,8 @@ class BenchFollower:
 
     def strip(self) -> StripView:
         """Return what is shown of the bench now."""
-        return strip_view(self.state, self.observe(), monotonic())
+        seen, now_s = self.observe(), monotonic()
+        return strip_view(observe(self.state, seen, now_s, datetime.now().astimezone()), seen, now_s)
 
 
 def _with_message(view: WindowState, line: LogLine) -> WindowState:
@@ -197,8 +198,8 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
     if age_s <= PRESENT_S:
         off_aim = _is_off_aim(view, card)
         remarks = {} if card.sensor_in_range else {"sensor": "sees no target"}
-        if live and card.sensor_still:
-            remarks["sensor"] = "stands still under the drive"
+        if card.sensor_still:
+            remarks["sensor"] = "stood still under the drive"
         if live and monitor_disagrees(card, view.amplifier):
             remarks["amplifier"] = "its monitor and its input disagree"
     elif is_read:

@@ -51,7 +51,7 @@ class CardReading:
         earlier_v: volts of a block that ended WINDOW_S before the last; None where the acquisition is younger.
         monitor_v: volts at the specimen over the last WINDOW_S, by a channel of kind `voltage-monitor`; None without one.
         sensor_in_range: whether the displacement sensor has seen a target in the last block.
-        sensor_still: whether its output stands still under a drive that swings.
+        sensor_still: whether its output stood still when the drive swung last.
     """
 
     drive_v: Volts
@@ -100,11 +100,13 @@ class WatchedStream(Closeable):
         self._stream, self._clock, self._sensor = stream, clock, sensor
         self._reading, self._reading_of = before, tuple[Block, ...]()
         """The reading that was computed last, and its blocks."""
+        self._before_s = 0.0 if before is None else before.age_s(time.monotonic())
         self._monitors = [(k, each) for k, each in enumerate(channels, 2) if each.kind == "voltage-monitor"]
         self._noted: tuple[tuple[Block, ...], float] = (), math.inf
         """The last blocks, and `measured_s`; infinite on a clock that stands still between two reads."""
-        self._failed_s, self._noise = math.inf, math.inf
-        """Since when (time.monotonic) the card cannot be read; and the sensor's least swing without a drive, counts."""
+        self._failed_s, self._noise, self._still = math.inf, math.inf, False
+        """Since when (time.monotonic) the card cannot be read; the sensor's least swing without a drive, counts; and whether it
+        stood still under the last drive."""
         self._usual_s, self._stop = 0.0, 0
         """How long after its last sample a block usually arrives, bench seconds; and the scan after the last block."""
         self._speed = float(getattr(clock, "speed", 1.0))
@@ -121,9 +123,10 @@ class WatchedStream(Closeable):
         blocks, measured_s = self._noted
         if blocks is not self._reading_of:
             self._reading, self._reading_of = self._compute(blocks, measured_s), blocks
-        if not blocks or self._reading is None or math.isfinite(measured_s):
+        if self._runs or self._reading is None:
             return self._reading
-        passed_s = self._clock.now() - (self.start_time_s + blocks[-1].stop / self.rate_hz)
+        stop_s = blocks[-1].stop / self.rate_hz if blocks else -self._before_s
+        passed_s = self._clock.now() - (self.start_time_s + stop_s)
         return replace(self._reading, measured_s=min(time.monotonic(), self._failed_s) - max(passed_s, 0.0))
 
     def read(self) -> Block:
@@ -212,7 +215,8 @@ class WatchedStream(Closeable):
             self._noise = min(self._noise, swing)
         monitors = [channel.values(np.array(self._volts(row, present))) for row, channel in self._monitors]
         seen = self.scales[DISPLACEMENT_CHANNEL].to_volts(last.raw[DISPLACEMENT_CHANNEL])
-        follows = high_v - low_v < SWINGING_V or math.isinf(self._noise) or swing > STILL_RATIO * self._noise
+        if high_v - low_v >= SWINGING_V and math.isfinite(self._noise):
+            self._still = swing <= STILL_RATIO * self._noise
         return CardReading(
             (low_v, high_v),
             self._volts(DRIVE_CHANNEL, [last]),
@@ -220,7 +224,7 @@ class WatchedStream(Closeable):
             self._volts(DRIVE_CHANNEL, earlier[-1:]) if earlier else None,
             (float(monitors[0].min()), float(monitors[0].max())) if monitors else None,
             bool(self._sensor.is_valid(seen).any()),
-            not follows,
+            self._still,
         )
 
     def _volts(self, row: int, blocks: Iterable[Block]) -> Volts:

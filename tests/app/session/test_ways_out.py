@@ -59,6 +59,8 @@ from tests.app.test_view import AT_REST, FAILED, NOT_AT_REST, OPENED, ROLES, SIN
 from tests.helpers.waiting import wait_until
 
 GONE = BenchFailed("no bench")
+ENOUGH = 40
+"""Events that lead to every state there is."""
 HUNG = RunEnded(RunStatus.UNSAFE, "UNSAFE: a driver hangs", "run.h5")
 
 # -- the reducer: every event in every state -------------------------------------------------------------------------------
@@ -120,20 +122,38 @@ def after(view: WindowState, *names: str) -> WindowState:
     return view
 
 
-def reachable(depth: int) -> list[WindowState]:
+def shown_of(view: WindowState) -> Hashable:
+    """What a person can see of a state, and what keys do in it."""
+    return (
+        view.phase, view.danger, view.off_aim, view.connected, view.busy, view.paused, view.pause_requested, view.rest_lost,
+        bool(view.queued), bool(view.unsafe), view.prompt is None, view.fitted[0].lamp,
+    )  # fmt: skip
+
+
+def reachable(key: Callable[[WindowState], Hashable], depth: int) -> list[WindowState]:
     """Return every state that any `depth` events and readings lead to, also in an order that no bench makes."""
     first = initial_window_state(AmplifierMap(), "bench", True, ROLES)
-    found, ahead = {key_of(first): first}, [first]
+    found, ahead = {key(first): first}, [first]
     for _ in range(depth):
-        later = {key_of(new): new for view in ahead for name in (*EVENTS, *SEEN) if (new := step(view, name))}
-        ahead = [replace(new, messages=(), points=()) for key, new in later.items() if key not in found]
-        found |= {key_of(new): new for new in ahead}
+        later = {key(new): new for view in ahead for name in (*EVENTS, *SEEN) if (new := step(view, name))}
+        ahead = [replace(new, messages=(), points=()) for which, new in later.items() if which not in found]
+        found |= {key(new): new for new in ahead}
+    assert not ahead or depth < ENOUGH, "there is no end to the states"
     return list(found.values())
 
 
-@pytest.mark.parametrize(("depth", "least"), [(2, 150), pytest.param(4, 5000, marks=pytest.mark.deep)])
-def test_every_event_in_every_state_of_the_window(depth: int, least: int) -> None:
-    states = reachable(depth)
+@pytest.mark.parametrize(
+    ("key", "depth", "least"),
+    [
+        (key_of, 2, 150),
+        pytest.param(key_of, 5, 10_000, marks=pytest.mark.deep),
+        pytest.param(shown_of, ENOUGH, 3_000, marks=pytest.mark.deep),
+    ],
+)
+def test_every_event_in_every_state_of_the_window(
+    key: Callable[[WindowState], Hashable], depth: int, least: int
+) -> None:
+    states = reachable(key, depth)
     assert len(states) > least
     for view in states:
         assert view.danger or view.bench_state not in (BenchState.DRIVE_LOST, BenchState.UNSAFE)
@@ -395,10 +415,10 @@ def explore(depth: int) -> Iterator[tuple[str, ...]]:
         later = {World(*path).key(): path for path in steps}
         ahead = [path for key, path in later.items() if key not in found]
         found |= set(later)
-    assert not ahead or depth < 40, "there is no end to the states"
+    assert not ahead or depth < ENOUGH, "there is no end to the states"
 
 
-@pytest.mark.parametrize(("depth", "least"), [(6, 100), pytest.param(40, 2000, marks=pytest.mark.deep)])
+@pytest.mark.parametrize(("depth", "least"), [(6, 100), pytest.param(ENOUGH, 2000, marks=pytest.mark.deep)])
 def test_every_state_of_session_and_window_has_a_way_out(depth: int, least: int) -> None:
     paths = list(explore(depth))
     assert len(paths) > least
