@@ -22,7 +22,7 @@ WINDOW_S = 0.2
 """Time over which lowest and highest volts are taken, and how much earlier the block ended with which the last is compared."""
 
 STEADY_V, LEVEL_V, SWINGING_V = 0.02, 0.05, 0.5
-"""Volts at the amplifier's input: noise of the card; largest swing of a level; least swing that a sensor must follow."""
+"""Volts at the amplifier's input: noise of the card; largest swing of one level; least swing that a sensor must follow."""
 
 STILL_RATIO = 1.5
 """Largest swing of a sensor that stands still under a drive, relative to its least swing without one: its noise."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bench.amplifier import HvAmplifier
-from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, CardReading
+from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LEVEL_V, CardReading
 from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
@@ -51,9 +51,6 @@ class LiveWarning:
 PRESENT_S = 0.3
 """Largest age of a block whose volts a warning names."""
 
-ONE_LEVEL_V = 0.05
-"""Largest difference within a block reported as one level."""
-
 
 def live_warning(reason: object, reading: CardReading | None, amplifier_map: AmplifierMap) -> LiveWarning:
     """Return the warning for a reason, an error or a text, and what the card measured last."""
@@ -69,7 +66,7 @@ def live_warning(reason: object, reading: CardReading | None, amplifier_map: Amp
         return LiveWarning(f"{begin} {unread}. {SWITCH_OFF_NOW}", age_s=age_s, part=part)
     low_v, high_v = reading.block_v
     low, high = (float(volts) for volts in amplifier_map.specimen_v([low_v, high_v]))
-    one_level = high_v - low_v <= ONE_LEVEL_V
+    one_level = high_v - low_v <= LEVEL_V
     seen = f"{(low_v + high_v) / 2:z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
     means = f"about {(low + high) / 2:z.0f} V" if one_level else f"about {low:z.0f} to {high:z.0f} V"
     return LiveWarning(
