@@ -14,6 +14,7 @@ from app.common import (
     ExitCode,
     UsageError,
     current_conditions,
+    exit_code_of,
     print_message,
     remember_conditions,
     remember_typed_conditions,
@@ -24,21 +25,8 @@ from app.identification import reference_model
 from app.services import operator_reachable, refuse_without_operator
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols import load_plug_ins
-from protocols.base import Outcome, Prompt, Protocol
+from protocols.base import Prompt, Protocol
 from protocols.runner import RunRequest
-
-EXIT_CODES = {
-    Outcome.GOOD: ExitCode.DONE,
-    Outcome.DOUBTFUL: ExitCode.DONE,
-    Outcome.NO_RESULT: ExitCode.NO_RESULT,
-    Outcome.UNSAFE: ExitCode.UNSAFE,
-}
-"""Exit codes by verdict; all others are `ExitCode.FAILED`."""
-
-
-def exit_code_of(outcome: Outcome) -> ExitCode:
-    """Return the exit code of a verdict."""
-    return EXIT_CODES.get(outcome, ExitCode.FAILED)
 
 
 @dataclass
@@ -57,7 +45,7 @@ class HeadlessSession:
         """Wait until the run has ended, or the bench failed."""
         # In slices, because an endless wait would keep Python from handling the signal.
         while not self.session.finished.wait(0.1):
-            self.session.abandon_if_hung()
+            pass
 
     @property
     def exit_code(self) -> int:
@@ -203,13 +191,14 @@ def headless_session(
         can_poll_keyboard,
         handling_stop_signals,
     )
-    from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
+    from app.session import UNATTENDED_BLOCK_S, BenchFollower, FaultPlan, connect, parse_planned_fault
 
     _ask_operator(bench)
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()
     keys = KEY_HELP if can_poll_keyboard() else ""
-    observer = JsonObserver() if as_json else ConsoleObserver(StderrConsole(), keys)
+    follower = BenchFollower(bench.config.amplifier.amplifier_map)
+    observer = JsonObserver(follower) if as_json else ConsoleObserver(StderrConsole(), keys, follower=follower)
     with observer:
         opener = plan.wrap(
             lambda: connect(
@@ -218,9 +207,12 @@ def headless_session(
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
         session = HeadlessSession(
-            Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
+            Session(
+                opener, [observer, operator, plan, *observers, after_run.observe], operator, folder, ends_at_stop=True
+            )
         )
         plan.on_switched = session.session.inject_event
+        follower.observe = lambda: session.session.observation
         with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
             session.session.start()
             try:

@@ -88,8 +88,6 @@ class LiveFeed:
         self._monitored: deque[tuple[float, float]] = deque(maxlen=READING_BLOCKS)
         """Mean volts of drive and sensor, block by block."""
         self._monitored_at_s = 0.0
-        self._last_block_s: float | None = None
-        """Monotonic time of arrival of the last block."""
         self.running_curve = RunningCurve()
         """Curve of the entry that is being measured."""
 
@@ -99,10 +97,11 @@ class LiveFeed:
         with self._lock:
             return self._scans / self._rate_hz
 
-    def age_s(self, now_s: float) -> float:
-        """Return the age of the last block at a monotonic time; 0 before the first."""
+    @property
+    def last_block_s(self) -> float:
+        """Time (time.monotonic) at which the last block arrived; NaN without one."""
         with self._lock:
-            return 0.0 if self._last_block_s is None else now_s - self._last_block_s
+            return self._arrivals[-1][0] if self._arrivals else math.nan
 
     def displayed_s(self, now_s: float) -> float:
         """Return the bench time to display at a monotonic time: it moves evenly and is never beyond the last sample.
@@ -159,8 +158,7 @@ class LiveFeed:
         with self._lock:
             before_s = self._scans / self._rate_hz
             self._scans += block.raw.shape[1]
-            self._last_block_s = time.monotonic()
-            self._arrivals.append((self._last_block_s, before_s, self._scans / self._rate_hz))
+            self._arrivals.append((time.monotonic(), before_s, self._scans / self._rate_hz))
             self._latest_um = float(displacement_um.mean())
             if monitored:
                 volts = self._channels[1].scale.to_volts(block.raw[1])

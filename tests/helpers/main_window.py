@@ -20,6 +20,7 @@ from app.gui.widgets import Told, collect_garbage_here
 from app.live.session_link import SessionAdapter
 from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect
+from app.session.bench_state import Observation
 from app.session.session import SessionEvent
 from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest
@@ -92,6 +93,7 @@ class ListeningSession:
     lets_go: bool = True
     """Whether it ends immediately when closed."""
     abandoned: bool = False
+    observation: Observation = field(default_factory=Observation)
 
     def start(self) -> None: ...
 
@@ -117,8 +119,6 @@ class ListeningSession:
     def monitor(self, active: bool) -> None: ...
 
     def inject_event(self, event: Any) -> None: ...
-
-    def abandon_if_hung(self) -> None: ...
 
     def close(self, _timeout_s: float | None = None) -> bool:
         self.closed = True

@@ -20,7 +20,6 @@ from protocols.base import Protocol, Series
 from protocols.runfile import is_response
 
 MIN_PLOT_HEIGHT = 56
-MAX_EARLIER = 3
 
 
 class LivePane(QSplitter):

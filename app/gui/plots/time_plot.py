@@ -224,9 +224,8 @@ class TimePlot(Chart):
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
             self._update_data()
-        self._streamed_s = self._feed.streamed_s
-        age_s = self._feed.age_s(now)
-        self._show_age(int(age_s) if age_s >= HELD_AFTER_S and self._streamed_s else 0)
+        self._streamed_s, age_s = self._feed.streamed_s, now - self._feed.last_block_s
+        self._show_age(int(age_s) if age_s >= HELD_AFTER_S else 0)
         self._shown_s = self._advance(self._feed.displayed_s(now), elapsed)
         right_s = self._trigger(self._shown_s) if self.span.triggered else self._shown_s
         if fresh or right_s != self._right_s:

@@ -154,10 +154,9 @@ class MainWindow(QMainWindow):
             self.tabs.start_run(protocol)
         else:
             # A key that does nothing looks like a broken program.
-            why = self.state.blocked_reason or "the form has a fault, which is marked"
-            if self.state.bench_state is BenchState.CONNECTING:
-                why = "the bench is still being connected. Press again when its sign says so"
-            self.tabs.show_message(f"Not started: {why}.")
+            self.tabs.show_message(
+                f"Not started: {self.state.blocked_reason or 'the form has a fault, which is marked'}."
+            )
 
     def _on_card_requested(self, action: str, _path: Path) -> None:
         """Start another run from the result card; the pages do the rest."""
@@ -227,7 +226,10 @@ class MainWindow(QMainWindow):
         # The operator's prompt id is set only after the event was emitted.
         note = view.progress.label if view.progress is not None else ""
         self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um, note)
+        self.notices.tick()
         self.strip.tick()
+        if self.strip.view is not None:
+            self.status_line.show_answers(self.strip.view.instruments)
         self.ribbon.tick()
         self.tabs.tick()
         if self._autostart and view.can_run:

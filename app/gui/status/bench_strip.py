@@ -28,9 +28,8 @@ from app.gui.face import (
 )
 from app.gui.status.ribbon import draw_hatch
 from app.gui.status.session_controller import SessionController
-from app.gui.status.strip_value import StripView, strip_view
 from app.gui.widgets import configure
-from app.session import WindowState
+from app.session import StripView, WindowState
 
 REPAINT_S = 0.2
 """Interval at which the age of the measured volts and the time left are painted anew."""
@@ -209,8 +208,8 @@ class BenchStrip(QWidget):
 
     def _refresh(self) -> None:
         assert self._state is not None
-        self._painted_s, adapter = time.monotonic(), self._controller.adapter
-        self.show_view(strip_view(self._state, adapter.feed.streamed_s, adapter.session.bench), self._state)
+        self._painted_s = time.monotonic()
+        self.show_view(self._controller.strip(), self._state)
 
     def show_view(self, view: StripView, state: WindowState) -> None:
         """Show what is known of the bench."""

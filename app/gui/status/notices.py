@@ -10,7 +10,7 @@ from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
 from app.gui.status.unsafe_card import UnsafeCard
 from app.gui.widgets import ACTIONS, OverlayCard, OverlayHost, add_action, add_actions, make_button
-from app.session import WindowState
+from app.session import KNOWN_S, WindowState
 from protocols.base import PromptShown
 
 RUN_ACTIVE_TEXT = "A run is in progress. Go to rest first, then close?"
@@ -64,10 +64,16 @@ class Notices(QObject):
     def set_state(self, view: WindowState) -> None:
         """Show the messages of a window state."""
         self._no_bench = not view.connected and bool(view.problem)
-        self.unsafe.show_state(view, view.seen_v)
+        self.unsafe.show_state(view)
         self.problem.show_message("" if view.unsafe else f"{view.problem[:1].upper()}{view.problem[1:]}")
         self.problem.buttons[0].setVisible(self._no_bench)
         self._update_answer()
+
+    def tick(self) -> None:
+        """Show the volts at the amplifier's input on the card of the unsafe state, where they are known."""
+        card = self._controller.adapter.observation.card
+        known = card is not None and card.age_s(time.monotonic()) <= KNOWN_S
+        self.unsafe.show_volts(card.drive_v if card is not None and known else None)
 
     def show_prompt(
         self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None, note: str = ""
@@ -129,5 +135,4 @@ class Notices(QObject):
             self._controller.acknowledge()
 
     def _on_reconnect(self) -> None:
-        if self._no_bench or not self.unsafe.isHidden():
-            self._controller.reconnect()
+        self._controller.reconnect()

@@ -1,6 +1,6 @@
 """Status line of the window: the last event with Undo, the log's button, and the lamps of the instruments."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
@@ -61,7 +61,6 @@ class InstrumentLamp(QWidget):
         """Show an instrument."""
         if instrument != self.instrument:
             self.instrument = instrument
-            self.setToolTip(f"{instrument.role}: {instrument.identity}\n{instrument.lamp}")
             self.setAccessibleName(f"{instrument.role} {instrument.lamp}: {instrument.identity}")
             self.updateGeometry()
             self.update()
@@ -149,6 +148,14 @@ class WindowStatusLine(QWidget):
             self._lamp_row.addWidget(self.lamps[-1])
         for lamp, instrument in zip(self.lamps, view.instruments, strict=False):
             lamp.show_instrument(instrument)
+
+    def show_answers(self, answers: Mapping[str, str]) -> None:
+        """Show by role why an instrument is suspect, or its status, and when it answered last."""
+        for lamp in self.lamps:
+            instrument = lamp.instrument
+            text = f"{instrument.role}: {instrument.identity}\n{answers.get(instrument.role, '')}"
+            if text != lamp.toolTip():
+                lamp.setToolTip(text)
 
     def show_line(self, line: LogLine, undo: Callable[[], object] | None = None) -> None:
         """Show an event; `undo` reverses it, for ten seconds."""

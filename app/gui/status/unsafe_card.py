@@ -199,7 +199,7 @@ class UnsafeCard(OverlayCard):
             parent=content,
         )  # fmt: skip
 
-    def show_state(self, view: WindowState, volts: tuple[float, float] | None = None) -> None:
+    def show_state(self, view: WindowState) -> None:
         """Show what is known, or hide the card where nothing is unsafe."""
         if not view.unsafe:
             self.dismiss()
@@ -207,7 +207,6 @@ class UnsafeCard(OverlayCard):
         detail = view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". ")
         self.detail_label.setText(detail)
         self.detail_label.setVisible(bool(detail))
-        self.show_volts(volts)
         if self.isHidden():
             self.open()
 

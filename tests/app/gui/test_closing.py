@@ -15,7 +15,8 @@ from app.gui.application import InitialForm, OpenedBench, open_window
 from app.gui.shell.main_window import MainWindow
 from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.bench_connection import connect
-from app.session.state import BenchState
+from app.session.bench_state import BenchState
+from drivers.deadlines import Deadline
 from drivers.generators.keysight import Keysight33500
 from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
@@ -109,7 +110,7 @@ def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the
         hangs.set()
         over.wait()
 
-    monkeypatch.setattr("app.session.session.HUNG_S", 0.2)
+    monkeypatch.setattr(Deadline.STOPPED_RUN, "seconds", 0.2)
     monkeypatch.setattr(Keysight33500, "start_drive", hang)
     bench = Bench(config)
     with whole_window(bench, config, SineDwell(frequencies_hz=(100.0,)), tmp_path, settings) as window:

@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
 from app.gui.shell.page_host import MEASURE
 from app.gui.status.bench_strip import LOOKS, BenchStrip
-from app.gui.status.strip_value import RunLine, StripView
 from app.session import BenchState
+from app.session.strip import RunLine, StripView
 from protocols.base import Outcome, Prompt, PromptShown, RunPaused
 from tests.helpers.main_window import OpenStage, Stage, find, sign, until, word
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED
