@@ -36,6 +36,8 @@ class SimulatedNiDevice:
         self.server_stopping = threading.Event()
         self._lock = threading.Lock()
         self._input_owner: NiTask | None = None
+        self.line_owners: dict[str, object] = {}
+        """Tasks of the digital lines."""
 
     def check_present(self, code: int = -201003) -> None:
         """Raise NiError if the card is absent."""
@@ -61,6 +63,7 @@ class SimulatedNiDevice:
         for output in self.card.outputs:
             output.owner = None
             output.reset()
+        self.card.interlock.reset_lines()
 
     def physical_channel_name(self, number: int) -> str:
         """The name of a channel number."""

@@ -5,6 +5,7 @@ from .history_report import make_voltage_report as make_voltage_report
 from .laser_view import LaserView as LaserView
 from .parameters import CardParameters as CardParameters
 from .parameters import GeneratorParameters as GeneratorParameters
+from .parameters import InterlockParameters as InterlockParameters
 from .parameters import SimulationParameters as SimulationParameters
 from .parameters import SupplyParameters as SupplyParameters
 from .plant import Plant as Plant
