@@ -10,6 +10,7 @@ from .bench.bench import Bench as Bench
 from .bench.card_reading import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.card_reading import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.card_reading import CardReading as CardReading
+from .bench.interlock import INTERLOCK_RECOMMENDED as INTERLOCK_RECOMMENDED
 from .bench.interlock import Interlock as Interlock
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V

@@ -18,7 +18,7 @@ FRESH_S = 0.5
 STATE_TIMEOUT_S = 1.0
 """Longest wait for the relay's contact, beyond the monostable's time."""
 
-RECOMMENDED = (
+INTERLOCK_RECOMMENDED = (
     "Recommended: an interlock, which takes the high voltage away when program, watchdog and computer are dead "
     "([interlock] in the bench file; docs/how-to/build-an-interlock.md)"
 )
@@ -71,6 +71,11 @@ class Interlock:
         return f"the interlock switches high voltage off {self.monostable_s:g} s after the last heartbeat ({known})"
 
     @property
+    def edge_age_s(self) -> float:
+        """Real seconds since the edge of the heartbeat that triggered the monostable last."""
+        return time.monotonic() - self._edge_s
+
+    @property
     def after_unsafe(self) -> str:
         """Sentence about the high voltage after a run that ended unsafe; empty without an interlock."""
         if not self.is_wired:
@@ -114,7 +119,7 @@ class Interlock:
         if self._lines is None or not self._is_watched or self._dropped:
             return
         try:
-            if self._is_permitted and (silent_s := time.monotonic() - self._edge_s) > self.monostable_s:
+            if self._is_permitted and (silent_s := self.edge_age_s) > self.monostable_s:
                 self._dropped = (
                     f"there was no heartbeat for {silent_s:.2f} s, because this program could not read the card in time"
                 )

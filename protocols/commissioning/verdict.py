@@ -51,7 +51,9 @@ class CheckedOutput:
             return OutputVerdict.NOT_MEASURED
         if (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high):
             return OutputVerdict.PASS
-        if self.check is OutputCheck.POLARITY or (self.unit == "V" and abs(self.value) >= DANGEROUS_V):
+        if self.check in (OutputCheck.POLARITY, OutputCheck.INTERLOCK) or (
+            self.unit == "V" and abs(self.value) >= DANGEROUS_V
+        ):
             return OutputVerdict.DANGEROUS
         if self.check in (OutputCheck.SCALE, OutputCheck.UNEVEN, OutputCheck.SHAPE):
             return (
@@ -89,6 +91,7 @@ class MeasuredTimes:
         level_stop_s: time of Stop from a level with a hastened end, for a source that cannot abort bursts; NaN for a jump of the
             output.
         upload_s: time of the upload of the driver's longest waveform.
+        interlock_s: time from the last heartbeat of the bench's interlock until high voltage is off.
     """
 
     stop_s: float
@@ -97,6 +100,7 @@ class MeasuredTimes:
     reply_s: float = math.nan
     level_stop_s: float = math.nan
     upload_s: float = math.nan
+    interlock_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
