@@ -55,6 +55,6 @@ class SimulatedInterlock:
                 self._closed_until_s = math.inf
             elif renew:
                 self._closed_until_s = now_s + own.monostable_s * speed
-            elif math.isinf(self._closed_until_s):
+            elif self._closed_until_s == math.inf:
                 self._closed_until_s = now_s
             self._history.permit_high_voltage(now_s, self._closed_until_s + own.release_s * speed)

@@ -207,7 +207,9 @@ class DoubleCell:
         wrong = []
         if self.drive == INTERLOCKED:
             limit_s = INTERLOCK.monostable_s + OFF_WITHIN_S
-            if {"program killed", "card lost"} & set(self.pair) and not min(self.off_s, self.rest_s) <= limit_s:
+            if {"program killed", "card lost"} & set(self.pair) and not (
+                self.off_s <= limit_s or self.rest_s <= limit_s
+            ):
                 wrong.append(f"not below {SAFE_V:g} V on the specimen within {limit_s:g} s")
         elif not self.at_rest and not self.alarms:
             wrong.append(f"the input is at {self.end_v:.3f} V and nobody reports it")
