@@ -9,8 +9,7 @@ import numpy as np
 from drivers import Clock, WallClock
 from sim_hardware import plant
 from sim_hardware.generators import SegmentFactory, SimulatedGenerator, make_generator
-from sim_hardware.interlock import SimulatedInterlock
-from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer
+from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer, SimulatedInterlock
 from sim_hardware.supplies import SimulatedSupply, make_supply_engine
 from sim_hardware.wires import InProcessLink, MessagePort, ScpiEngine, ScpiInstrument
 

@@ -133,7 +133,13 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, result: "Co
                 "verdict": each.verdict,
             }
             for each in checked_assumptions(
-                (*assumptions_about(identity.model), *assumptions_about_card(plays=identity.maker == CARD_MAKER)),
+                (
+                    *assumptions_about(identity.model),
+                    *assumptions_about_card(
+                        plays=identity.maker == CARD_MAKER,
+                        interlock=any(check.check is OutputCheck.INTERLOCK for check in result.checks),
+                    ),
+                ),
                 result.checks,
             )
         ],

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from drivers import Scale
 from model import Array
 from sim_hardware.generators import Trait, draw_options
-from sim_hardware.interlock import SimulatedInterlock
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
+from sim_hardware.nidaq.interlock import SimulatedInterlock
 from sim_hardware.nidaq.output_queue import SimulatedOutputQueue
 from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 

@@ -1,4 +1,5 @@
 from .faults import FAULT_DESCRIPTIONS as FAULT_DESCRIPTIONS
+from .faults import INTERLOCK_FAULTS as INTERLOCK_FAULTS
 from .faults import FaultState as FaultState
 from .history_report import VoltageReport as VoltageReport
 from .history_report import make_voltage_report as make_voltage_report

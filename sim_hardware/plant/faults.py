@@ -34,6 +34,9 @@ FAULT_DESCRIPTIONS = {
 }
 """Name and description of every fault."""
 
+INTERLOCK_FAULTS = ("interlock-line-off", "interlock-relay-stuck", "interlock-never-drops")
+"""Faults of the interlock, without effect on a bench that has none."""
+
 SPECIMEN_FAULTS = ("membrane-left-on", "membrane-missing", "weight-mislabelled")
 """Faults of the weights, masses and membrane that the operator mounts: they change results, not voltages."""
 

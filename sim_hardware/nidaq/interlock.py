@@ -3,10 +3,9 @@
 import math
 
 from drivers import Clock, WallClock
-from sim_hardware.plant import FaultState, InterlockParameters, VoltageHistory
+from sim_hardware.plant import INTERLOCK_FAULTS, FaultState, InterlockParameters, VoltageHistory
 
-LINE_OFF, RELAY_STUCK, NEVER_DROPS = "interlock-line-off", "interlock-relay-stuck", "interlock-never-drops"
-"""Faults of sim_hardware.plant.faults."""
+LINE_OFF, RELAY_STUCK, NEVER_DROPS = INTERLOCK_FAULTS
 
 
 class SimulatedInterlock:
