@@ -193,8 +193,6 @@ class SimulatedBench:
                 self.supply.set_power(on=not active)
             case "interlock-relay-stuck" | "interlock-never-drops":
                 self.interlock.update_from_faults()
-            case "card-unplugged" if active:
-                self.interlock.reset_lines()
             case "drive-cable-off":
                 self._cable.set_connected(connected=not active)
             case "output-tripped" if active:

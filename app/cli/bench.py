@@ -193,7 +193,7 @@ def _wait_for_high_voltage_off() -> None:
 
 def _wait_for_high_voltage_on() -> None:
     print_message(
-        f"The interlock is measured with 300 V on the specimen. {ENABLE_HIGH_VOLTAGE.text} Press Enter when it is on"
+        f"The interlock is measured with 300 V on the specimen. {ENABLE_HIGH_VOLTAGE.text} Press Enter when it is on, and switch it off when the result is shown"
     )
     if not sys.stdin.readline():
         raise BenchError("standard input has ended without confirmation that high voltage is on")

@@ -209,10 +209,8 @@ class InterlockTable(ConfigTable):
 
     @model_validator(mode="after")
     def _check_lines(self) -> "InterlockTable":
-        if self.state_line and self.state_line == self.line:
-            raise ValueError("state_line must be another line than line")
-        if self.state_line and not self.line:
-            raise ValueError("state_line needs line, the line of the heartbeat")
+        if self.state_line and self.line in ("", self.state_line):
+            raise ValueError("state_line needs line, the line of the heartbeat, which must be another one")
         return self
 
 

@@ -160,7 +160,6 @@ def _gate(config: BenchConfig, bench: Bench, without_commissioning: str) -> None
     bench.amplifier.hastens_levels = state.level_stop_s > 0
     bench.amplifier.measured_stop_s = state.stop_s
     bench.amplifier.holds_by_offset = state.holds_by_offset
-    bench.interlock.measured_s = state.interlock_s
     bench.high_voltage_refusal, bench.commissioning_note = state.refusal, state.note
     bench.configuration = {**bench.configuration, "commissioning": state.stored}
 

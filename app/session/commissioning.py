@@ -41,8 +41,7 @@ def commission(
         high_voltage_off: function that returns after the operator has switched high voltage off; raises to abandon.
         progress: callback with the name of each exercise at its begin, and the completed fraction.
         check_stop: callback with every block; raises to abandon, with the source brought to rest.
-        high_voltage_on: function that returns after the operator has switched high voltage on, to measure the bench's interlock
-            after a source that has passed; None: it is not measured.
+        high_voltage_on: like high_voltage_off, to measure the bench's interlock after a source that passed; None: not measured.
 
     Raises:
         BenchError: an instrument is absent, or rejects its set-up.
@@ -57,19 +56,13 @@ def commission(
         result = commission_bench(bench, switch, rate_hz, messages, progress, second_client, check_stop)
         identity = bench.amplifier.identity
         path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
-    runs_by_itself = not config.simulated or speed is not None
-    if (
-        high_voltage_on is not None
-        and config.interlock.line
-        and runs_by_itself
-        and worst_verdict(result.checks) == "pass"
-    ):
+    wired = config.interlock.line and (not config.simulated or speed is not None)
+    if high_voltage_on is not None and wired and worst_verdict(result.checks) == "pass":
         progress("interlock", 1.0)
         with connect(config, speed, UNATTENDED_BLOCK_S) as connection:
             switch = _Switch(connection, high_voltage_off, high_voltage_on)
             check = measure_interlock(connection.bench, switch, check_stop)
-        times = replace(result.times, interlock_s=check.value)
-        result = replace(result, checks=(*result.checks, check), times=times)
+        result = replace(result, checks=(*result.checks, check))
         path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
     return CommissionedSource(identity, result, rate_hz, path)
 

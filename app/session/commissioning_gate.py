@@ -27,7 +27,6 @@ class CommissioningState:
         reply_s: longest measured time from a message to its reply; 0 if unknown.
         holds_by_offset: whether a level is held by the offset, for want of a measurement of an uneven waveform's volts.
         level_stop_s: measured duration of Stop from a level with a hastened end; 0 if not measured, or impossible.
-        interlock_s: measured time from the last heartbeat of the interlock until high voltage was off; NaN if not measured.
     """
 
     refusal: str
@@ -37,7 +36,6 @@ class CommissioningState:
     reply_s: float = 0.0
     holds_by_offset: bool = False
     level_stop_s: float = 0.0
-    interlock_s: float = math.nan
 
 
 def commissioning_state(
@@ -70,15 +68,7 @@ def commissioning_state(
         note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}{reply}"
         level_stop_s = _level_stop_s(record)
         stored["level_stop_s"] = level_stop_s or None
-        return CommissioningState(
-            "",
-            note,
-            stored,
-            stop_s or 0.0,
-            reply_s or 0.0,
-            level_stop_s=level_stop_s,
-            interlock_s=record.times.interlock_s,
-        )
+        return CommissioningState("", note, stored, stop_s or 0.0, reply_s or 0.0, level_stop_s=level_stop_s)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}

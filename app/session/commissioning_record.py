@@ -133,13 +133,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, result: "Co
                 "verdict": each.verdict,
             }
             for each in checked_assumptions(
-                (
-                    *assumptions_about(identity.model),
-                    *assumptions_about_card(
-                        plays=identity.maker == CARD_MAKER,
-                        interlock=any(check.check is OutputCheck.INTERLOCK for check in result.checks),
-                    ),
-                ),
+                (*assumptions_about(identity.model), *assumptions_about_card(plays=identity.maker == CARD_MAKER)),
                 result.checks,
             )
         ],

@@ -131,10 +131,15 @@ class Bench:
         return self._watch(self.digitizer.scan(order, rate_hz, max(round(rate_hz * self.block_s), 1)), self.block_s)
 
     def _watch(self, stream: Stream, block_s: float) -> WatchedStream:
-        def beat(age_s: float) -> None:
-            self.interlock.beat(age_s, self.watchdog.overdue_s)
-
-        self._stream = WatchedStream(stream, self.clock, block_s, self.sensor, self.channels, self.reading, beat)
+        self._stream = WatchedStream(
+            stream,
+            self.clock,
+            block_s,
+            self.sensor,
+            self.channels,
+            self.reading,
+            lambda age_s: self.interlock.beat(age_s, self.watchdog.overdue_s),
+        )
         return self._stream
 
     @contextlib.contextmanager
@@ -168,7 +173,7 @@ class Bench:
         except Exception as error:
             self._leave_unmeasured(shutdown, error, on_warning)
             raise
-        with stream:
+        with self.interlock, stream:
             # An earlier run may have left high voltage on: then any failure from here must measure rest.
             armed = ArmedBench(
                 self.amplifier,
@@ -209,15 +214,11 @@ class Bench:
             finally:
                 lost = None
                 if armed.high_voltage_may_be_on:
-                    try:
-                        armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
-                    finally:
-                        self.interlock.end()
+                    armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
                     self.watchdog.disarm()  # except after an interrupted shutdown: then the watchdog must act
                     if not armed.final_rest.confirmed:
-                        raise UnsafeError(
-                            f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}{self.interlock.after_unsafe}"
-                        ) from failure
+                        message = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}"
+                        raise UnsafeError("; ".join(filter(None, (message, self.interlock.statement)))) from failure
                 if failure is None and lost is not None:
                     raise lost
 

@@ -8,7 +8,8 @@ by edges, so that a line which keeps its level, high or low, lets it drop (docs/
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
 from drivers.errors import BenchError, InstrumentError
 
@@ -25,62 +26,45 @@ INTERLOCK_RECOMMENDED = (
 
 
 class DigitalLines(Protocol):
-    """The lines of an interlock on a card."""
+    """The lines of an interlock on a card; each method raises InstrumentError, except `close`."""
 
     def write(self, high: bool) -> None:
-        """Set the heartbeat's line. Raises InstrumentError."""
+        """Set the heartbeat's line."""
 
     def is_closed(self) -> bool | None:
-        """Return whether the relay's second contact is closed; None if it is not wired. Raises InstrumentError."""
+        """Return whether the relay's second contact is closed; None if it is not wired."""
 
     def close(self) -> None:
         """Release the lines; the heartbeat's line keeps its level."""
 
 
 class Interlock:
-    """The heartbeat of one bench; without lines there is no interlock, and nothing is done.
+    """The heartbeat of one bench, which ends with the `with` block; without lines there is none, and nothing is done.
 
-    `begin`, `end` and `raise_for_status` are called by the run thread, `beat` by the thread that reads the card.
+    `beat` is called by the thread that reads the card, all others by the run thread.
 
     Args:
         lines: lines of the card; None without an interlock.
         monostable_s: time of the monostable, real seconds.
     """
 
-    measured_s: float = math.nan
-    """Time from the last heartbeat until high voltage was off, measured by commissioning; NaN if it was not."""
-
     def __init__(self, lines: DigitalLines | None = None, monostable_s: float = math.inf) -> None:
         self._lines, self.monostable_s = lines, monostable_s
-        self._is_watched = self._is_permitted = self._is_high = False
+        self._is_watched = self._is_permitted = self._is_high = self._was_closed = False
         self._closed: bool | None = None
-        self._was_closed = False
         self._beats, self._edge_s, self._dropped = 0, math.inf, ""
 
     @property
-    def is_wired(self) -> bool:
-        """Whether this bench has an interlock."""
-        return self._lines is not None
-
-    @property
     def statement(self) -> str:
-        """Clause about the high voltage without this program; empty without an interlock."""
-        if not self.is_wired:
-            return ""
-        known = "not measured" if math.isnan(self.measured_s) else f"measured {self.measured_s:.2f} s at commissioning"
-        return f"the interlock switches high voltage off {self.monostable_s:g} s after the last heartbeat ({known})"
+        """Clause about the high voltage without a heartbeat; empty without an interlock."""
+        return f"the interlock switches high voltage off {self.monostable_s:g} s after its last heartbeat" * bool(
+            self._lines
+        )
 
     @property
     def edge_age_s(self) -> float:
         """Real seconds since the edge of the heartbeat that triggered the monostable last."""
         return time.monotonic() - self._edge_s
-
-    @property
-    def after_unsafe(self) -> str:
-        """Sentence about the high voltage after a run that ended unsafe; empty without an interlock."""
-        if not self.is_wired:
-            return ""
-        return f". The interlock's heartbeat was stopped: high voltage is off {self.monostable_s:g} s later, if the interlock works"
 
     def begin(self, read_block: Callable[[], object]) -> None:
         """Begin the heartbeat, at measured rest and after the operator has switched high voltage on at the amplifier.
@@ -88,21 +72,14 @@ class Interlock:
         Raises:
             BenchError: the relay is closed without a heartbeat, or does not close with it; the lines do not answer.
         """
-        if not self.is_wired:
+        if self._lines is None:
             return
-        self._dropped, self._was_closed, self._beats, self._is_watched = "", False, 0, True
-        self._wait(
-            read_block,
-            lambda: not self._closed,
-            "the interlock's relay is closed without a heartbeat, so that it would not switch high voltage off. Its contact is "
-            "stuck, the monostable does not drop, or the line of its state is at another level",
-        )
-        self._beats, self._edge_s, self._is_permitted = 0, time.monotonic(), True
-        self._wait(
-            read_block,
-            lambda: self._closed is not False,
-            "the interlock's relay does not close with the heartbeat. Check the heartbeat's wire and the supply of the interlock",
-        )
+        self._dropped, self._was_closed, self._is_watched = "", False, True
+        stuck = "is closed without a heartbeat: its contact is stuck, the monostable does not drop, or the state's line is wrong"
+        self._wait(read_block, lambda: not self._closed, stuck)
+        self._edge_s, self._is_permitted = time.monotonic(), True
+        dead = "does not close with the heartbeat: check the heartbeat's wire and the supply of the interlock"
+        self._wait(read_block, lambda: self._closed is not False, dead)
         self._was_closed = self._closed is True
 
     def end(self) -> None:
@@ -119,15 +96,12 @@ class Interlock:
         if self._lines is None or not self._is_watched or self._dropped:
             return
         try:
-            if self._is_permitted and (silent_s := self.edge_age_s) > self.monostable_s:
-                self._dropped = (
-                    f"there was no heartbeat for {silent_s:.2f} s, because this program could not read the card in time"
-                )
+            if self._is_permitted and self.edge_age_s > self.monostable_s:
+                self._dropped = f"this program did not read the card for {self.edge_age_s:.2f} s"
                 return
             if self._is_permitted and age_s <= FRESH_S and overdue_s <= 0:
                 self._is_high = not self._is_high
-                if self._is_high:
-                    self._edge_s = time.monotonic()
+                self._edge_s = time.monotonic() if self._is_high else self._edge_s
                 self._lines.write(self._is_high)
             self._closed = self._lines.is_closed()
             self._beats += 1
@@ -135,15 +109,14 @@ class Interlock:
             self._dropped = f"the heartbeat cannot be sent: {error}"
         if self._was_closed and self._closed is False:
             self._dropped = (
-                self._dropped or "its relay opened in spite of the heartbeat: check its supply and its wires"
+                self._dropped or "its relay opened in spite of the heartbeat; check its supply and its wires"
             )
 
     def raise_for_status(self) -> None:
         """Raise BenchError if the interlock has switched high voltage off since `begin`: it is off until the next start."""
         if self._is_permitted and self._dropped:
             raise BenchError(
-                f"the interlock has switched high voltage off: {self._dropped}. The drive was not on the specimen from then on, "
-                "and the heartbeat is not sent any more"
+                f"the interlock has switched high voltage off: {self._dropped}. The drive was not on the specimen from then on"
             )
 
     def close(self) -> None:
@@ -152,14 +125,22 @@ class Interlock:
         if self._lines is not None:
             self._lines.close()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
     def _wait(self, read_block: Callable[[], object], is_done: Callable[[], bool], trouble: str) -> None:
-        """Read blocks until a beat since then finds `is_done`; end the heartbeat and raise BenchError with `trouble` if none does."""
-        deadline_s = time.monotonic() + self.monostable_s + STATE_TIMEOUT_S
+        """Read blocks until `is_done` after a beat from now on; end the heartbeat and raise BenchError if it is not."""
+        self._beats, deadline_s = 0, time.monotonic() + self.monostable_s + STATE_TIMEOUT_S
         try:
             while not (self._beats > 1 and is_done()):
                 read_block()
                 if self._dropped or time.monotonic() > deadline_s:
-                    raise BenchError(f"not armed: {self._dropped or trouble}")
+                    raise BenchError("not armed: " + (self._dropped or f"the interlock's relay {trouble}"))
         except BaseException:
             self.end()
             raise

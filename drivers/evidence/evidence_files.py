@@ -69,9 +69,9 @@ def assumptions_about(model: str) -> tuple[Assumption, ...]:
     )
 
 
-def assumptions_about_card(*, plays: bool, interlock: bool = False) -> tuple[Assumption, ...]:
-    """Return the assumptions about the card's inputs, its output if it plays the drives, and an interlock that was measured."""
-    drivers = (CARD_INPUT, *[CARD_OUTPUT] * plays, *[INTERLOCK] * interlock)
+def assumptions_about_card(*, plays: bool) -> tuple[Assumption, ...]:
+    """Return the assumptions about the card's inputs, and about its output if it plays the drives."""
+    drivers = (CARD_INPUT, CARD_OUTPUT) if plays else (CARD_INPUT,)
     return tuple(each for each in assumptions() if each.driver in drivers)
 
 

@@ -14,20 +14,17 @@ from drivers.nidaq.analog_input import NiConnection
 from drivers.nidaq.errors import translate_errors
 
 HEARTBEAT, STATE = "heartbeat", "interlock state"
-"""Roles of the tasks."""
+"""Roles of the tasks, which are made at the first use, and again after an error."""
 
 
 class NiDigitalLines:
-    """The lines of an interlock (see drivers.bench.interlock.DigitalLines); their tasks are made at the first use, and after an error.
+    """The lines of an interlock (see drivers.bench.interlock.DigitalLines).
 
     Args:
         device: the card's name, e.g. `Dev1`.
         line: output with the heartbeat, e.g. `port0/line0`.
         state_line: input that the relay's second contact pulls up while it is closed; empty if it is not wired.
         server: `host:port` of a gRPC device server, or None for the local driver.
-
-    Raises:
-        InstrumentError: the driver, the server or the card is not available.
     """
 
     def __init__(self, device: str, line: str, state_line: str = "", *, server: str | None = None) -> None:
@@ -55,8 +52,8 @@ class NiDigitalLines:
             with translate_errors(self._connection.description, remote=self._connection.is_remote):
                 if role not in self._tasks:
                     self._tasks[role] = task = self._connection.new_task(role)
-                    name = f"{self._connection.device}/{self._lines[role]}"
-                    (task.do_channels.add_do_chan if role == HEARTBEAT else task.di_channels.add_di_chan)(name)
+                    add = task.do_channels.add_do_chan if role == HEARTBEAT else task.di_channels.add_di_chan
+                    add(f"{self._connection.device}/{self._lines[role]}")
                 yield self._tasks[role]
         except InstrumentError:
             self._close_tasks()

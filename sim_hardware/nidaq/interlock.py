@@ -37,10 +37,6 @@ class SimulatedInterlock:
             return self._clock.now() < self._closed_until_s
         return self._levels.get(line, False)
 
-    def reset_lines(self) -> None:
-        """Device reset, or loss of the card's power: all lines are inputs."""
-        self._levels.clear()
-
     def update_from_faults(self) -> None:
         """Apply the faults of monostable and relay from now on."""
         if self._is_wired:

@@ -63,7 +63,6 @@ class SimulatedNiDevice:
         for output in self.card.outputs:
             output.owner = None
             output.reset()
-        self.card.interlock.reset_lines()
 
     def physical_channel_name(self, number: int) -> str:
         """The name of a channel number."""
