@@ -218,7 +218,9 @@ class Bench:
                     self.watchdog.disarm()  # except after an interrupted shutdown: then the watchdog must act
                     if not armed.final_rest.confirmed:
                         message = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}"
-                        raise UnsafeError("; ".join(filter(None, (message, self.interlock.statement)))) from failure
+                        raise UnsafeError(
+                            "; ".join(filter(None, (message.rstrip("."), self.interlock.statement)))
+                        ) from failure
                 if failure is None and lost is not None:
                     raise lost
 

@@ -438,6 +438,11 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
             _next_start(scene, seen, told, stack, began_s)
         if not bench.report().ends_at_rest:
             wait_until(lambda: bench.report().ends_at_rest, began_s + scene.kind.ends_by_itself_s - time.monotonic())
+        if drive == INTERLOCKED:
+            ends_s = began_s + INTERLOCK.monostable_s + OFF_WITHIN_S
+            wait_until(
+                lambda: bench.report().ends_at_rest or not bench.history.high_voltage_on, ends_s - time.monotonic()
+            )
         report = bench.report()
         seen.end_v, seen.largest_jump_v = report.end_v, report.largest_jump_v
         seen.lowest_v, seen.highest_v = report.lowest_v, report.highest_v
