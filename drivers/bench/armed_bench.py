@@ -183,7 +183,7 @@ def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, interlock: Inte
     if amplifier.unattended_end:
         both = "program and watchdog die" if math.isfinite(watchdog.notices_after_s) else "this program dies"
         clauses.append(f"if {both}, {amplifier.unattended_end}")
-    return "; ".join(filter(None, (*clauses, interlock.statement)))
+    return "; ".join(clauses) + interlock.statement
 
 
 def longest_unmoved_s(amplifier: HvAmplifier, predicted_rest_s: float) -> float:

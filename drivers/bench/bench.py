@@ -205,9 +205,8 @@ class Bench:
                 yield armed
             except BaseException as error:
                 failure = error
-                refused = isinstance(error, DriveRejectedError)
                 if isinstance(error, InstrumentError) or (
-                    isinstance(error, BenchError) and not is_armed and not refused
+                    isinstance(error, BenchError) and not (is_armed or isinstance(error, DriveRejectedError))
                 ):
                     warn(error)
                 raise
@@ -217,10 +216,8 @@ class Bench:
                     armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
                     self.watchdog.disarm()  # except after an interrupted shutdown: then the watchdog must act
                     if not armed.final_rest.confirmed:
-                        message = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}"
-                        raise UnsafeError(
-                            "; ".join(filter(None, (message.rstrip("."), self.interlock.statement)))
-                        ) from failure
+                        measured = armed.final_rest.message.rstrip(".") + self.interlock.statement
+                        raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {measured}") from failure
                 if failure is None and lost is not None:
                     raise lost
 

@@ -56,10 +56,10 @@ class Interlock:
 
     @property
     def statement(self) -> str:
-        """Clause about the high voltage without a heartbeat; empty without an interlock."""
-        return f"the interlock switches high voltage off {self.monostable_s:g} s after its last heartbeat" * bool(
-            self._lines
-        )
+        """Further clause about the high voltage without a heartbeat; empty without an interlock."""
+        if self._lines is None:
+            return ""
+        return f"; the interlock switches high voltage off {self.monostable_s:g} s after its last heartbeat"
 
     @property
     def edge_age_s(self) -> float:

@@ -439,9 +439,9 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
         if not bench.report().ends_at_rest:
             wait_until(lambda: bench.report().ends_at_rest, began_s + scene.kind.ends_by_itself_s - time.monotonic())
         if drive == INTERLOCKED:
-            ends_s = began_s + INTERLOCK.monostable_s + OFF_WITHIN_S
             wait_until(
-                lambda: bench.report().ends_at_rest or not bench.history.high_voltage_on, ends_s - time.monotonic()
+                lambda: bench.report().ends_at_rest or not bench.history.high_voltage_on,
+                INTERLOCK.monostable_s + OFF_WITHIN_S,
             )
         report = bench.report()
         seen.end_v, seen.largest_jump_v = report.end_v, report.largest_jump_v

@@ -130,7 +130,7 @@ def drive_until(bench: Bench, world: SimulatedBench, fault: str, runs_on_s: floa
 @pytest.mark.breaks_the_drive
 def test_an_interlock_that_opens_ends_the_run_at_rest_and_high_voltage_does_not_return() -> None:
     with interlocked() as (bench, world):
-        with pytest.raises(BenchError, match="the interlock has switched high voltage off: its relay opened") as told:
+        with pytest.raises(BenchError, match="interlock.*relay opened") as told:
             drive_until(bench, world, "interlock-line-off", 5.0)
         assert not isinstance(told.value, UnsafeError)
         assert world.report().ends_at_rest
@@ -146,7 +146,7 @@ def test_an_interlock_that_opens_ends_the_run_at_rest_and_high_voltage_does_not_
 @pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_a_run_that_cannot_be_brought_to_rest_loses_its_high_voltage_and_says_so() -> None:
-    words = r"; the interlock switches high voltage off 0\.5 s after its last heartbeat"
+    words = r"; the interlock .* 0\.5 s after"
     with interlocked() as (bench, world):
         with pytest.raises(UnsafeError, match=words):
             drive_until(bench, world, "scpi-dropped", 0.0)
@@ -160,7 +160,7 @@ def test_a_run_that_cannot_be_brought_to_rest_loses_its_high_voltage_and_says_so
 @pytest.mark.deep
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [("interlock-line-off", "does not close"), ("interlock-relay-stuck", "closed without a heartbeat")],
+    [("interlock-line-off", "does not close"), ("interlock-relay-stuck", "is closed")],
 )
 def test_a_bench_whose_interlock_does_not_move_is_not_armed(fault: str, words: str) -> None:
     with interlocked() as (bench, world):
@@ -223,7 +223,7 @@ def test_commissioning_says_what_it_could_not_measure() -> None:
         world.inject("interlock-line-off")
         found = measure_interlock(bench, Switch(world))
         assert found.verdict is OutputVerdict.NOT_MEASURED
-        assert "does not close with the heartbeat" in found.detail
+        assert "does not close" in found.detail
         world.clear()
         world.inject("sensor-stuck")  # nothing sees the level
         assert measure_interlock(bench, Switch(world)).verdict is OutputVerdict.NOT_MEASURED
