@@ -216,8 +216,8 @@ class Bench:
                     armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
                     self.watchdog.disarm()  # except after an interrupted shutdown: then the watchdog must act
                     if not armed.final_rest.confirmed:
-                        measured = armed.final_rest.message.rstrip(".") + self.interlock.statement
-                        raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {measured}") from failure
+                        by_hand = MANUAL_SHUTDOWN_INSTRUCTIONS + self.interlock.statement
+                        raise UnsafeError(f"{by_hand}. Measured: {armed.final_rest.message}") from failure
                 if failure is None and lost is not None:
                     raise lost
 

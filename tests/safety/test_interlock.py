@@ -130,7 +130,7 @@ def drive_until(bench: Bench, world: SimulatedBench, fault: str, runs_on_s: floa
 @pytest.mark.breaks_the_drive
 def test_an_interlock_that_opens_ends_the_run_at_rest_and_high_voltage_does_not_return() -> None:
     with interlocked() as (bench, world):
-        with pytest.raises(BenchError, match="interlock.*relay opened") as told:
+        with pytest.raises(BenchError, match="opened") as told:
             drive_until(bench, world, "interlock-line-off", 5.0)
         assert not isinstance(told.value, UnsafeError)
         assert world.report().ends_at_rest
@@ -146,7 +146,7 @@ def test_an_interlock_that_opens_ends_the_run_at_rest_and_high_voltage_does_not_
 @pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_a_run_that_cannot_be_brought_to_rest_loses_its_high_voltage_and_says_so() -> None:
-    words = r"; the interlock .* 0\.5 s after"
+    words = r"interlock.*0\.5 s"
     with interlocked() as (bench, world):
         with pytest.raises(UnsafeError, match=words):
             drive_until(bench, world, "scpi-dropped", 0.0)
@@ -160,7 +160,7 @@ def test_a_run_that_cannot_be_brought_to_rest_loses_its_high_voltage_and_says_so
 @pytest.mark.deep
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [("interlock-line-off", "does not close"), ("interlock-relay-stuck", "is closed")],
+    [("interlock-line-off", "supply"), ("interlock-relay-stuck", "stuck")],
 )
 def test_a_bench_whose_interlock_does_not_move_is_not_armed(fault: str, words: str) -> None:
     with interlocked() as (bench, world):
@@ -169,7 +169,7 @@ def test_a_bench_whose_interlock_does_not_move_is_not_armed(fault: str, words: s
                 world.inject(fault)
         world.inject(fault)
         with (
-            pytest.raises(BenchError, match=f"not armed.*{words}"),
+            pytest.raises(BenchError, match=words),
             bench.armed(RATE_HZ, lambda _: None, Switch(world)),
         ):
             pytest.fail("it was armed")
@@ -197,7 +197,7 @@ def test_commissioning_measures_when_high_voltage_is_gone(tables: dict[str, Any]
         assert found.check is OutputCheck.INTERLOCK
         assert found.value == pytest.approx(0.6 + release_s, abs=0.05)
         assert (found.verdict, found.high) == (OutputVerdict.PASS, 1.5)
-        assert found.detail == ("by the voltage monitor" if tables else "by the displacement")
+        assert ("monitor" if tables else "displacement") in found.detail
         assert world.report().ends_at_rest
         volts = np.array(
             [entry.segment.volts(np.array([entry.start_s + 1e-3]))[0] for entry in world.history.entries()[1:]]
@@ -223,7 +223,7 @@ def test_commissioning_says_what_it_could_not_measure() -> None:
         world.inject("interlock-line-off")
         found = measure_interlock(bench, Switch(world))
         assert found.verdict is OutputVerdict.NOT_MEASURED
-        assert "does not close" in found.detail
+        assert "supply" in found.detail
         world.clear()
         world.inject("sensor-stuck")  # nothing sees the level
         assert measure_interlock(bench, Switch(world)).verdict is OutputVerdict.NOT_MEASURED
@@ -256,6 +256,6 @@ def test_the_record_has_the_measured_time_and_a_slow_interlock_keeps_high_voltag
         with connect(config) as opened:
             assert bool(opened.bench.high_voltage_refusal) == (off_s > 1.0)
             if off_s > 1.0:
-                assert "high voltage without the heartbeat" in opened.bench.high_voltage_refusal
+                assert OutputCheck.INTERLOCK in opened.bench.high_voltage_refusal
         again = commission(config, None, world.disable_hv)  # without an operator for high voltage: the source alone
         assert {check.check for check in again.result.checks} == {OutputCheck.UNEVEN}
