@@ -131,7 +131,7 @@ def test_a_pause_of_the_reading_ends_it(scene: Scene) -> None:
     count = len(scene.lines.edges_s)
     scene.read(0.3)
     assert len(scene.lines.edges_s) == count
-    with pytest.raises(BenchError, match=r"0\.[5-9]\d s"):
+    with pytest.raises(BenchError, match=r"0\.[5-9]"):
         scene.interlock.raise_for_status()
 
 
