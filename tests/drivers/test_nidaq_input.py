@@ -1,6 +1,7 @@
 """Analogue input of the card: an open input shows what was converted before it, and must not look like rest."""
 
 import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -137,3 +138,26 @@ def test_a_block_whose_position_is_not_answered_is_counted_here(
 def test_a_value_of_the_driver_that_is_in_no_list_is_an_error_of_the_card() -> None:
     with pytest.raises(AcquisitionError, match="9761"), translate_errors("NI Dev1"):
         ChannelType(9761)
+
+
+def test_the_newest_volts_are_those_of_the_thread_that_reads_the_card() -> None:
+    """Two threads that read one task would get each other's blocks."""
+    with (
+        at_rest() as bench,
+        NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(5000.0, 100) as stream,
+    ):
+        starts: list[int] = []
+        assert stream.newest_drive_volts(1.0) is not None
+        over = threading.Event()
+
+        def read_on() -> None:
+            while not over.is_set():
+                starts.append(stream.read().start)
+
+        reader = threading.Thread(target=read_on)
+        reader.start()
+        volts = [stream.newest_drive_volts(60.0) for _ in range(5)]
+        over.set()
+        reader.join()
+        assert all(each is not None and each.mean() == pytest.approx(2.5, abs=1e-3) for each in volts)
+        assert starts == list(range(0, 100 * len(starts), 100))
