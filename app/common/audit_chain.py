@@ -77,9 +77,9 @@ def record_audit(action: str, *paths: Path, subject: str = "", **details: Any) -
         subject: specimen or item; default is the name of the first file.
         details: plain values.
     """
-    if not paths or (folder := audited_folder(paths[0])) is None:
-        return
     try:
+        if not paths or (folder := audited_folder(paths[0])) is None:
+            return
         hashes = {path.absolute().relative_to(folder).as_posix(): audited_hash(path) for path in paths}
         append_entry(folder, action, subject or paths[0].name, current_conditions().operator, hashes, details)
     except (AuditError, OSError, ValueError) as error:

@@ -134,8 +134,12 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
 
 def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
     """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
-    certificates, problems = list[Certificate](), list[str]()
-    for path in sorted((folder / FOLDER).glob(f"*{SUFFIX}")):
+    certificates, problems, paths = list[Certificate](), list[str](), list[Path]()
+    try:
+        paths = sorted((folder / FOLDER).glob(f"*{SUFFIX}"))
+    except OSError as error:
+        problems.append(f"the certificates in {folder / FOLDER} cannot be read ({error}); check the disk")
+    for path in paths:
         try:
             certificates.append(_from_record(visible_values(read_json_file(path))))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

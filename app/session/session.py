@@ -356,10 +356,13 @@ class Session:
             self._restore = left or self._restore
             request = _with_conditions(request, connection.bench)
             self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
-        except (RunReadError, StorageError) as error:
-            self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
+        except (RunReadError, StorageError, OSError) as error:
+            reason = str(error)
+            if isinstance(error, OSError):
+                reason = f"the folder of the runs cannot be used ({error}); choose another, or check its disk"
+            self.outcome = RunEnded(RunStatus.FAILED, reason, "")
             self.state = SessionState.IDLE
-            self._events.publish(RunRejected(str(error)))
+            self._events.publish(RunRejected(reason))
         else:
             self.path = runner.path
             self.outcome = runner.run()

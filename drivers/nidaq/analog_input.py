@@ -370,7 +370,7 @@ class NiStream(Closeable):
             self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
         start = self._next_scan
         if time.monotonic() - self._counted_s >= self._count_s:
-            with contextlib.suppress(DaqError):  # then the scans are counted by this program
+            with contextlib.suppress(DaqError, RpcError):  # then the scans are counted by this program
                 # The task's own count: scans read by another reader, or lost with a reply, are a gap between two blocks.
                 position = int(self._task.in_stream.curr_read_pos)
                 start = max(self._restarted_scan + position - self._raw.shape[1], start)

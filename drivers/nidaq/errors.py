@@ -67,6 +67,10 @@ def translate_errors(device_name: str, *, remote: bool = False) -> Iterator[None
         raise AcquisitionError(
             f"{device_name}: the gRPC device server does not answer ({error.rpc_code}); check that it runs and its address"
         ) from error
+    except ValueError as error:  # of nidaqmx's enumerations
+        raise AcquisitionError(
+            f"{device_name}: NI's driver gave a value that this program does not know ({error}); run again, and report it if it recurs"
+        ) from error
     except DaqError as error:
         remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
         detail = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())

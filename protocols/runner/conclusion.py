@@ -60,7 +60,7 @@ def _format_span(span: timedelta) -> str:
 
 
 def describe_end(
-    error: RunCancelled | BenchError | StorageError | KeyboardInterrupt, progress: PlanProgress
+    error: RunCancelled | BenchError | StorageError | OSError | KeyboardInterrupt, progress: PlanProgress
 ) -> tuple[RunStatus, str]:
     """Return status and reason of a run ended by the operator or by a failure of bench or file."""
     match error:
@@ -73,6 +73,8 @@ def describe_end(
             return RunStatus.UNSAFE, f"{error} The run had failed before: {earlier}"
         case UnsafeError():
             return RunStatus.UNSAFE, str(error)
+        case OSError():
+            return RunStatus.FAILED, f"a file or a folder cannot be used: {error}"
         case _:
             return RunStatus.FAILED, str(error)
 

@@ -222,7 +222,7 @@ class Runner:
                         self._recorder.notify(LogMessage(WAITING_TEXT.format(wait_s)))
             self._report_folded_lines()
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
-        except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:
+        except (RunCancelled, BenchError, StorageError, OSError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
         except BaseException as error:  # also SystemExit of a driver: the end of a run is always reported
             status, reason = RunStatus.FAILED, MEMORY_SHORT

@@ -1,6 +1,7 @@
 """Invalid input to every command and option: an error message and an exit code, never a traceback."""
 
 import argparse
+import errno
 import json
 import os
 from collections.abc import Iterator
@@ -175,6 +176,27 @@ def test_a_bench_file_that_is_too_long_is_not_read_to_its_end(here: Path, capsys
     Path("long.toml").write_bytes(b"#" * 1_000_002)
     assert main(["run", "sine-dwell", "--bench", "long.toml"]) == ExitCode.USAGE
     assert "long.toml is longer than 1 MB and no bench file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["certificates", "audit.jsonl", "runs"])
+def test_a_folder_that_the_disk_does_not_show_is_a_sentence(
+    name: str, here: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = os.stat
+
+    def stat(path: Any, *args: Any, **kwargs: Any) -> os.stat_result:
+        if not isinstance(path, int) and Path(os.fsdecode(path)).name == name:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), path)
+        return shown(path, *args, **kwargs)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "stat", stat)
+        code = main(["run", "sine-dwell", "--speed", "max", *SHORT, "--out", "runs"])
+    printed = capsys.readouterr().err
+    assert code == (ExitCode.USAGE if name == "runs" else ExitCode.DONE)
+    wrong = [words for words in ("Traceback", "error of this program") if words in printed]
+    assert not wrong
+    assert len(list(Path("runs").glob("*.h5"))) == (code == ExitCode.DONE)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")

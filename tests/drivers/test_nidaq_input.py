@@ -7,13 +7,17 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from nidaqmx.constants import ChannelType
+from nidaqmx.errors import DaqError, RpcError
+from nidaqmx.task import InStream
 
 from drivers.bench.rest import verify_rest
 from drivers.bench.shutdown import drive_voltage
 from drivers.clock import Clock
-from drivers.errors import ScansLostError
+from drivers.errors import AcquisitionError, ScansLostError
 from drivers.nidaq.analog_input import BUFFER_S, NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
+from drivers.nidaq.errors import translate_errors
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq.input_task import NiInputTask
@@ -114,6 +118,26 @@ def test_a_late_reply_to_the_start_does_not_date_the_scans_late(
             stream = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(1000.0, 100)
         with stream:
             assert begin_s <= stream.start_time_s < begin_s + 0.01
+
+
+@pytest.mark.parametrize(
+    "error", [RpcError(4, "Deadline Exceeded"), DaqError("not counted", -200983)], ids=["server", "driver"]
+)
+def test_a_block_whose_position_is_not_answered_is_counted_here(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_stream: object) -> int:
+        raise error
+
+    with at_rest() as bench, NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(5000.0, 100) as stream:
+        first = stream.read()
+        monkeypatch.setattr(InStream, "curr_read_pos", property(fail))
+        assert stream.read().start == first.stop
+
+
+def test_a_value_of_the_driver_that_is_in_no_list_is_an_error_of_the_card() -> None:
+    with pytest.raises(AcquisitionError, match="9761"), translate_errors("NI Dev1"):
+        ChannelType(9761)
 
 
 def test_the_newest_volts_are_those_of_the_thread_that_reads_the_card() -> None:

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from app.archive.replay import load_run
+from drivers.deadlines import Deadline, threads_left_behind
 from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
@@ -54,6 +56,27 @@ RECORD = RunRecord(
     sensor=SENSOR,
     configuration={"name": "b"},
 )
+
+
+def test_a_disk_that_does_not_answer_ends_the_run_and_not_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answer = threading.Event()
+    file = new(tmp_path)
+    monkeypatch.setattr(file._presence, "check", answer.wait)
+    monkeypatch.setattr(Deadline.DISK, "seconds", 0.05)
+    with pytest.raises(StorageError) as lost:
+        file.append_event(LogMessage("during the silence"), 0.0)
+    assert_names(str(lost.value), file.path)
+    with pytest.raises(StorageError):
+        file.finish(RunStatus.FAILED, "no answer")
+    assert threads_left_behind() == [file.calls.name]
+    answer.set()
+    file.calls.join()
+    monkeypatch.undo()
+    file.calls.given_up = False
+    file.calls.end()
+    file.finish(RunStatus.FAILED, "no answer")
 
 
 def new(folder: Path, record: RunRecord = RECORD) -> RunFileWriter:

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import queue
 import signal
 import socket
 import subprocess
@@ -23,6 +24,7 @@ from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.service import __main__ as service
 from sim_hardware.service.process import BenchProcess
 from sim_hardware.service.served_bench import ServedBench
 
@@ -151,3 +153,14 @@ def test_the_parent_works_while_the_bench_starts_and_its_error_ends_the_bench():
         BenchProcess(meanwhile=import_something)
     assert children
     assert all(gone(child.pid) for child in children)
+
+
+def test_the_process_ends_with_its_standard_input_even_if_its_threads_hang(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[int] = []
+    monkeypatch.setattr(service.sys, "stdin", ["first\n"])
+    monkeypatch.setattr(service.time, "sleep", lambda _s: ended.append(-1))
+    monkeypatch.setattr(service.os, "_exit", ended.append)
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    service._read_lines(lines)
+    assert (lines.get(), lines.get()) == ("first\n", ""), "an empty line ends the main thread"
+    assert ended == [-1, 1]

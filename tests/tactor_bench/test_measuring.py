@@ -56,6 +56,16 @@ def break_it(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
     listen(monkeypatch, plan)
 
 
+def test_benches_leave_no_threads_and_share_the_one_that_closes_them_at_exit(tmp_path: Path) -> None:
+    for _ in range(2):
+        tb.connect("sim", folder=tmp_path, speed="max").close()
+    assert sum(thread.name == _bench._CLOSER.name for thread in threading.enumerate()) == 1
+    for thread in threading.enumerate():
+        if thread.name in ("bench", "session supervisor", "way to rest"):
+            thread.join(30.0)
+            assert not thread.is_alive(), thread.name
+
+
 def test_a_run_is_returned_opened_and_its_progress_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with tb.connect("sim", folder=tmp_path, speed="max", seed=5, specimen="T7") as bench:
         assert (bench.name, bench.simulated, bench.identities["card"][:2]) == (load_bench("sim").name, True, "NI")

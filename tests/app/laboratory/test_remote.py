@@ -7,6 +7,7 @@ import os
 import shutil
 import socket
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -15,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from app.remote.server import MAX_CONNECTIONS, MIN_TOKEN_LENGTH, RemoteView, RemoteViewError
+from app.remote.server import MAX_CONNECTIONS, MAX_PER_ADDRESS, MIN_TOKEN_LENGTH, RemoteView, RemoteViewError
 from app.remote.snapshot import Snapshot, snapshot_record
 from app.session import initial_window_state, reduce
 from app.session.bench_state import Observation
@@ -111,6 +112,28 @@ def test_silent_connections_are_limited_and_closing_does_not_wait_for_them(view:
     for each in silent:
         each.close()
     assert view.url == ""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="all of 127.0.0.0/8 is this computer there only")
+def test_one_address_does_not_block_the_page_for_others(view: RemoteView) -> None:
+    view.start("", 0)
+    silent = [socket.create_connection(("127.0.0.1", view.port), timeout=10) for _ in range(MAX_CONNECTIONS)]
+    assert all(each.recv(1) == b"" for each in silent[MAX_PER_ADDRESS:])
+    with socket.create_connection(("127.0.0.1", view.port), 10, ("127.0.0.2", 0)) as other:
+        other.sendall(f"GET /state.json HTTP/1.1\r\nHost: 127.0.0.1:{view.port}\r\n\r\n".encode())
+        assert other.recv(15) == b"HTTP/1.1 200 OK"
+    for each in silent:
+        each.close()
+
+
+def test_a_state_that_is_no_number_or_cannot_be_read_is_answered() -> None:
+    states = iter([{"volts": math.nan, "name": "bad\udcff"}])
+    view = RemoteView(lambda: next(states))
+    view.start("", 0)
+    status, _, body = ask(view)
+    assert (status, json.loads(body)["volts"]) == (200, None)
+    assert ask(view)[0] == 500
+    view.stop()
 
 
 def test_a_port_in_use_is_one_sentence(view: RemoteView) -> None:
