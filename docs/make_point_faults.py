@@ -2,7 +2,7 @@
 
     python docs/make_point_faults.py [--points N] [--clean N] [ROW...]
 
-With rows (a protocol, or `mass-resonance by dwells`) only theirs are measured anew; all of them take about two hours. Exit code 1
+With rows (a protocol, or `mass-resonance by dwells`) only theirs are measured anew; 100 points of each fault in all of them take some hours. Exit code 1
 if a fault is not flagged, or too many sound points are.
 """
 

@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from drivers import Hold, Sine, SquareWave
 from model import Array
-from protocols.base import Recording
+from protocols.base import Quality, Recording
 from protocols.signals.extremes import smallest_step
 from protocols.signals.interference import SEPARATION_BINS, remove_lines
 from protocols.signals.sine import NYQUIST_SHARE, fit_frequency, fit_sine, fitted_samples
@@ -39,6 +39,9 @@ RESPONSE_SHARE = 0.02
 
 MISFIT_SHARE = RESPONSE_SHARE / 40
 """Errors of a prediction as a share of max - min that no linear prediction of a real specimen is without."""
+
+DRIVE_TOLERANCE, DRIVE_NOISE_V = 0.05, 0.01
+"""Largest deviation of the recorded swing from the commanded one, as a share of it, and the noise of the extremes."""
 
 ORDER = 24
 """Number of earlier scans of the displacement, and of the drive, that predict a scan."""
@@ -65,9 +68,23 @@ _ROBUST = 1 / NormalDist().inv_cdf(0.75)
 """Standard deviation of normal values divided by their median modulus."""
 
 
-def is_disturbed(recording: Recording) -> bool:
-    """Return whether the sensor failed or was moved within a recording. One too short for the tests is not judged."""
-    return any(_is_part_disturbed(part) for part in recording.parts())
+def judge_recording(recording: Recording) -> Quality:
+    """Return the flags of a recording: its own, `DISTURBED` and `DRIVE_OFF`. One too short for the tests of the sensor is not judged.
+
+    The swing of a moving drive is tested; the protocols that hold levels state how exact they have to be.
+    """
+    quality = recording.quality
+    for part in recording.parts():
+        moved, drive_v = np.asarray(part.displacement_m, float), part.drive_v
+        commanded_v = part.drive.high_v - part.drive.low_v
+        if (
+            commanded_v
+            and not abs(float(np.ptp(drive_v)) - commanded_v) <= DRIVE_TOLERANCE * commanded_v + DRIVE_NOISE_V
+        ):
+            quality |= Quality.DRIVE_OFF
+        if _is_disturbed(moved, drive_v, part):
+            quality |= Quality.DISTURBED
+    return quality
 
 
 def prediction_noise(displacement_m: Array) -> float:
@@ -76,8 +93,7 @@ def prediction_noise(displacement_m: Array) -> float:
     return _scale(errors) if errors.size else math.nan
 
 
-def _is_part_disturbed(recording: Recording) -> bool:
-    moved, drive_v = np.asarray(recording.displacement_m, float), recording.drive_v
+def _is_disturbed(moved: Array, drive_v: Array, recording: Recording) -> bool:
     if not (np.isfinite(moved).all() and np.isfinite(drive_v).all()):
         return True
     floor = max(smallest_step(moved) / math.sqrt(12), MISFIT_SHARE * float(np.ptp(moved)))

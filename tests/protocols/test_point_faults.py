@@ -10,7 +10,7 @@ from protocols.base import BlockStored, Outcome, Quality, SettlingFinished
 from protocols.base.quality import REMEDIES
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from protocols.signals import is_disturbed
+from protocols.signals import judge_recording
 from tests.helpers.point_faults import SETTINGS, clean_run, faulty_run
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -30,7 +30,7 @@ def test_a_sensor_that_sticks_in_the_middle_of_a_point_leaves_no_result(tmp_path
     assert "1 disturbed" in ran.verdict.reasons[0]
     assert REMEDIES[Quality.DISTURBED] in ran.verdict.reasons[0]
     with Run(ran.path) as file:  # the stored samples give the same judgement
-        assert is_disturbed(file.trace.recording(0))
+        assert Quality.DISTURBED in judge_recording(file.trace.recording(0))
         assert file.trace.recording(0).rest_noise_m == pytest.approx(5e-7, rel=0.1)
 
 

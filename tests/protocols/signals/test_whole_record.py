@@ -8,7 +8,7 @@ import pytest
 from drivers.drive_shapes import Hold, LinearSweep, Sine, SquareWave
 from protocols.base import InterferenceLine, Quality, Recording
 from protocols.measurements.sine_dwell import sine_point
-from protocols.signals import is_disturbed, prediction_noise
+from protocols.signals import judge_recording, prediction_noise
 
 RATE_HZ, COUNT, NOISE_M = 5000.0, 5000, 0.5e-6
 T = np.arange(COUNT) / RATE_HZ
@@ -16,6 +16,12 @@ MIDDLE = COUNT // 2 + 7
 
 SWING_M = 100e-6 * (np.sin(2 * np.pi * 40 * T - 0.4) + 0.2 * np.sin(2 * np.pi * 80 * T))
 """Response of a specimen with two slopes."""
+
+
+def is_disturbed(recording: Recording) -> bool:
+    flags = judge_recording(recording)
+    assert Quality.DRIVE_OFF not in flags
+    return Quality.DISTURBED in flags
 
 
 def recording(moved_m: np.ndarray, rest_noise_m: float = math.nan, hertz: float = 40.0, **fields) -> Recording:
@@ -119,3 +125,10 @@ def test_a_disturbed_point_is_not_usable_and_says_so() -> None:
     flags = Quality(sine_point([recording(sound), recording(stuck)], simulated=False).quality)
     assert Quality.DISTURBED in flags
     assert not flags.usable
+
+
+def test_a_drive_that_swings_otherwise_than_commanded_is_off() -> None:
+    for share, is_off in ((0.94, True), (0.96, False), (1.04, False), (1.06, True)):
+        sound = recording(SWING_M + noise())
+        seen = recording(SWING_M + noise(), drive_v=2.5 + share * (sound.drive_v - 2.5))
+        assert (Quality.DRIVE_OFF in judge_recording(seen)) is is_off, share
