@@ -4,14 +4,17 @@ from .bench.amplifier import DriveLimits as DriveLimits
 from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
 from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
+from .bench.armed_bench import longest_unmoved_s as longest_unmoved_s
 from .bench.armed_bench import safety_statement as safety_statement
 from .bench.bench import Bench as Bench
+from .bench.card_reading import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
+from .bench.card_reading import DRIVE_CHANNEL as DRIVE_CHANNEL
+from .bench.card_reading import CardReading as CardReading
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
-from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
-from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.shutdown import LiveWarning as LiveWarning
 from .bench.shutdown import channel_skew_s as channel_skew_s
+from .bench.shutdown import live_warning as live_warning
 from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISABLED_WARNING
 from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
 from .bench.watchdog_interface import NoWatchdog as NoWatchdog
@@ -19,6 +22,12 @@ from .bench.watchdog_interface import Watchdog as Watchdog
 from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
+from .deadlines import AbandonableThread as AbandonableThread
+from .deadlines import CallThread as CallThread
+from .deadlines import Deadline as Deadline
+from .deadlines import OverdueError as OverdueError
+from .deadlines import overdue_s as overdue_s
+from .deadlines import threads_left_behind as threads_left_behind
 from .drive_shapes import Drive as Drive
 from .drive_shapes import Hold as Hold
 from .drive_shapes import LevelPulse as LevelPulse
@@ -31,6 +40,7 @@ from .drive_shapes import Steps as Steps
 from .drive_shapes import as_record as as_record
 from .drive_shapes import from_record as from_record
 from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
+from .errors import MEMORY_SHORT as MEMORY_SHORT
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
 from .errors import CardInUseError as CardInUseError
@@ -40,6 +50,7 @@ from .errors import LinkError as LinkError
 from .errors import ScanOrderError as ScanOrderError
 from .errors import ScansLostError as ScansLostError
 from .errors import UnsafeError as UnsafeError
+from .errors import is_memory_short as is_memory_short
 from .evidence.evidence_files import GeneratorFamily as GeneratorFamily
 from .evidence.evidence_files import generator_families as generator_families
 from .generators.burst import BurstGenerator as BurstGenerator
@@ -71,7 +82,6 @@ from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
 from .interfaces import OutputReporter as OutputReporter
 from .interfaces import Reading as Reading
-from .interfaces import RestartableStream as RestartableStream
 from .interfaces import RestTimer as RestTimer
 from .interfaces import Scale as Scale
 from .interfaces import Source as Source
@@ -89,6 +99,7 @@ from .sensors.optoncdt import OptoNcdt as OptoNcdt
 from .supplies.dc_supply import DcSupply as DcSupply
 from .supplies.dialects import SUPPLY_DIALECTS as SUPPLY_DIALECTS
 from .transport.lock import InstrumentLocks as InstrumentLocks
+from .transport.observed_link import ObservedLink as ObservedLink
 from .transport.safe_ramp_down import RampDown as RampDown
 from .transport.scpi import Link as Link
 from .transport.scpi import ScpiSession as ScpiSession

@@ -16,6 +16,7 @@ from .exporting.export import raw_left_out as raw_left_out
 from .exporting.parts import PARTS as PARTS
 from .exporting.parts import ExportError as ExportError
 from .exporting.parts import Part as Part
+from .notes import annotate_runs as annotate_runs
 from .problem_report import CONTENTS as CONTENTS
 from .problem_report import NOT_IN as NOT_IN
 from .problem_report import ProblemFacts as ProblemFacts
@@ -37,7 +38,6 @@ from .specimen_archive import SUFFIX as SUFFIX
 from .specimen_archive import ArchiveError as ArchiveError
 from .specimen_archive import restore_archive as restore_archive
 from .specimen_archive import write_archive as write_archive
-from .transfer import annotate_runs as annotate_runs
 from .transfer import copy_runs_into as copy_runs_into
 from .transfer import export_runs as export_runs
 from .transfer import import_tables as import_tables

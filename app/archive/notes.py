@@ -1,10 +1,12 @@
 """Tags and note in the sidecar of a run, with an entry in the audit trail."""
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from app.common import record_audit
-from protocols.runfile import change_notes, notes_path
+from protocols.runfile import Notes, change_notes, notes_path
 
 
 def read_tags(text: str) -> tuple[str, ...]:
@@ -21,3 +23,23 @@ def write_notes(run: Path, **changes: Any) -> None:
     notes = change_notes(run, **changes)
     names = [check.name for check in notes.checks]
     record_audit("notes", notes_path(run), subject=run.name, tags=list(notes.tags), note=notes.note, checked_by=names)
+
+
+def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
+    """Write tags and a note of one run; for several runs, add the tags to each and keep the notes.
+
+    Args:
+        runs: path, listed tags and listed note of each.
+        tags: separated by commas.
+        note: for a single run.
+    """
+    for path, listed_tags, listed_note in runs:
+        if len(runs) == 1:
+            write_notes(path, tags=read_tags(tags), note=note)
+        else:
+            added = partial(_with_tags, f"{listed_tags},{tags}")
+            write_notes(path, tags=added, note=lambda notes, listed=listed_note: notes.note or listed)
+
+
+def _with_tags(added: str, notes: Notes) -> tuple[str, ...]:
+    return read_tags(",".join((*notes.tags, added)))

@@ -45,7 +45,7 @@ class HeadlessSession:
         """Wait until the run has ended, or the bench failed."""
         # In slices, because an endless wait would keep Python from handling the signal.
         while not self.session.finished.wait(0.1):
-            self.session.abandon_if_hung()
+            pass
 
     @property
     def exit_code(self) -> int:
@@ -191,13 +191,14 @@ def headless_session(
         can_poll_keyboard,
         handling_stop_signals,
     )
-    from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
+    from app.session import UNATTENDED_BLOCK_S, BenchFollower, FaultPlan, connect, parse_planned_fault
 
     _ask_operator(bench)
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()
     keys = KEY_HELP if can_poll_keyboard() else ""
-    observer = JsonObserver() if as_json else ConsoleObserver(StderrConsole(), keys)
+    follower = BenchFollower(bench.config.amplifier.amplifier_map)
+    observer = JsonObserver(follower) if as_json else ConsoleObserver(StderrConsole(), keys, follower=follower)
     with observer:
         opener = plan.wrap(
             lambda: connect(
@@ -206,9 +207,12 @@ def headless_session(
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
         session = HeadlessSession(
-            Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
+            Session(
+                opener, [observer, operator, plan, *observers, after_run.observe], operator, folder, ends_at_stop=True
+            )
         )
         plan.on_switched = session.session.inject_event
+        follower.observe = lambda: session.session.observation
         with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
             session.session.start()
             try:

@@ -12,11 +12,27 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from app.common import current_conditions, record_audit, with_sensor
-from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
+from app.session.bench_state import UNSEEN, Observation
+from app.session.supervisor import Rescue, Signs, Supervisor
+from drivers import (
+    MEMORY_SHORT,
+    AbandonableThread,
+    Bench,
+    BenchError,
+    Block,
+    Deadline,
+    Scale,
+    ScansLostError,
+    UnsafeError,
+    is_memory_short,
+    overdue_s,
+    threads_left_behind,
+)
 from drivers.watchdog import take_unreported_lines
 from protocols.base import (
     Event,
@@ -26,29 +42,27 @@ from protocols.base import (
     Prompt,
     PromptAnswered,
     PromptShown,
-    RestMeasured,
     RunEnded,
     RunStatus,
-    Verdict,
 )
 from protocols.runner import RunControl, RunRequest
 
 if TYPE_CHECKING:
+    from protocols.runner import Runner
     from sim_hardware import BenchControls
 
 
 log = logging.getLogger(__name__)
 
-HUNG_AFTER_TAKEOVER_S = 10.0
-"""A stopped run that reports nothing for this time after the watchdog took the source over hangs in a driver."""
+CLOSING_POLL_S = 0.1
 
-HUNG_S = 60.0
-"""The same where the watchdog did not act: longer than any way to rest with a silent instrument."""
+MONITOR_RATE_HZ, MONITOR_BLOCK_S = 10e3, 0.1
+"""Scans per second, and duration of a block, while the card is watched between runs."""
 
-HUNG_CONNECTING_S = 10.0
+MONITOR_RETRY_S = 2.0
+"""Real seconds until a card that could not be watched is tried again."""
 
-MONITOR_RATE_HZ = 10e3
-"""Scans per second while the card is watched between runs."""
+NO_LIVE_VALUES = "There are no live values"
 
 
 class SessionState(StrEnum):
@@ -148,6 +162,7 @@ class Session:
         observers: called with every event, in the session's thread.
         operator: answers prompts if the bench has no operator of its own.
         folder: whose watchdog log is reported before the bench is opened, which may fail; None to report it with a run.
+        ends_at_stop: whether the program ends with a stop, so that what is not armed yet is given up at once if it does not answer.
     """
 
     def __init__(
@@ -156,6 +171,8 @@ class Session:
         observers: Sequence[Observer],
         operator: Operator,
         folder: Path | None = None,
+        *,
+        ends_at_stop: bool = False,
     ) -> None:
         self._connect, self._operator, self._folder = connect, operator, folder
         self._events = EventBus(self._on_event, *observers)
@@ -164,9 +181,14 @@ class Session:
         self._restore_id: int | None = None
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
-        self._monitoring = threading.Event()
+        self._monitoring, self._monitor_failed = threading.Event(), False
         self._watches_card = False
-        self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
+        self._seen = UNSEEN
+        self.runner: Runner | None = None
+        """Runner of the present run."""
+        self._thread = AbandonableThread(target=self._work, name="bench", daemon=False)
+        self._rescue: Rescue | None = None
+        self._supervisor = Supervisor(self, Deadline.STOP_ANSWER if ends_at_stop else Deadline.EARLY_STOP)
         self.state = SessionState.CONNECTING
         self.outcome: RunEnded | None = None
         self.path: Path | None = None
@@ -175,13 +197,19 @@ class Session:
         self.bench: Bench | None = None
         self.unsafe = False
         """Whether the bench could not be opened and was left live by an earlier program."""
-        self.abandoned = False
-        """Whether the thread hangs in a driver and is no longer waited for; the process must then be ended."""
-        self._stop_requested_s = self._last_event_s = math.inf
-        self._takeover_seen_s = math.inf
+        self._stop_requested_s = self._closing_s = math.inf
+        self._last_event_s = time.monotonic()
+
+    @property
+    def abandoned(self) -> bool:
+        """Whether the thread hangs and is no longer waited for; the process must then be ended."""
+        return self._thread.given_up
 
     def start(self) -> None:
         """Start connecting; returns immediately."""
+        self._last_event_s = time.monotonic()
+        self._rescue = Rescue()
+        self._supervisor.start()
         self._thread.start()
 
     def run(self, request: RunRequest) -> None:
@@ -205,19 +233,26 @@ class Session:
         self._control.cancel.clear()
         self._control.pause.clear()
         self.outcome = None
-        self._stop_requested_s = self._takeover_seen_s = math.inf
+        self._stop_requested_s = math.inf
         self.finished.clear()
-        self._requests.put(lambda connected: self._run(connected, load))
+        self._requests.put(partial(self._run, load=load))
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
-            self.finished.set()
+            self._reject_requests()
 
     def monitor(self, active: bool) -> None:
-        """Watch the card between runs, or stop watching; returns immediately. A run ends it, and it is requested again after it."""
-        if not active:
-            self._monitoring.clear()
-        elif not self._monitoring.is_set():
+        """Watch the card whenever no run is in progress, or stop watching; returns immediately."""
+        if active:
             self._monitoring.set()
-            self._requests.put(self._monitor)
+            self._requests.put(lambda _: None)
+        else:
+            self._monitoring.clear()
+
+    @property
+    def observation(self) -> Observation:
+        """What the instruments answered last, from any thread; kept when the bench is closed."""
+        if (bench := self.bench) is not None:
+            self._seen = Observation(bench.reading, bench.answered_s)
+        return self._seen
 
     @property
     def pause_requested(self) -> bool:
@@ -228,40 +263,6 @@ class Session:
         """Request the current run to go to rest and end; returns immediately."""
         self._stop_requested_s = min(self._stop_requested_s, time.monotonic())
         self._control.cancel.set()
-
-    def abandon_if_hung(self) -> None:
-        """Report a stopped session as ended whose thread hangs in a driver's code; called by a front end that waits.
-
-        The watchdog has brought the source to rest by then, or does so when the process ends.
-        """
-        now_s, bench = time.monotonic(), self.bench
-        quiet_s = now_s - max(self._stop_requested_s, self._last_event_s if math.isfinite(self._last_event_s) else 0.0)
-        if not self.abandoned and self._watches_card and quiet_s > HUNG_CONNECTING_S and now_s > self._stop_requested_s:
-            self._abandon(
-                "the card's driver hangs between runs; end this program and start it again. Nothing was driven"
-            )
-        if self.abandoned or now_s < self._stop_requested_s or self.finished.is_set():
-            return
-        if self.state is SessionState.CONNECTING and quiet_s > HUNG_CONNECTING_S:
-            self._abandon("an instrument's driver hangs while the bench connects; nothing was driven")
-        if self.state is not SessionState.RUNNING or bench is None:
-            return
-        outcome = bench.watchdog.takeover_outcome
-        if outcome:
-            self._takeover_seen_s = min(self._takeover_seen_s, now_s)
-        after_takeover_s = min(quiet_s, now_s - self._takeover_seen_s)
-        if quiet_s <= HUNG_S and after_takeover_s <= HUNG_AFTER_TAKEOVER_S:
-            return
-        self.abandoned = True  # before the following events, whose observers read it
-        hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
-        watchdog_report = f" The watchdog reports: {outcome}." if outcome else ""
-        bench.watchdog.log(f"the program could not measure rest: {hangs}.{watchdog_report}")
-        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{watchdog_report}"
-        verdict = Verdict.of_status(RunStatus.UNSAFE, reason)
-        self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
-        self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))
-        self._events.publish(self.outcome)
-        self._abandon(f"{hangs[:1].upper()}{hangs[1:]}; end this program and start it again")
 
     def pause(self) -> None:
         """Request the current run to go to rest and wait; returns immediately."""
@@ -278,45 +279,55 @@ class Session:
             self._forward_injected()
 
     def close(self, timeout_s: float | None = None) -> bool:
-        """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`."""
+        """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`, None: within its deadlines."""
+        self._closing_s = min(self._closing_s, time.monotonic())
         self.stop()
         self._requests.put(None)
-        if self._thread.is_alive() and not self.abandoned:
-            self._thread.join(timeout_s)
+        while self._thread.is_alive() and not self.abandoned:
+            self._thread.join(CLOSING_POLL_S if timeout_s is None else timeout_s)
+            if timeout_s is not None:
+                break
         return not self._thread.is_alive()
 
     def _work(self) -> None:
         try:
             if self._folder is not None:
-                self._report_watchdog_log(self._folder)
+                for note in unreported_watchdog_messages(self._folder):
+                    self._events.publish(note)
             with self._connect() as connected:
                 self.bench = connected.bench
                 identities = dict(connected.bench.configuration.get("identities", {}))
                 self.state = SessionState.IDLE
                 gain = connected.bench.sensor.gain_relative_uncertainty
                 self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities, gain))
-                while (request := self._requests.get()) is not None:
+                while (request := self._next_request(connected)) is not None:
                     request(connected)
         except BenchError as error:
             self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
         except Exception as error:
-            log.exception("the session failed by an error of this program")
-            self._fail(f"an error of this program: {type(error).__name__}: {error}")
+            if is_memory_short(error):
+                self._fail(MEMORY_SHORT)
+            else:
+                log.exception("the session failed by an error of this program")
+                self._fail(f"an error of this program: {type(error).__name__}: {error}")
         finally:
+            _ = self.observation
+            self._supervisor.ended.set()
+            if self._rescue is not None:
+                self._rescue.close()
             self.bench = None
             if self.state is not SessionState.NO_BENCH:
                 self.state = SessionState.CLOSED
-            self.finished.set()
+            self._reject_requests()
 
-    @staticmethod
-    def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
-        """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
-        from app.config import bench_warnings
-
-        conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
-        expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
-        return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
+    def _reject_requests(self) -> None:
+        """Reject the runs that were requested of a bench that is closed; one that failed has said why."""
+        with suppress(queue.Empty):
+            while True:
+                if isinstance(self._requests.get_nowait(), partial) and self.state is SessionState.CLOSED:
+                    self._events.publish(RunRejected("the bench was closed before the run began; nothing was measured"))
+        self.finished.set()
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
@@ -324,11 +335,12 @@ class Session:
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner
 
-        self.state = SessionState.RUNNING
+        self.state, self.runner = SessionState.RUNNING, None
         self._forward_injected()
         try:
             request = load()
-            self._report_watchdog_log(request.folder)
+            for note in unreported_watchdog_messages(request.folder):
+                self._events.publish(note)
             for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
@@ -338,8 +350,12 @@ class Session:
             operator = connection.operator or self._operator
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
-            request = self._with_conditions(self._with_restored_setup(request), connection.bench)
-            runner = Runner(request, connection.bench, operator, self._events, self._control)
+            left = request.protocol.restore
+            if self._restore is not None and self._restore != left:
+                request = replace(request, prepare=(self._restore, *request.prepare))
+            self._restore = left or self._restore
+            request = _with_conditions(request, connection.bench)
+            self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
             self.state = SessionState.IDLE
@@ -348,52 +364,51 @@ class Session:
             self.path = runner.path
             self.outcome = runner.run()
             self.path = runner.path
-            record_audit(
-                "run",
-                self.path,
-                notes_path(self.path),
-                subject=request.specimen,
-                verdict=str(self.outcome.verdict.outcome),
-                reason=self.outcome.reason,
-            )
+            if not threads_left_behind():  # else the disk of the file may not answer
+                record_audit(
+                    "run",
+                    self.path,
+                    notes_path(self.path),
+                    subject=request.specimen,
+                    verdict=str(self.outcome.verdict.outcome),
+                    reason=self.outcome.reason,
+                )
         self.finished.set()
 
+    def _next_request(self, connection: ConnectedBench) -> Callable[[ConnectedBench], None] | None:
+        """Return the next request; watches the card until then, where that is wanted, and tries again where it fails."""
+        while True:
+            if self._monitoring.is_set() and self._requests.empty():
+                self._monitor(connection)
+            with suppress(queue.Empty):
+                return self._requests.get(timeout=MONITOR_RETRY_S if self._monitoring.is_set() else None)
+
     def _monitor(self, connection: ConnectedBench) -> None:
-        """Publish blocks of the card until another request arrives; nothing is commanded."""
+        """Publish blocks of the card until a request arrives; nothing is commanded."""
         bench = connection.bench
         self._last_event_s, self._watches_card = time.monotonic(), True
         waits = not isinstance(bench.configuration.get("speed", 1.0), int | float)  # the virtual clock does not
         try:
-            with bench.open_stream(MONITOR_RATE_HZ) as stream:
+            with bench.open_stream(MONITOR_RATE_HZ, MONITOR_BLOCK_S) as stream:
+                self._monitor_failed = False
                 self._events.publish(MonitorStarted(stream.rate_hz, stream.scales))
                 while self._monitoring.is_set() and self._requests.empty():
-                    self._events.publish(BlockMonitored(stream.read()))
+                    with suppress(ScansLostError):
+                        self._events.publish(BlockMonitored(stream.read()))
                     if waits:
-                        time.sleep(bench.block_s)
+                        time.sleep(MONITOR_BLOCK_S)
         except BenchError as error:
-            self._events.publish(
-                MonitorFailed(f"There are no live values: {error}. Then connect again on the page Bench")
-            )
+            if not self._monitor_failed:
+                self._events.publish(MonitorFailed(f"{NO_LIVE_VALUES}: {error}"))
+            self._monitor_failed = True
         finally:
-            self._monitoring.clear()
             self._watches_card = False
-
-    def _report_watchdog_log(self, folder: Path) -> None:
-        for note in unreported_watchdog_messages(folder):
-            self._events.publish(note)
-
-    def _with_restored_setup(self, request: RunRequest) -> RunRequest:
-        """Return the request with a prompt that undoes the set-up of the last run, and note the set-up left by this one."""
-        left = request.protocol.restore
-        if self._restore is not None and self._restore != left:
-            request = replace(request, prepare=(self._restore, *request.prepare))
-        self._restore = left or self._restore
-        return request
 
     def _on_event(self, event: SessionEvent) -> None:
         self._last_event_s = time.monotonic()
         match event:
             case RunEnded():
+                self.outcome = event
                 self.state = SessionState.IDLE  # before the observers, which may start the next run
                 self._forward_injected()
             case PromptShown(ask_id, prompt) if prompt == self._restore:
@@ -406,15 +421,59 @@ class Session:
             while True:
                 self._events.publish(self._control.external_events.get_nowait())
 
-    def _abandon(self, reason: str) -> None:
-        """Give the bench up: who waits for `finished` finds the state and the reason already published."""
-        self.abandoned = True
-        self._fail(reason)
+    def signs(self) -> Signs:
+        """Return what another thread can see of this session's."""
+        now_s, bench, runner, ended = time.monotonic(), self.bench, self.runner, self.outcome
+        return Signs(
+            connecting=self.state is SessionState.CONNECTING,
+            running=self.state is SessionState.RUNNING,
+            watching_card=self._watches_card,
+            may_be_live=runner is not None and runner.may_be_live,
+            at_end=runner is not None and runner.at_end,
+            told_unsafe=ended is not None and ended.status is RunStatus.UNSAFE and not self.finished.is_set(),
+            closing_s=-math.inf
+            if self.state in (SessionState.CONNECTING, SessionState.RUNNING)
+            else now_s - self._closing_s,
+            quiet_s=now_s - self._last_event_s,
+            stopped_s=now_s - self._stop_requested_s,
+            call_overdue_s=overdue_s(self._thread),
+            silent_s=bench.watchdog.overdue_s if bench is not None else -math.inf,
+            watchdog_acts=bench is not None and bool(bench.watchdog.takeover_reason or bench.watchdog.inactive_reason),
+        )
+
+    def say(self, event: Event) -> None:
+        """Publish an event of the supervisor; it is no sign of life."""
+        quiet_since_s = self._last_event_s
+        self._events.publish(event)
+        self._last_event_s = quiet_since_s
+
+    def give_up(self, hangs: str) -> None:
+        """Report the session as ended whose thread does not return; the source is brought to rest if it may be live.
+
+        Who waits for `finished` finds state and reason already published.
+        """
+        self._thread.given_up = True  # before the events below: their observers ask for it
+        if self.runner and self.bench and self._rescue and self.state is SessionState.RUNNING:
+            status = RunStatus.STOPPED if self._control.cancel.is_set() else RunStatus.FAILED
+            self.outcome = self._rescue.end_run(self.runner, self.bench, status, hangs)
+            self.path = self.runner.path
+            if self.state is SessionState.RUNNING:  # the run could not be concluded
+                self._events.publish(self.outcome)
+        self._fail(f"{hangs}; end this program and start it again")
         self.finished.set()
 
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
         self._events.publish(BenchFailed(reason))
+
+
+def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
+    """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
+    from app.config import bench_warnings
+
+    conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
+    expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
+    return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
 
 
 def _complete_results(path: Path) -> str:

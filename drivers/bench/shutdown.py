@@ -1,6 +1,8 @@
 """Safe shutdown of a live bench: brings the source to rest and verifies it by the card."""
 
+import contextlib
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bench.amplifier import HvAmplifier
+from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LEVEL_V, CardReading
 from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
+from drivers.deadlines import Deadline
+from drivers.errors import AcquisitionError, BenchError, InstrumentError
 from drivers.interfaces import Block, Scale, Stream
 from model import AmplifierMap
-
-DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
-"""Rows of a block."""
 
 REST_TIMEOUT_S = 2.0
 MAX_DRIVE_WAIT_S = 10.0
@@ -23,6 +25,9 @@ MAX_DRIVE_WAIT_S = 10.0
 
 SHUTDOWN_SILENCE_S = 8.0
 """Longest silence during a shutdown before the watchdog takes over: reconnecting, opening a second stream."""
+
+RETRY_INTERVAL_S = 0.25
+"""Bench time between two attempts."""
 
 SWITCH_OFF_NOW = "By hand, now: switch the high voltage OFF at the amplifier itself; do not touch the specimen or the generator's cable"
 
@@ -34,39 +39,49 @@ class LiveWarning:
     """Warning that the specimen may be live, published before the program acts.
 
     Attributes:
-        message: the reason, the last volts at the card, and the manual steps.
-        low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none.
+        message: the reason, the last volts at the card with their age, and the manual steps.
+        low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none, or if
+            it is older than PRESENT_S.
+        age_s: age of that block in real seconds; infinite if there was none.
+        part: the instrument that failed, `generator` or `card`; empty if it was neither.
     """
 
     message: str
     low_v: float = math.nan
     high_v: float = math.nan
+    age_s: float = math.inf
+    part: str = ""
 
 
-def live_warning(
-    reason: str, last_block: Block | None, scales: Sequence[Scale], amplifier_map: AmplifierMap
-) -> LiveWarning:
-    """Return the warning for a reason and the last block of the card."""
-    if last_block is None:
-        return LiveWarning(
-            f"The specimen may be live: {reason.rstrip('.')}. The card has not seen the amplifier's input yet. {SWITCH_OFF_NOW}"
-        )
-    volts = drive_voltage(last_block, tuple(scales))
-    low_v, high_v = float(volts.min()), float(volts.max())
+PRESENT_S = 0.3
+"""Largest age of a block whose volts a warning names."""
+
+
+def live_warning(reason: object, reading: CardReading | None, amplifier_map: AmplifierMap) -> LiveWarning:
+    """Return the warning for a reason, an error or a text, and what the card measured last."""
+    part = (
+        "card" if isinstance(reason, AcquisitionError) else "generator" if isinstance(reason, InstrumentError) else ""
+    )
+    begin = f"The specimen may be live: {str(reason).rstrip('.')}."
+    if reading is None:
+        return LiveWarning(f"{begin} The card has not seen the amplifier's input yet. {SWITCH_OFF_NOW}", part=part)
+    age_s = reading.age_s(time.monotonic())
+    if age_s > PRESENT_S:
+        unread = f"The card has not been read for {age_s:.1f} s: do not rely on volts that were shown before"
+        return LiveWarning(f"{begin} {unread}. {SWITCH_OFF_NOW}", age_s=age_s, part=part)
+    low_v, high_v = reading.block_v
     low, high = (float(volts) for volts in amplifier_map.specimen_v([low_v, high_v]))
-    one_level = high_v - low_v <= ONE_LEVEL_V
-    seen = f"{volts.mean():z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
+    one_level = high_v - low_v <= LEVEL_V
+    seen = f"{(low_v + high_v) / 2:z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
     means = f"about {(low + high) / 2:z.0f} V" if one_level else f"about {low:z.0f} to {high:z.0f} V"
     return LiveWarning(
-        f"The specimen may be live: {reason.rstrip('.')}. The card last saw {seen} at the amplifier's input, where rest is "
+        f"{begin} The card last saw {seen} at the amplifier's input, {age_s:.1f} s before this warning; rest is "
         f"{amplifier_map.rest_v:g} V: {means} on the specimen if the high voltage is on. {SWITCH_OFF_NOW}",
         low_v,
         high_v,
+        age_s,
+        part,
     )
-
-
-ONE_LEVEL_V = 0.05
-"""Largest difference within a block reported as one level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,17 +105,19 @@ class SafeShutdown:
     ) -> tuple[RestMeasurement, BaseException | None]:
         """Go to rest and measure it; return also the error of `block_sink`. Errors are returned, not raised, and do not stop it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
+            until_s = self._retry_until_s()
             trouble = self.command_rest(self.amplifier.return_to_rest)
+            until_s = until_s if trouble else self._retry_until_s()
             remaining_s = self.amplifier.remaining_s
             # Waiting for a held level that lasts longer, or does not end by itself, would only delay the report.
             lasts = math.isfinite(self.amplifier.level_remaining_s) and remaining_s > MAX_DRIVE_WAIT_S
             waits = trouble and math.isfinite(remaining_s) and not lasts
             left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if waits else 0.0
-            rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest)
+            rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest, until_s)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
                 # The source obeyed, or had nothing to do, but the card measures another level: the assumed state is wrong.
                 trouble = self.command_rest(self.amplifier.force_rest)
-                rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest)
+                rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest, until_s)
                 lost = lost or again
         if trouble or not rest.confirmed:
             rest = replace(rest, message=f"{rest.message}.{trouble}")
@@ -109,9 +126,9 @@ class SafeShutdown:
         return rest, lost
 
     def command_rest(self, first_attempt: Callable[[], None]) -> str:
-        """Command rest over the link, over a new link, then by the watchdog; return the failure as text, empty if the source obeyed."""
-        trouble = ""
-        for attempt in (first_attempt, self.amplifier.reconnect_and_force_rest):
+        """Command rest over the link, over new links, then by the watchdog; return the failure as text, empty if the source obeyed."""
+        attempt, until_s = first_attempt, self._retry_until_s()
+        while True:
             try:
                 attempt()
             except KeyboardInterrupt:
@@ -120,6 +137,9 @@ class SafeShutdown:
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
+            if attempt != first_attempt and not self._pause_before(until_s):
+                break
+            attempt = self.amplifier.reconnect_and_force_rest
         outcome = self.watchdog.request_rest(trouble.strip(" ."))
         return f"{trouble} The watchdog reports: {outcome}." if outcome else trouble
 
@@ -147,10 +167,27 @@ class SafeShutdown:
             initial_rest,
         )
 
+    def _retry_until_s(self) -> float:
+        """Return the bench time until which what fails from now on is repeated."""
+        return self.clock.now() + Deadline.WAY_TO_REST.seconds * max(getattr(self.clock, "speed", 1.0), 1.0)
+
+    def _pause_before(self, until_s: float) -> bool:
+        """Wait before the next attempt; return whether there is one."""
+        if self.clock.now() > until_s:
+            return False
+        with contextlib.suppress(BenchError):  # the watchdog took over meanwhile
+            self.clock.sleep(RETRY_INTERVAL_S)
+        return True
+
     def _measure_with_fallback(
-        self, stream: Stream, block_sink: BlockSink, timeout_s: float, initial_rest: RestMeasurement | None
+        self,
+        stream: Stream,
+        block_sink: BlockSink,
+        timeout_s: float,
+        initial_rest: RestMeasurement | None,
+        until_s: float,
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Verify rest, on a new stream if the first one is broken; return also the error of a failing sink."""
+        """Verify rest, on new streams until `until_s` if the first one is broken; return also the error of a failing sink."""
         lost: list[BaseException] = []
 
         def read() -> Block:
@@ -168,14 +205,23 @@ class SafeShutdown:
             raise
         except BaseException:  # noqa: BLE001 - make-safe: the stream is broken; a new one may still measure the drive
             stream.__exit__(None, None, None)
+            rest = self._measure_anew(stream.rate_hz, timeout_s, initial_rest, until_s)
+        return rest, (lost[0] if lost else None)
+
+    def _measure_anew(
+        self, rate_hz: float, timeout_s: float, initial_rest: RestMeasurement | None, until_s: float
+    ) -> RestMeasurement:
+        """Verify rest on a fresh stream, or on a fresher one until `until_s`."""
+        while True:
             try:
-                with self.open_stream(stream.rate_hz) as second:
-                    rest = self.measure_rest(second.read, second, timeout_s, initial_rest)
+                with self.open_stream(rate_hz) as second:
+                    return self.measure_rest(second.read, second, timeout_s, initial_rest)
             except KeyboardInterrupt:
                 raise
-            except BaseException as again:  # noqa: BLE001 - make-safe: no way of measuring is left
+            except BaseException as again:  # noqa: BLE001 - make-safe: the card may answer again
                 rest = RestMeasurement(False, math.nan, f"the card cannot see the drive: {again}")
-        return rest, (lost[0] if lost else None)
+            if not self._pause_before(until_s):
+                return rest
 
 
 def drive_voltage(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ also serves the simulated card. Raw 16-bit integers are kept, with the card's ow
 
 import contextlib
 import math
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -22,15 +23,13 @@ from nidaqmx.system import System
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
+from drivers.deadlines import Deadline
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
 from drivers.interfaces import Block, Closeable, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
 """Real seconds of scans in the NI driver's buffer: longest pause of the program without lost scans."""
-
-READ_TIMEOUT_S = 5.0
-"""Longest wait for a block beyond its duration; after that the card counts as disconnected."""
 
 START_UNCERTAINTY_S, START_QUERIES = 0.005, 5
 """Accuracy of the time of the first scan, in real time; otherwise the best of this number of counts of scans."""
@@ -42,7 +41,7 @@ the death of the program that created it. Therefore its tasks are sessions with 
 ABANDONED_AFTER_S = 3.0
 """Time without a read after which an input session counts as left by an ended program: a running one reads every block."""
 
-POLL_S = 0.25
+POLL_S, ARRIVAL_POLL_S = 0.25, 0.005
 _RUNNING: "WeakValueDictionary[tuple[str, str], NiStream]" = WeakValueDictionary()
 """Running acquisitions of this program, by the `key` of their card."""
 
@@ -70,10 +69,16 @@ class NiConnection:
         self.description = f"DAQ card {device}" + (f" at {server}" if server else "")
         self._server = server
         self._rpc: Any = None
+        self._calls: Any = None
+        """Knows whether the gRPC server answers."""
         self._options: Any = None
         self._open_roles: set[str] = set()
         self._created: set[str] = set()
-        self.identity = self.reopen()
+        try:
+            self.identity = self.reopen()
+        except InstrumentError:
+            self.close()
+            raise
         self.description = f"DAQ card {device} ({self.identity.model})"
 
     @property
@@ -91,23 +96,13 @@ class NiConnection:
         self.close()
         self._open_roles.clear()
         if self._server:
-            import grpc
+            from drivers.nidaq.grpc_channel import open_channel
 
-            options = [
-                # The default limit of 4 MB is half a million samples: one late read would exceed it.
-                ("grpc.max_receive_message_length", -1),
-                # Channels of one process share a connection and its back-off of a second after a failure.
-                ("grpc.use_local_subchannel_pool", 1),
-            ]
-            self._rpc = grpc.insecure_channel(self._server, options=options)
+            self._rpc, self._calls = open_channel(self._server)
             self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
-        try:
-            with translate_errors(self.description):
-                card = self.device_properties()
-                return Identity("NI", card.product_type, format(card.serial_num, "X"))
-        except InstrumentError:
-            self.close()
-            raise
+        with translate_errors(self.description):
+            card = self.device_properties()
+            return Identity("NI", card.product_type, format(card.serial_num, "X"))
 
     def device_properties(self) -> Any:
         """Return NI's object of this device, for its properties."""
@@ -126,6 +121,8 @@ class NiConnection:
                 return nidaqmx.Task()
         if self._rpc is None:
             raise AcquisitionError(f"{self.description} is closed")
+        if self._calls.silent is not None:
+            self.reopen()
         with translate_errors(self.description):
             task = self._create_session(role, SessionInitializationBehavior.INITIALIZE_SERVER_SESSION)
             if task is None:
@@ -312,6 +309,9 @@ class NiStream(Closeable):
         self._task, self._description, self._next_scan, self._clock = task, description, 0, clock
         self._close_task = close_task
         self._read_ahead: deque[Block] = deque()
+        self._reading_thread = 0
+        """Identity of the thread that has called `read` last; blocks are read in one thread at a time."""
+        self._newest: Block | None = None
         self._grounded = grounded
         self._count_s, self._counted_s = count_s, -math.inf
         self._restarted_scan = 0
@@ -323,7 +323,7 @@ class NiStream(Closeable):
             for slot, channel in enumerate(task.ai_channels)
         )[grounded:]
         self._raw = np.zeros((grounded + len(self.scales), block_scans), np.int16)
-        self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
+        self._timeout_s = Deadline.CARD_BLOCK.seconds + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
         self.start_time_s = self._start() + grounded * convert_s
 
@@ -343,18 +343,23 @@ class NiStream(Closeable):
         return float(max(start_s, begin_s))
 
     def read(self) -> Block:
-        return self._read_ahead.popleft() if self._read_ahead else self._read_block()
+        self._reading_thread = threading.get_ident()
+        self._newest = block = self._read_ahead.popleft() if self._read_ahead else self._read_block()
+        return block
 
     def newest_drive_volts(self, timeout_s: float) -> NDArray[np.float64] | None:
         """Return the drive in a block acquired after this call; `read` returns this block and earlier ones later.
 
         None if no such block arrives in time: on a slow connection this program lags behind the card.
         """
-        called_s = self._clock.now()
+        called_s, read_here = self._clock.now(), self._reading_thread in (0, threading.get_ident())
         while self._clock.now() - called_s <= timeout_s:
-            block = self._read_block()
-            self._read_ahead.append(block)
-            if self.start_time_s + block.start / self.rate_hz >= called_s:
+            if read_here:
+                self._read_ahead.append(self._read_block())
+            else:  # another thread reads
+                time.sleep(ARRIVAL_POLL_S)
+            block = self._read_ahead[-1] if read_here else self._newest
+            if block is not None and self.start_time_s + block.start / self.rate_hz >= called_s:
                 return self.scales[0].to_volts(block.raw[0])
         return None
 
@@ -447,9 +452,9 @@ def list_devices(server: str | None = None) -> list[tuple[str, Identity]]:
     try:
         with translate_errors(where):
             if server:
-                import grpc
+                from drivers.nidaq.grpc_channel import open_channel
 
-                rpc = grpc.insecure_channel(server)
+                rpc, _ = open_channel(server)
             system = System.remote(nidaqmx.GrpcSessionOptions(rpc, "")) if server else System.local()
             return [(c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in system.devices]
     finally:

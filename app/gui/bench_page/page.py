@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
-from PySide6.QtGui import QDesktopServices, QHideEvent
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, QSplitter, QWidget
 
 from app.config import BenchConfig, BenchDraft, bench_files
@@ -19,7 +19,6 @@ from app.gui.status import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
-    WindowTheme,
     choose_files,
     column,
     configure,
@@ -98,7 +97,6 @@ class BenchPage(QSplitter):
         adapter: for live values of the open bench.
         config: of the open bench.
         open_bench: path of its file, or name of the simulated bench.
-        theme: at the beginning.
     """
 
     title = "Bench"
@@ -112,12 +110,11 @@ class BenchPage(QSplitter):
     speed_requested = Signal(object)
     """Speed of the simulated bench; None is the virtual clock."""
 
-    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str, theme: WindowTheme) -> None:
+    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._adapter, self._config, self._open_bench = adapter, config, open_bench
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
-        self._watching = False
         self.benches = BenchList(self._begin_bench)
         self.connect_button = make_button(
             "Save and connect",
@@ -139,21 +136,21 @@ class BenchPage(QSplitter):
         self.file_label = make_label(
             kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
         )
-        self.calibration = CalibrationPanel(theme, self._move_target if config.simulated else None)
+        self.calibration = CalibrationPanel(self._move_target if config.simulated else None)
         self.calibrate_button = make_toggle(
             "Calibrate …", "Two or more positions with their volts", "bench.calibrate", self.calibration
         )
         controls = None
         if adapter.simulation is not None:
             controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.simulation")
-        self.editor = BenchEditor(self._worker, theme, controls, self.calibrate_button)
-        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
+        self.editor = BenchEditor(self._worker, controls, self.calibrate_button)
+        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated)
         self.live_button = make_toggle(
             "Live view, level and tone by hand", "Traces, to align the laser", "bench.live", self.live
         )
         wiring_check = PROTOCOLS[WIRING_CHECK]
-        self.wiring = WiringPanel(theme, lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
-        self.commissioning = CommissioningPanel(self._worker, theme, self.commission, self.stop_requested.emit)
+        self.wiring = WiringPanel(lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
+        self.commissioning = CommissioningPanel(self._worker, self.commission, self.stop_requested.emit)
         self._build()
         self.show_bench(open_bench)
 
@@ -161,8 +158,6 @@ class BenchPage(QSplitter):
 
     def set_state(self, view: WindowState) -> None:
         """Show identity and state of the instruments of the open bench."""
-        if not view.can_run:
-            self._watching = False
         self._state = view
         by_role = {status.role: status for status in view.instruments} if self.is_open else {}
         for tile in self.editor.tiles:
@@ -175,10 +170,7 @@ class BenchPage(QSplitter):
         self.benches.list.setFocus()
 
     def tick(self) -> None:
-        """Show live values of the open bench, which are watched while the page is visible."""
-        if self._state is not None and self._state.can_run and not self._watching and self.isVisible():
-            self._watching = True
-            self._adapter.session.monitor(active=True)
+        """Show live values of the open bench."""
         reading = self._adapter.feed.reading if self.is_open else None
         if reading is not None and reading.age_s > STALE_S:
             reading = None
@@ -189,12 +181,6 @@ class BenchPage(QSplitter):
             self.live.show_reading(reading, self._config.sensor)
             self.live.tick()
         self.commissioning.tick()
-
-    def hideEvent(self, event: QHideEvent) -> None:
-        super().hideEvent(event)
-        if self._watching:
-            self._watching = False
-            self._adapter.session.monitor(active=False)
 
     def restore_state(self, settings: QSettings) -> None:
         """Restore the addresses beside *Scan*."""

@@ -1,5 +1,6 @@
 """Live plots of a run: its results, and below them the live traces."""
 
+import time
 from functools import cached_property
 
 from PySide6.QtCore import Qt, Signal
@@ -8,7 +9,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets import WindowTheme, column
+from app.gui.widgets import column
 from app.live import LiveFeed, ModelCurves
 from app.session import WindowState
 from model import AmplifierMap
@@ -16,6 +17,9 @@ from protocols import PROTOCOLS
 from protocols.base import Protocol, Series
 
 MIN_PLOT_HEIGHT = 56
+
+IDLE_TICK_S = 0.2
+"""Time between two redraws of the traces while no run is in progress."""
 
 
 class LivePane(QSplitter):
@@ -26,9 +30,9 @@ class LivePane(QSplitter):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme) -> None:
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
         super().__init__(Qt.Orientation.Vertical)
-        self._feed, self._amplifier, self._theme = feed, amplifier, theme
+        self._feed, self._amplifier = feed, amplifier
         self._places = []
         for share in (5, 4):
             place = QWidget()
@@ -38,13 +42,13 @@ class LivePane(QSplitter):
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
         self._curve: ModelCurves | None = None
-        self._span = 0
+        self._span, self._ticked_s = 0, 0.0
         self._outdated = False
 
     @cached_property
     def plots(self) -> ResultPlots:
         """The results of the run, above."""
-        plots = ResultPlots(self._theme)
+        plots = ResultPlots()
         plots.repeat_requested.connect(self.repeat_requested)
         self._places[0].addWidget(plots)
         if self._curve is not None:
@@ -54,7 +58,7 @@ class LivePane(QSplitter):
     @cached_property
     def time_plot(self) -> TimePlot:
         """The live traces, below."""
-        plot = TimePlot(self._feed, self._amplifier, self._theme)
+        plot = TimePlot(self._feed, self._amplifier)
         self._places[1].addWidget(plot)
         plot.select_span(self._span)
         return plot
@@ -111,6 +115,7 @@ class LivePane(QSplitter):
             curves_first=self._running is not None,
         )
         self.time_plot.show_simulated(view.simulated)
+        self.time_plot.is_calm = not view.busy
 
     def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model's curve under the points."""
@@ -120,6 +125,9 @@ class LivePane(QSplitter):
 
     def tick(self) -> None:
         """Redraw the live traces and the response of a running sweep; called at every tick of the window."""
-        if self._state is not None and self._state[0].busy and self._running is not self._feed.running_curve.latest:
+        busy = self._state is not None and self._state[0].busy
+        if self._state is not None and busy and self._running is not self._feed.running_curve.latest:
             self.set_state(*self._state)
-        self.time_plot.tick()
+        if busy or time.monotonic() - self._ticked_s >= IDLE_TICK_S:
+            self._ticked_s = time.monotonic()
+            self.time_plot.tick()

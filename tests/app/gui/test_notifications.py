@@ -21,9 +21,10 @@ from app.gui.widgets.actions import ACTIONS
 from app.session import initial_window_state, reduce
 from app.session.state import TimedEvent
 from model import AmplifierMap
-from protocols.base import Prompt, PromptAnswered, PromptShown
+from protocols.base import DriveReadbackChanged, Prompt, PromptAnswered, PromptShown
 from tests.app.laboratory.test_remote import NOW
 from tests.helpers.main_window import OpenStage, Stage, find, until
+from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 ASKED = PromptShown(7, Prompt("place-weight", "Put 200 g on the centre."))
@@ -62,6 +63,12 @@ def test_end_prompt_and_unsafe_are_announced_once(announced: Announced) -> None:
     assert announced.notices[1] == "SIMULATED: Operator needed"
     assert announced.notices[2].startswith("SIMULATED: UNSAFE")
     assert len(announced.notices) == 3
+
+
+def test_a_drive_that_is_lost_is_announced_once(announced: Announced) -> None:
+    announced.happen(OPENED, *LIVE, DriveReadbackChanged(True, 0.0, 0.0), DriveReadbackChanged(True, 0.0, 0.0))
+    assert announced.sounds == ["unsafe"]
+    assert_names(announced.notices[0], "DRIVE", "LOST")
 
 
 def test_a_prompt_that_is_answered_at_once_is_not_announced(announced: Announced) -> None:
@@ -108,7 +115,7 @@ def test_the_web_page_is_off_until_it_is_chosen_and_shows_the_window(stage: Stag
     record = json.loads(connection.getresponse().read())
     connection.close()
     assert record["state"] == "live"
-    assert record["voltage"] == stage.window.state.voltage_text
+    assert record["voltage"] == stage.window.controller.strip().measured
     assert record["specimen"] == "T7"
     assert record["age_s"] < 60
     setting.mode.setCurrentIndex(setting.mode.findData(NETWORK))
@@ -136,7 +143,7 @@ def test_a_scanned_label_names_the_specimen_and_starts_nothing(stage: Stage, tmp
     sheet.write_text('specimen = "M4"\n')
     digest = hashlib.sha256(sheet.read_bytes()).hexdigest()[:12]
     stage.happen(OPENED)
-    field, toast = stage.window.measure_page.run_panel.specimen_edit, stage.window.tabs._toast.label
+    field, toast = stage.window.measure_page.run_panel.specimen_edit, stage.window.status_line.label
     field.setFocus()
     field.selectAll()
     QTest.keyClicks(field, f"M4 #{digest}")
@@ -169,7 +176,7 @@ def test_one_key_saves_a_problem_report(stage: Stage, tmp_path: Path) -> None:
     stage.press(Qt.Key.Key_F1, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.central.is_covered
     stage.window.error_occurred.emit()
-    assert ACTIONS["problem"].shortcut in stage.window.tabs._toast.label.text()
+    assert ACTIONS["problem"].shortcut in stage.window.status_line.label.text()
 
 
 def test_the_settings_are_kept(open_stage: OpenStage, settings: QSettings) -> None:
