@@ -74,4 +74,3 @@ from .uncertainty_tables import largest_sources as largest_sources
 from .uncertainty_tables import nonideality_lines as nonideality_lines
 from .uncertainty_tables import nonideality_tables as nonideality_tables
 from .uncertainty_tables import unstated_errors as unstated_errors
-from .usual_effects import USUAL_EFFECTS as USUAL_EFFECTS

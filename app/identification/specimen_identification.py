@@ -11,7 +11,9 @@ from app.identification.sheet_file import SheetError, load_sheet, read_sheet
 from app.identification.specimen_sheet import SpecimenSheet
 from model import Array, EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
+    ASSUMED_PARAMETERS,
     NONIDEALITIES,
+    USUAL_EFFECTS,
     Adequacy,
     CurveValidation,
     DecayPoleObservation,
@@ -29,6 +31,7 @@ from model.identification import (
     identify_by_paper_chain,
     joint_fit,
     linearized_errors,
+    prior_moments,
     uncertainty_budget,
     with_model_error,
 )
@@ -37,6 +40,9 @@ from protocols.runfile import Run
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
 """A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as exact."""
+
+ASSUMED_SHARE = 0.85
+"""Of a parameter's prior standard deviation: runs that leave more of it say nothing of the parameter."""
 
 NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
 """Parameters of the fit that the beam model does not have."""
@@ -82,6 +88,16 @@ class IdentificationResult:
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
 
     @property
+    def assumed(self) -> tuple[EstimatedQuantity, ...]:
+        """The estimates that are no measurement: neither sheet nor runs say more of them than is usual among tactors."""
+        fit = self.joint_fit
+        if fit is None:
+            return ()
+        usual = {**USUAL_EFFECTS, **ASSUMED_PARAMETERS}.keys() & self.known.keys()
+        expected = {name: prior_moments(name, self.known[name])[1] for name in usual}
+        return tuple(e for e in self.estimates if e.name in usual and e.standard_error > ASSUMED_SHARE * expected[e.name])
+
+    @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
         """The estimates of effects outside the beam model with a prior size, such as creep."""
         return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)
@@ -89,12 +105,13 @@ class IdentificationResult:
     @property
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
         """Prior values that are no nonideality: lengths, masses, moduli."""
-        return {name: known for name, known in self.known.items() if name not in NONIDEAL}
+        return {n: known for n, known in self.known.items() if n not in NONIDEAL and n not in ASSUMED_PARAMETERS}
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates without the parameters that were known beforehand."""
-        return tuple(e for e in self.estimates if e.name not in self.known)
+        """The estimates without the parameters that were known beforehand or are assumed."""
+        own = {*self.known} - {*ASSUMED_PARAMETERS} | {e.name for e in self.assumed}
+        return tuple(e for e in self.estimates if e.name not in own)
 
     @property
     def statistical_errors(self) -> Mapping[str, float]:

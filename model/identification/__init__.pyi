@@ -8,6 +8,7 @@ from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
 from .attribution.words import describe_cause as describe_cause
 from .attribution.words import format_size as format_size
+from .bounded_priors import prior_moments as prior_moments
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
 from .experiment_design import ExpectedPrecision as ExpectedPrecision
@@ -54,3 +55,7 @@ from .profile_likelihood import profile_interval as profile_interval
 from .uncertainty_budget import NOISE as NOISE
 from .uncertainty_budget import UncertaintyBudget as UncertaintyBudget
 from .uncertainty_budget import uncertainty_budget as uncertainty_budget
+from .usual_effects import ASSUMED_PARAMETERS as ASSUMED_PARAMETERS
+from .usual_effects import USUAL_EFFECTS as USUAL_EFFECTS
+from .usual_effects import assumed_parameters as assumed_parameters
+from .usual_effects import usual_effects as usual_effects

@@ -14,6 +14,7 @@ import numpy as np
 
 from model import Array, ParameterError
 from model.identification import parameters as known
+from model.identification.bounded_priors import normal_equivalents
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
 from model.identification.misfit_scale import LOSS_SCALES, loss_costs, loss_weights
@@ -35,6 +36,12 @@ MAX_EVALUATIONS = 400
 ERROR_STAGES = (1000.0, 100.0, 10.0)
 """Factors on the errors of the runs with which a descent begins, those that its first misfit exceeds. Precise runs leave a narrow, bent
 valley, in which descents with the stated errors end far from the minimum; what is known beforehand leads through it where it is wide."""
+
+MAX_LIMIT_FITS = 4
+"""Fits for the normal distributions in the place of priors next to a limit, which depend on the fit."""
+
+LIMIT_TOLERANCE = 1e-3
+"""Change of such a distribution, in standard deviations of the prior, that needs no further fit."""
 
 STAGE_TOLERANCE = 1e-4
 """Relative, of cost and parameters, of a descent with enlarged errors."""
@@ -106,12 +113,14 @@ def joint_fit(
     max_evaluations: int = MAX_EVALUATIONS,
     max_starts: int = 4,
     tolerance: float = 1e-10,
+    enlarged: float = 1.0,
 ) -> JointFit:
     """Fit the free parameters to all runs together.
 
     A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, and the best is kept. After
     `max_evaluations` the best so far is returned, with a note in `message`; the result does not depend on the computer's load.
-    `tolerance` is relative, of cost and parameters.
+    `tolerance` is relative, of cost and parameters. With errors of the runs `enlarged` it ends where what is known beforehand counts
+    more than they do; residuals and slopes are over the errors as given.
 
     Raises:
         ParameterError, IdentificationError: these runs cannot be fitted.
@@ -119,7 +128,7 @@ def joint_fit(
     """
     problem = LeastSquaresProblem(observations, options or FitOptions())
     began = perf_counter()
-    watch = _FitMonitor(problem, progress, cancelled, max_evaluations, tolerance)
+    watch = _FitMonitor(problem, progress, cancelled, max_evaluations, tolerance, enlarged)
     best: JointFit | None = None
     for start in _starting_points(problem)[:max_starts]:
         if best is not None and watch.evaluations >= max_evaluations:
@@ -135,7 +144,24 @@ def joint_fit(
             + ", ".join(f"{n} = {v:.3g}" for n, v in zip(problem.names, problem.start, strict=True))
             + "; choose other initial values"
         )
+    best = _with_limits(best, watch) if enlarged == 1 else best
     return replace(best, evaluations=watch.evaluations, duration_s=perf_counter() - began)
+
+
+def _with_limits(fit: JointFit, watch: "_FitMonitor") -> JointFit:
+    """Return the fit with normal distributions that stand for its priors next to a limit; the fit as it is without any."""
+    present = fit.problem.normal_priors
+    for _ in range(MAX_LIMIT_FITS if present else 0):
+        sites = normal_equivalents(fit.names, fit.options.priors, present, fit.theta, fit.jacobian, fit.weighted_residuals)
+        moved = [abs(sites[n][k] - present[n][k]) / fit.options.priors[n][1] for n in present for k in (0, 1)]
+        if max(moved) < LIMIT_TOLERANCE:
+            break
+        present = sites
+        watch.problem = LeastSquaresProblem(fit.observations, replace(fit.options, normal_priors=sites))
+        if (again := watch.fit(fit.theta)) is None:
+            break
+        fit = again
+    return fit
 
 
 def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
@@ -176,22 +202,24 @@ class _FitMonitor:
         cancelled: CancelCheck | None,
         max_evaluations: int,
         tolerance: float = 1e-10,
+        enlarged: float = 1.0,
     ) -> None:
-        self._problem, self._progress, self._cancelled = problem, progress, cancelled
+        self.problem, self._progress, self._cancelled = problem, progress, cancelled
         self.evaluations, self._max_evaluations, self._tolerance = 0, max_evaluations, tolerance
+        self._enlarged = enlarged
 
     def fit(self, start: Array) -> JointFit | None:
         """One descent; None where the model cannot be evaluated at the start."""
         from scipy.optimize import least_squares
 
-        p = self._problem
+        p = self.problem
         place = FitCoordinates(p, start)
         descent = _ResidualFunction(p, place, self)
         try:
             with np.errstate(all="ignore"):
-                stages = [factor for factor in ERROR_STAGES if descent.misfit(place.start) > factor]
-                for factor in (*stages, 1.0):
-                    tolerance = self._tolerance if factor == 1 else max(STAGE_TOLERANCE, self._tolerance)
+                stages = [f for f in ERROR_STAGES if descent.misfit(place.start) > f > self._enlarged]
+                for factor in (*stages, self._enlarged):
+                    tolerance = self._tolerance if factor == self._enlarged else max(STAGE_TOLERANCE, self._tolerance)
                     descent.enlarge_errors(factor)
                     got = least_squares(
                         descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=_row_losses(p),

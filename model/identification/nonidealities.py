@@ -23,7 +23,7 @@ Values = Mapping[str, Any]
 NONIDEALITIES = {
     spec.name: spec
     for spec in (
-        ParameterSpec.listed("mass_fraction", Interval(gt=0), 1.0),
+        ParameterSpec.listed("mass_fraction", Interval(gt=0, le=1), 1.0),
         ParameterSpec.listed("mass_offset", Interval(), 0.0),
         ParameterSpec.listed("mass_put_in", Interval(ge=0), 0.0),
         ParameterSpec.listed("load_gain", Interval(gt=-1), 0.0),
@@ -39,7 +39,7 @@ NONIDEALITIES = {
         ParameterSpec.listed("delay", Interval(), 0.0),
         ParameterSpec.listed("gain_drift", Interval(gt=-1), 0.0),
         ParameterSpec.listed("elongation_offset", Interval(), 0.0),
-        ParameterSpec.listed("elongation_slip", Interval(lt=1), 0.0),
+        ParameterSpec.listed("elongation_slip", Interval(ge=0, lt=1), 0.0),
     )
 }
 LOADING_TIME_S = 10.0
@@ -92,10 +92,15 @@ def with_acting_mass(v: Values) -> Values:
     return {**v, "m_add": acting_mass(v, v["mass_put_in"])} if np.any(v["mass_put_in"]) else v
 
 
-def with_flexible_clamp(v: Values) -> Values:
-    """Return the parameters with the lengths that a flexible clamp acts as."""
-    flexibility = v["clamp_flexibility"]
-    return {**v, **flexible_clamp_lengths(v, flexibility)} if np.any(flexibility) else v
+def values_of_run(v: Values, run: observed.Observation) -> Values:
+    """Return the parameters as they are in a run: with its errors of added mass and clamp, and the lengths that a flexible clamp acts as."""
+    own = {e.name: e.acts_on for e in run.shared_errors if e.acts_on in ("clamp", "mass") and e.name in v}
+    flexibility = sum((v[name] for name, on in own.items() if on == "clamp"), start=v["clamp_flexibility"])
+    changed = flexible_clamp_lengths(v, flexibility) if np.any(flexibility) else {}
+    masses = [v[name] for name, on in own.items() if on == "mass"]
+    if masses and not isinstance(run, observed.MassResonanceObservation):
+        changed["m_add"] = sum(masses, start=v["m_add"])
+    return {**v, **changed} if changed else v
 
 
 class NonidealResponse:

@@ -4,7 +4,7 @@ Every record carries the `label` of its run, a mask `good` (None: all points), t
 whether it is `simulated`. Points that are not good stay in the record and are left out of every fit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar, get_args
 
@@ -14,7 +14,9 @@ from model import Array, Complex, Mask, Membrane, ParameterError, weight_per_len
 from model.drive_history import DriveHistory
 
 Side = Literal["mfc", "aluminium", "both"]
-ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency", "rest"]
+ErrorTarget = Literal[
+    "displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency", "rest", "clamp", "clock", "reading"
+]
 SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "displacement": "1",
     "volts": "1",
@@ -25,6 +27,9 @@ SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "elongation": "m",
     "frequency": "Hz",
     "rest": "m",
+    "clamp": "1",
+    "clock": "1",
+    "reading": "1",
 }
 SAME_INPUT = 1e-9
 """Relative difference up to which two inputs are one: the same weight, mass, level or frequency."""
@@ -35,8 +40,10 @@ class SharedError:
     """An unknown error common to all values taken with one instrument.
 
     It is estimated with the rest, with a normal prior of `standard_error` around 0. Records that name the same error share
-    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg; on
-    delay a lateness of the displacement, in s, that was not corrected in the phases; on level (volts at the amplifier's
+    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg, of
+    the masses that are written down or of m_add; on clamp a flexibility of the clamp beyond `clamp_flexibility`, for instance of one
+    mounting; on clock a relative error of all frequencies of a run; on reading a relative error of the prediction times a shape over
+    the points, which the run has (`shapes`); on delay a lateness of the displacement, in s, that was not corrected in the phases; on level (volts at the amplifier's
     input), elongation and frequency an offset. With `at` it acts only where the load (N), mass, level, elongation or
     frequency is that value: the error of one weight among several. On rest it is a drift of the displacement at rest, in m from
     the first zero of the run to its last, that eases off as if it had begun `at` seconds before the run.
@@ -59,7 +66,8 @@ class SharedError:
             )
         if self.acts_on == "rest" and not (self.at is not None and self.at > 0):
             raise ParameterError(f"common error {self.name!r} of rest needs the seconds before the run when it began")
-        if self.at is not None and (self.acts_on in ("displacement", "volts", "delay") or not np.isfinite(self.at)):
+        everywhere = ("displacement", "volts", "delay", "clamp", "clock", "reading")
+        if self.at is not None and (self.acts_on in everywhere or not np.isfinite(self.at)):
             raise ParameterError(f"common error {self.name!r} of {self.acts_on} cannot act at {self.at:g} only")
 
     def acts_at(self, inputs: Array) -> Mask:
@@ -76,6 +84,8 @@ class _ObservationBase:
     """(F,): which points a fit may use; None: all."""
     shared_errors: tuple[SharedError, ...] = field(default=(), kw_only=True)
     simulated: bool = field(default=False, kw_only=True)
+    shapes: Mapping[str, Complex | Array] = field(default_factory=dict, kw_only=True)
+    """By name of a shared error of the reading: its shape over the points, (F,)."""
 
     @property
     def usable(self) -> Mask:

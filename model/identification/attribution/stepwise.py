@@ -31,16 +31,11 @@ class ExtensionStep:
 
 
 def proposed_parameter(fit: JointFit, adequacy: Adequacy) -> Explanation | None:
-    """Return the likeliest cause that a step may add; None where the likeliest are decisions of the operator.
-
-    Those are a point, the scale of one run, and what an instrument states: a length, or the gain of a balance or sensor.
-    """
+    """Return the likeliest cause that a step may add; None where the likeliest are decisions of the operator."""
     if adequacy.adequate is not False or adequacy.diagnosis is None:
         return None
-    for explanation in adequacy.diagnosis.likeliest:
-        if explanation.cause.kind == "parameter" and explanation.cause.plausible(fit) is None:
-            return explanation
-    return None
+    likeliest = adequacy.diagnosis.likeliest
+    return likeliest[0] if likeliest and all(e.cause.proposable for e in likeliest) else None
 
 
 def extend_stepwise(
@@ -55,14 +50,10 @@ def extend_stepwise(
         proposal = proposed_parameter(fit, adequacy)
         if proposal is None:
             return
-        options = fit.options
-        name, start = (
-            proposal.cause.name,
-            {**options.start, **dict(zip(proposal.fit.names, proposal.fit.theta.tolist(), strict=True))},
-        )
+        found = proposal.fit
+        start = dict(zip(found.names, found.theta.tolist(), strict=True))
         try:
-            extended = replace(options, also=(*options.also, name), start=start)
-            fit = joint_fit(fit.observations, extended, cancelled=cancelled, max_starts=1)
+            fit = joint_fit(fit.observations, replace(found.options, start=start), cancelled=cancelled, max_starts=1)
         except (ParameterError, IdentificationError):
             return
         adequacy = assess_adequacy(fit, cancelled=cancelled)

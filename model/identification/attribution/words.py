@@ -1,14 +1,15 @@
-"""Sentences of a diagnosis: a cause with value, error and sign, and what it changes."""
+"""Sentences of a diagnosis: a cause with value, error and sign, what it changes, and what would show it."""
 
 import re
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from model import SCALES, format_with_uncertainty
 from model.identification import observations as observed
 from model.identification import parameters as known
-from model.identification.attribution.causes import Cause
+from model.identification.attribution.causes import Cause, labels_of
 from model.identification.attribution.explanation import Explanation
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 
@@ -39,6 +40,49 @@ PARAMETER_WORDS = {
 """With {value}, {size} (of the difference to what was held) and {held}; <one|other> for a positive and a negative difference."""
 
 
+class CauseWords(NamedTuple):
+    """Words of a kind of cause: with {run} and {size}, {second} of its second parameter, <one|other> by the sign; and what would show it."""
+
+    words: str
+    check: str
+
+
+RUN_WORDS = {
+    "scale": CauseWords("{run} <reads|read> {size} too <large|small>{factor}", "checking its unit, rms or peak, and range, and measuring one of its points again"),
+    "time base": CauseWords("the frequencies of {run} are {size} too <low|high>", "measuring its drive with a counter"),
+    "delay": CauseWords("{run} is {size} <later|earlier> than the other runs", "measuring one of its points again with the settings of the others"),
+    "elongation": CauseWords("the elongation of {run} is {size} <more|less> than stated", "stretching the membrane to it again"),
+    "mass of": CauseWords("{size} <more|less> acts at the centre in {run} than in the other runs", "weighing what is mounted"),
+    "mass from": CauseWords("{size} <more|less> acts at the centre from {run} on: the mass was mounted anew", "a free dwell before and after mounting"),
+    "clamp of": CauseWords("the clamp <gives|holds> by {size} of what the bare plate bends <more|better> in {run} than in the other runs", "clamping again, and a free dwell"),
+    "clamp from": CauseWords("from {run} on the clamp <gives|holds> by {size} of what the bare plate bends <more|better>: the plate was clamped anew", "a free dwell before and after clamping"),
+    "drift": CauseWords("{run} <grows|shrinks> by {size} from its first to its last point", "measuring its first point again at the end"),
+    "bend": CauseWords("{run} gives {size} <more|less> at the largest reading than near rest: it is not linear", "readings at half and at full load or voltage in turn"),
+    "slip": CauseWords("under large loads the centre moves {size} <more|less> than the smaller ones say: the clamp slips, or something touches", "a small load before and after the largest"),
+    "sensor curvature": CauseWords("displacements of 1 mm read {size} too <large|small> against small ones: the sensor is not linear ({run} error)", "moving the sensor by a micrometer"),
+    "roll-off": CauseWords("what is driven falls by {size} to 250 Hz, and lags by {second} of a radian there: drive or sensor roll off", "the drive's readback at the specimen, and a fast sensor"),
+    "mount": CauseWords("sensor or stand moves with the specimen at {run}: its mount resonates ({size} of the displacement)", "tightening the mount, a dwell around {run}"),
+    "creep of the dwells": CauseWords("the dwells creep by {size} a decade <more|less> than the other runs: loss in clamp or glue, or a wrong phase", "voltage steps read at several times"),
+    "repeat": CauseWords("{repeat} deflects {size} <more|less> than the others{side}", "loading both sides once more"),
+}  # fmt: skip
+PARAMETER_CHECKS = {
+    "sensor_gain": "moving the sensor by a micrometer or a gauge block",
+    "load_gain": "weighing one of the weights on another balance",
+    "mass_fraction": "weighing the masses and fixing them at the centre",
+    "stiffening": "a dwell at half the voltage",
+    "delay": "the phase of a second sensor, or of a stiff target",
+    "gain_below_rest": "the volts at the amplifier's output on both sides of rest",
+    "load_offset": "weighing pan and hook",
+    "clamp_flexibility": "clamping again",
+}
+COMMON_FACTORS = {
+    2**-0.5: "as rms does instead of peak", 2**0.5: "as peak does instead of rms", 0.5: "as peak does instead of peak to peak",
+    2.0: "as peak to peak does instead of peak", 1e-3: "as a unit a thousand times larger does", 1e3: "as a unit a thousand times smaller does",
+}  # fmt: skip
+SAME_FACTOR = 0.02
+"""Relative distance up to which a scale is one of the common factors."""
+
+
 def format_size(value: float, error: float | None, unit: str, signed: bool = True) -> str:
     """Return a value with its error in the unit of errors, e.g. `70.3 ± 0.3 %`."""
     shown = UNITS.get(unit, unit)
@@ -48,27 +92,31 @@ def format_size(value: float, error: float | None, unit: str, signed: bool = Tru
     return format_with_uncertainty(value, error, shown) if known else f"{value:.4g} {shown}".strip()
 
 
-def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
-    """Return what a cause of this size means; the words have the sign of the difference."""
-    match cause.kind:
-        case "scale":
-            return f"{cause.name} reads {format_size(size, error, '1', False)} too {'large' if size > 0 else 'small'}"
-        case "frequency":
-            return f"the frequencies of {cause.name} are {format_size(size, error, 'Hz', False)} too {'low' if size > 0 else 'high'}"
-        case "elongation":
-            return f"the elongation of {cause.name} is {format_size(size, error, 'm', False)} {'more' if size > 0 else 'less'} than stated"
-        case "point":
-            return _point_words(fit, cause)
+def cause_words(fit: JointFit, cause: Cause, sizes: tuple[tuple[float, float], ...]) -> str:
+    """Return what a cause of these sizes means; the words have the sign of the difference."""
+    if cause.kind == "point":
+        return _point_words(fit, cause)
+    if cause.kind == "exchange":
+        x, unit = _labels(fit, cause)
+        return f"the labels of points {cause.points[0] + 1} and {cause.points[1] + 1} of {cause.name} ({x[0]:.4g} and {x[1]:.4g} {unit}) are exchanged"
+    size, error = sizes[0]
+    if cause.kind in RUN_WORDS:
+        unit = observed.SHARED_ERROR_UNITS[cause.errors[0].error.acts_on]
+        said = {"run": cause.name, "repeat": cause.title, "size": format_size(size, error, unit, False)}
+        said |= {"second": format_size(*sizes[-1], "1"), "factor": _common_factor(1 + size), "side": _other_side(fit, size)}
+        return _signed(RUN_WORDS[cause.kind].words, size).format(**said)
     spec = known.parameter_spec(cause.name)
-    if cause.kind == "prior":
-        stated, uncertainty = fit.options.priors[cause.name]
-        return (
-            f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}, which contradicts its prior value, "
-            f"{format_size(stated, uncertainty, spec.unit)}"
-        )
-    held = known.start_value(cause.name, fit.options.base_values())
-    words = PARAMETER_WORDS.get(cause.name, f"{cause.name} ({spec.description}) is {{value}}, not {{held}}")
-    words = WORD_PAIR.sub(lambda found: found[1 if size >= held else 2], words)
+    if cause.name in fit.options.priors:
+        stated = format_size(*fit.options.priors[cause.name], spec.unit)
+        meaning = _parameter_words(fit, cause.name, size, error) if cause.name in PARAMETER_WORDS else ""
+        said_of = f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}"
+        return f"{meaning or said_of}, far from {stated}, which was {'stated' if cause.kind == 'stated' else 'expected'}"
+    return _parameter_words(fit, cause.name, size, error)
+
+
+def _parameter_words(fit: JointFit, name: str, size: float, error: float) -> str:
+    spec, held = known.parameter_spec(name), known.start_value(name, fit.options.base_values())
+    words = _signed(PARAMETER_WORDS.get(name, f"{name} ({spec.description}) is {{value}}, not {{held}}"), size - held)
     return words.format(
         value=format_size(size, error, spec.unit),
         size=format_size(size - held, error, spec.unit, False),
@@ -76,18 +124,38 @@ def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
     )
 
 
+def _signed(words: str, size: float) -> str:
+    return WORD_PAIR.sub(lambda found: found[1 if size >= 0 else 2], words)
+
+
+def _common_factor(factor: float) -> str:
+    return next((f", {text}" for f, text in COMMON_FACTORS.items() if abs(factor / f - 1) < SAME_FACTOR), "")
+
+
+def _other_side(fit: JointFit, size: float) -> str:
+    """Return that a repeat reads as with the other side up, if the sides differ by so much."""
+    sides = abs(2 * float(fit.values.get("asymmetry") or 0.0))
+    return ", as with the other side up" if sides > 0 and 0.5 < abs(size) / sides < 2 else ""
+
+
 def describe_cause(fit: JointFit, name: str, size: float, error: float) -> str:
-    """Return what a parameter of this size and standard uncertainty means, as `cause_words`."""
-    return cause_words(fit, Cause("parameter", name), size, error)
+    """Return what a parameter of this size and standard uncertainty means."""
+    return _parameter_words(fit, name, size, error)
+
+
+def _labels(fit: JointFit, cause: Cause) -> tuple[list[float], str]:
+    run = next(run for run in fit.observations.runs if run.label == cause.name)
+    factor, unit = (1.0, "N") if isinstance(run, observed.StaticLoadingObservation) else (1e3, "g")
+    return [factor * float(labels_of(run)[point]) for point in cause.points], unit
 
 
 def _point_words(fit: JointFit, cause: Cause) -> str:
-    run = cause.run(fit)
-    part = fit.run_slices[fit.observations.runs.index(run)]
+    at = next(i for i, run in enumerate(fit.observations.runs) if run.label == cause.name)
+    run, part, point = fit.observations.runs[at], fit.run_slices[at], cause.points[0]
     rows = fit.weighted_residuals[part].reshape(-1, int(run.usable.sum()))
-    place = int(run.usable[: cause.point].sum())
+    place = int(run.usable[:point].sum())
     away = float(np.linalg.norm(rows[:, place]))
-    return f"point {cause.point + 1} of {cause.name}{_where(run, cause.point)} alone is wrong, by {away:.2g} standard errors"
+    return f"point {point + 1} of {cause.name}{_where(run, point)} alone is wrong, by {away:.2g} standard errors"
 
 
 def _where(run: observed.Observation, point: int) -> str:
@@ -106,8 +174,9 @@ def _where(run: observed.Observation, point: int) -> str:
 
 
 def with_words(fit: JointFit, explanation: Explanation) -> Explanation:
-    """Return the explanation with its words: the cause, and what the fit is with it."""
-    cause = cause_words(fit, explanation.cause, explanation.size, explanation.standard_error)
+    """Return the explanation with its words: the cause, what the fit is with it, and what would show it."""
+    cause = explanation.cause
+    said = cause_words(fit, cause, explanation.sizes)
     freedom = explanation.degrees_of_freedom
     with_it = f"chi-square {fit.cost:.0f} becomes {explanation.chi_square:.0f} for {freedom} degrees of freedom"
     if explanation.p_value < MIN_P_VALUE:
@@ -117,4 +186,6 @@ def with_words(fit: JointFit, explanation: Explanation) -> Explanation:
             f"{s.name} {s.before:.3g} becomes {format_with_uncertainty(s.after, s.standard_error)}"
             for s in explanation.shifts
         )
-    return replace(explanation, cause_words=cause, words=f"{cause} ({with_it})")
+    kind = RUN_WORDS.get(cause.kind)
+    check = kind.check.format(run=cause.name) if kind else PARAMETER_CHECKS.get(cause.name, "measuring it again")
+    return replace(explanation, cause_words=said, words=f"{said} ({with_it})", check=check)

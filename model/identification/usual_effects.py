@@ -1,27 +1,29 @@
 """Usual nonidealities of a tactor and its set-up, as parameters of every fit with the size that is to be expected of them.
 
-Each is free with a normal prior around none, as a length is around what a ruler read. A specimen sheet, `--prior` or `--fix` replaces the
-prior; `--sheet none` and `--plain` hold all of them at none.
+Each is free with a normal prior around none, as a length is around what a ruler read; of one that has a sign, such as creep, this is half of
+a normal distribution. What neither sheet nor runs say of the specimen is free around Table I. A specimen sheet, `--prior` or `--fix` replaces
+the prior; `--sheet none` holds all of them, `--plain` the nonidealities.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import sqrt
 
-from model.identification import (
+from model.identification.fit_options import FitOptions
+from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
     ObservationSet,
     StaticLoadingObservation,
     VoltageStepsObservation,
-    parameter_spec,
 )
+from model.identification.parameters import parameter_spec
 
 
 @dataclass(frozen=True, slots=True)
 class UsualEffect:
-    """A nonideality with its standard deviation among tactors, SI, and the source of that."""
+    """A nonideality or parameter with its standard deviation among tactors, SI, and the source of that."""
 
     standard_deviation: float
     source: str
@@ -39,6 +41,13 @@ USUAL_EFFECTS: Mapping[str, UsualEffect] = {
 }
 """Without the amplifier's slope below rest: its uncertainty is in the uncertainty of the slopes in the bench file."""
 
+ASSUMED_PARAMETERS: Mapping[str, UsualEffect] = {
+    "k2": UsualEffect(0.2, "MFC, glue and plate of one batch; unproven"),
+    "c0": UsualEffect(0.25, "damping differs more between tactors than stiffness; unproven"),
+    "E_m": UsualEffect(0.2, "rubber of one hardness, 6 to 8.5 MPa; unproven"),
+}
+"""Relative standard deviation around Table I of what the kinds of runs do not determine; values that were identified from runs."""
+
 
 def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]]:
     """Return value and standard deviation of each usual nonideality that these runs depend on, by name."""
@@ -52,6 +61,24 @@ def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]
     if slopes and any(isinstance(run, driven) for run in observations.runs):
         found["gain_below_rest"] = 0.0, sqrt(2) * max(slopes)  # difference of two slopes with an error each
     return found
+
+
+def assumed_parameters(observations: ObservationSet) -> dict[str, tuple[float, float]]:
+    """Return Table I with its spread for each parameter that these runs depend on and a fit would hold, by name."""
+    free = FitOptions().free_parameters(observations)
+    needed = set(_used_parameters(observations)) - set(free)
+    table = {name: float(parameter_spec(name).default or 0.0) for name in ASSUMED_PARAMETERS if name in needed}
+    return {name: (value, ASSUMED_PARAMETERS[name].standard_deviation * value) for name, value in table.items()}
+
+
+def _used_parameters(observations: ObservationSet) -> Iterator[str]:
+    for run in observations.runs:
+        if not isinstance(run, MembraneSagObservation):
+            yield "k2"
+        if isinstance(run, MassResonanceObservation) and run.meaning == "peak":
+            yield "c0"
+        if isinstance(run, FrequencyResponseObservation) and run.elongation_m is not None:
+            yield "E_m"
 
 
 def _affecting(observations: ObservationSet) -> Iterator[str]:
