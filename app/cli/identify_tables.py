@@ -11,6 +11,7 @@ from app.common import Column, Table, track
 from app.identification import (
     ADEQUACY_TEXT,
     IdentificationResult,
+    assumed_line,
     budget_record,
     budget_tables,
     contradictions,
@@ -59,6 +60,8 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
                 Column("words", "", [e.cause_words for e in found], "meaning"),
                 Column("chi_square", "", [e.chi_square for e in found], "chi-square with it", format_spec=".5g"),
                 Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in found], "degrees of freedom"),
+                Column("log_odds", "", [e.log_odds for e in found], "ln odds", format_spec=".3g"),
+                Column("check", "", [e.check for e in found], "what would show it"),
                 Column("likely", "", ["yes" if e in likeliest else "no" for e in found], "likely"),
             ),
         )
@@ -80,7 +83,7 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
 def also_hint(likeliest: Sequence[Explanation]) -> str:
     """Return how to repeat the fit with the likeliest cause; empty if it is no parameter."""
     first = likeliest[0].cause
-    if first.kind != "parameter":
+    if not first.proposable:
         return ""
     return f"the fit with it: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
 
@@ -211,6 +214,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     unstated = unstated_errors(identification)
     heading = [
+        assumed_line(identification),
         dimensions_line(identification, f"'tactor-bench specimen new {identification.specimen}' writes one"),
         held_parameters(identification, "--prior gives a value its uncertainty"),
         f"exact for want of a stated uncertainty: {', '.join(unstated)}." if unstated else "",
@@ -266,6 +270,23 @@ def _identification_tables(identification: IdentificationResult) -> Iterator[Tab
                 Column("r", "", [v.r for v in curves], "Pearson's r", format_spec=".5f"),
                 Column("p", "", [v.p for v in curves], format_spec=".2g"),
                 Column("points", "", [v.points for v in curves]),
+            ),
+        )
+    if differences := identification.joint_differences:
+        yield Table(
+            "joint",
+            "How far the chain is from the joint fit, and why",
+            (
+                Column("name", "", [d.name for d in differences], "parameter"),
+                Column("difference", "%", [100 * d.share for d in differences], format_spec="+.2g"),
+                Column(
+                    "sigmas",
+                    "",
+                    [d.sigmas for d in differences],
+                    "in total uncertainties of the joint fit",
+                    format_spec="+.2g",
+                ),
+                Column("reasons", "", [d.reasons for d in differences], "left out by the chain, or held"),
             ),
         )
     yield from nonideality_tables(identification)

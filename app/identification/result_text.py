@@ -2,7 +2,7 @@
 
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
-from model import Membrane, Tactor, format_with_uncertainty, parameter_specs
+from model import Membrane, Tactor, format_quantity, format_with_uncertainty, parameter_specs
 from model.identification import MembraneSagObservation
 
 ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
@@ -38,6 +38,16 @@ def steps_line(identification: IdentificationResult, also: str, plain: str) -> s
         f"the model was not adequate by itself; added in turn, as its test proposed: {words}; {end}. "
         f"To agree to it: {also} {','.join(names)}; the model without any of them: {plain}."
     )
+
+
+def assumed_line(identification: IdentificationResult) -> str:
+    """Return the parameters that neither sheet nor runs say, with what is assumed of them, and the temperature of the results, as text."""
+    shown = [format_quantity(e.value, e.standard_error, e.unit, e.name) for e in identification.assumed]
+    names = [f"{e.name} {text}" for e, text in zip(identification.assumed, shown, strict=True)]
+    assumed = f"assumed, as neither sheet nor runs say it: {', '.join(names)}." if names else ""
+    reference_c = identification.observations.reference_c
+    stated = f"k2, mu and c0 are those at {reference_c:.1f} °C." if reference_c is not None else ""
+    return " ".join(filter(None, (assumed, stated)))
 
 
 def held_parameters(identification: IdentificationResult, hint: str = "") -> str:

@@ -1,6 +1,7 @@
 """Parameter identification of a specimen from run files, by joint fit or by the paper's chain."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,17 +16,21 @@ from model.identification import (
     NONIDEALITIES,
     USUAL_EFFECTS,
     Adequacy,
+    ChainDifference,
     CurveValidation,
     DecayPoleObservation,
     ExtensionStep,
     FitOptions,
     FrequencyResponseObservation,
+    IdentificationError,
     JointFit,
     ObservationSet,
+    PaperChainError,
     PaperChainOptions,
     RunResiduals,
     UncertaintyBudget,
     assess_adequacy,
+    chain_differences,
     default_values,
     extend_stepwise,
     identify_by_paper_chain,
@@ -34,6 +39,7 @@ from model.identification import (
     prior_moments,
     uncertainty_budget,
     with_model_error,
+    with_temperature_error,
 )
 from protocols.runfile import Run
 
@@ -81,6 +87,8 @@ class IdentificationResult:
     """Causes that were added to a first fit whose model was not adequate, in turn."""
     first_fit: JointFit | None = field(default=None, repr=False)
     """Of a joint fit: the one without any of them."""
+    joint_differences: tuple[ChainDifference, ...] = ()
+    """Of the paper's chain: how far it is from the joint fit."""
 
     @property
     def known(self) -> Mapping[str, tuple[float, float]]:
@@ -95,7 +103,9 @@ class IdentificationResult:
             return ()
         usual = {**USUAL_EFFECTS, **ASSUMED_PARAMETERS}.keys() & self.known.keys()
         expected = {name: prior_moments(name, self.known[name])[1] for name in usual}
-        return tuple(e for e in self.estimates if e.name in usual and e.standard_error > ASSUMED_SHARE * expected[e.name])
+        return tuple(
+            e for e in self.estimates if e.name in usual and e.standard_error > ASSUMED_SHARE * expected[e.name]
+        )
 
     @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
@@ -191,6 +201,7 @@ def identify_observations(
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
         FitCancelled: `cancelled` returned true.
     """
+    given = options
     if sheet is not None:
         if sheet.simulated and (real := [run for run in observations.runs if not run.simulated]):
             raise SheetError(
@@ -199,13 +210,18 @@ def identify_observations(
             )
         options = sheet.fit_options(options, observations, plain or method == "chain")
     if method == "chain":
-        return _chain_result(specimen, observations, options, sheet)
+        joint: JointFit | None = None
+        with suppress(IdentificationError, ParameterError):
+            fitted = identify_observations(specimen, observations, "joint", given, progress, sheet, cancelled=cancelled)
+            joint = fitted.joint_fit
+        return _chain_result(specimen, observations, options, sheet, joint)
     first_fit = joint_fit(observations, options, progress, cancelled)
     adequacy = assess_adequacy(first_fit, cancelled=cancelled)
     steps = () if plain or sheet is None else tuple(extend_stepwise(first_fit, adequacy, cancelled))
     fits = (first_fit, *(step.fit for step in steps))
     adequacy = steps[-1].adequacy if steps else adequacy
     fit = with_model_error(fits[-1], adequacy, fits[:-1])
+    fit = fit if plain or sheet is None else with_temperature_error(fit)
     estimates = fit.estimates()
     return IdentificationResult(
         specimen,
@@ -230,7 +246,11 @@ def identify_observations(
 
 
 def _chain_result(
-    specimen: str, observations: ObservationSet, options: FitOptions, sheet: SpecimenSheet | None
+    specimen: str,
+    observations: ObservationSet,
+    options: FitOptions,
+    sheet: SpecimenSheet | None,
+    joint: JointFit | None,
 ) -> IdentificationResult:
     """Return the result of the paper's chain, from the runs that it has a step for."""
     observations, left_out = _paper_observations(observations)
@@ -251,7 +271,19 @@ def _chain_result(
         notes=(*left_out, *([] if sheet is None else [CHAIN_SHEET_NOTE]), *(step.summary for step in chain.steps)),
         shapes=options.n,
         sheet=sheet,
+        joint_differences=() if joint is None else chain_differences(chain.values, observations, chosen, joint),
     )
+
+
+def compare_with_chain(found: IdentificationResult) -> tuple[ChainDifference, ...]:
+    """Return how far the paper's chain is from a joint fit, and why; empty where the chain is not possible."""
+    fit = found.joint_fit
+    if fit is None:
+        return ()
+    try:
+        return _chain_result(found.specimen, found.observations, fit.options, found.sheet, fit).joint_differences
+    except (PaperChainError, ParameterError):
+        return ()
 
 
 def _paper_observations(observations: ObservationSet) -> tuple[ObservationSet, list[str]]:

@@ -124,7 +124,7 @@ class SpecimenSheet:
         """
         usual = assumed_parameters(observations) | ({} if plain else usual_effects(observations))
         names = self._names_for(observations)
-        own = {*options.fixed, *options.tied, *options.priors, *(options.free or ())}
+        own = {*options.fixed, *options.tied, *options.priors, *options.also, *(options.free or ())}
         known = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
         priors = {name: prior for name, prior in {**known, **usual, **known}.items() if name not in own}
         free = None if options.free is None else (*options.free, *(name for name in priors if name not in options.free))

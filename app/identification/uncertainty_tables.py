@@ -35,6 +35,9 @@ SEEN_SIGMAS = 3.0
 
 CONTRADICTION_SIGMAS = 3.0
 """Correction of a known value, in its standard uncertainties, from which on it is questioned."""
+
+TOLD_SHARE = 0.99
+"""Of the uncertainty of a known value: runs that leave more of it say nothing of the value."""
 UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
     (
         "displacement",
@@ -127,6 +130,7 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
 def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the table of nonidealities that were expected, with their meaning; none without any."""
     found, known = identification.nonidealities, identification.known
+    assumed = {e.name for e in identification.assumed}
     if found:
         yield Table(
             "nonidealities",
@@ -135,7 +139,12 @@ def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("name", "", [e.name for e in found], "parameter"),
                 Column("expected", "", [format_size(*known[e.name], e.unit) for e in found]),
                 Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in found]),
-                Column("words", "", [_meaning(identification, e) or "not seen" for e in found], "meaning"),
+                Column(
+                    "words",
+                    "",
+                    [_meaning(identification, e) or ("assumed" if e.name in assumed else "not seen") for e in found],
+                    "meaning",
+                ),
                 Column("value", "", [e.value for e in found], displayed=False),
                 Column("standard_error", "", [e.standard_error for e in found], displayed=False),
                 Column("unit", "", [e.unit for e in found], displayed=False),
@@ -242,11 +251,11 @@ def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
     found, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
     for name, (value, uncertainty) in identification.known.items():
         after = found.get(name)
-        if after is None or fit is None:
+        if after is None or fit is None or fit.degrees_of_freedom <= 0:
             continue
         at = fit.names.index(name)
         error = float(fit.covariance[at, at]) ** 0.5  # of a right model
-        if not error < uncertainty:
+        if not error < TOLD_SHARE * uncertainty:
             continue
         sigmas = (after.value - value) / (uncertainty**2 - error**2) ** 0.5
         if abs(sigmas) > CONTRADICTION_SIGMAS:

@@ -9,6 +9,7 @@ from app.common import Table, pluralize, typeset_unit
 from app.identification import (
     TABLE_ONE,
     BudgetBar,
+    assumed_line,
     budget_bars,
     budget_record,
     contradictions,
@@ -94,6 +95,8 @@ def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
     count = pluralize(len(found.observations.runs), "set")
     yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
+    if assumed := assumed_line(found):
+        yield Paragraph(_capitalized(assumed))
     yield Paragraph(f"{_capitalized(specimen.sheet.description)}.")
     if held := held_parameters(found):
         yield Paragraph(_capitalized(held))

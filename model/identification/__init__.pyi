@@ -4,6 +4,7 @@ from .attribution.diagnosis import diagnose as diagnose
 from .attribution.explanation import Diagnosis as Diagnosis
 from .attribution.explanation import Explanation as Explanation
 from .attribution.model_error import with_model_error as with_model_error
+from .attribution.model_error import with_temperature_error as with_temperature_error
 from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
 from .attribution.words import describe_cause as describe_cause
@@ -11,6 +12,8 @@ from .attribution.words import format_size as format_size
 from .bounded_priors import prior_moments as prior_moments
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
+from .chain_difference import ChainDifference as ChainDifference
+from .chain_difference import chain_differences as chain_differences
 from .experiment_design import ExpectedPrecision as ExpectedPrecision
 from .experiment_design import Proposal as Proposal
 from .experiment_design import default_candidates as default_candidates

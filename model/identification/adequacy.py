@@ -174,7 +174,7 @@ def noncentral_chi_square_tail(value: float, degrees: int, noncentrality: float)
 
 
 def _predicted_harmonic(fit: JointFit, run: FrequencyResponseObservation, k: int, f: Array, here: Mask) -> Array:
-    v: Values = values_of_run(fit.values, run)
+    v: Values = values_of_run(fit.values, run, fit.observations.reference_c)
     factors = equation_factors(beam_under(run, v), skin_from_values(run, v), 1)
     per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
     H = ReceptanceSolver(l1, l2, fit.options.n).response(factors.take_rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]

@@ -38,7 +38,10 @@ def near_limit(name: str, prior: Prior) -> tuple[float, int] | None:
     interval, (value, deviation) = known.SPECIMEN_PARAMETERS.get(name), prior
     if interval is None:
         return None
-    for limits, side in (((interval.interval.ge, interval.interval.gt), 1), ((interval.interval.le, interval.interval.lt), -1)):
+    for limits, side in (
+        ((interval.interval.ge, interval.interval.gt), 1),
+        ((interval.interval.le, interval.interval.lt), -1),
+    ):
         for limit in limits:
             if limit is not None and abs(value - float(limit)) < NEAR_SIGMAS * deviation:  # type: ignore[arg-type]
                 return float(limit), side  # type: ignore[arg-type]
@@ -52,7 +55,10 @@ def prior_moments(name: str, prior: Prior) -> Prior:
 
 
 def normal_equivalents(
-    names: tuple[str, ...], priors: Mapping[str, Prior], present: Mapping[str, Prior], theta: Array, jacobian: Array, residuals: Array
+    names: tuple[str, ...],
+    priors: Mapping[str, Prior],
+    present: Mapping[str, Prior],
+    linear_fit: tuple[Array, Array, Array],
 ) -> dict[str, Prior]:
     """Return the normal priors with which a linear fit has the posterior means and variances of the truncated ones, by name.
 
@@ -60,8 +66,9 @@ def normal_equivalents(
         names: parameters of the fit, (P,).
         priors: every prior value of a specimen's parameter.
         present: normal priors that took the place of truncated ones in the fit.
-        theta, jacobian, residuals: of the fit, with the rows of its priors: (P,), (rows, P), (rows,).
+        linear_fit: parameters (P,), slopes (rows, P) and residuals (rows,) with the rows of the priors.
     """
+    theta, jacobian, residuals = linear_fit
     limits = {name: found for name in present if (found := near_limit(name, priors[name])) is not None}
     scale = 1 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     J = jacobian * scale

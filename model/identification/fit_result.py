@@ -91,8 +91,9 @@ class JointFit:
     message: str
     evaluations: int
     duration_s: float
-    model_shifts: tuple[tuple[float, ...], ...] = ()
-    """Of a model that is not adequate: changes of the parameters with each of its possible causes, in the order of `names`."""
+    further_shifts: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    """Source and change of the parameters, in the order of `names`, of each uncertainty that is no residual: of a model that is not
+    adequate the change with each of its possible causes, and that with a temperature nobody stated."""
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
@@ -242,21 +243,15 @@ class JointFit:
         return np.asarray(inverse @ (J.T * np.sqrt(spread)) * self.parameter_scale[:, None])
 
     @cached_property
-    def model_errors(self) -> Array:
-        """(P,): standard uncertainty of each parameter because the model is not adequate; 0 for an adequate one."""
-        shifts = np.array(self.model_shifts, float).reshape(-1, len(self.names))
-        return np.asarray(np.sqrt((shifts**2).sum(axis=0)))
-
-    @cached_property
     def enlarged_covariance(self) -> Array:
-        """(P, P) with the errors of each run enlarged by its own factor, and the model's errors; the parameters stay where they are."""
+        """(P, P) with the errors of each run enlarged by its own factor, and further shifts; the parameters stay where they are."""
         if self.options.loss == "linear" and self.error_scale == 1:
             covariance = self.covariance
         else:
             covariance = np.asarray(self.row_influences @ self.row_influences.T)
-        if not self.model_shifts:
+        if not self.further_shifts:
             return covariance
-        shifts = np.array(self.model_shifts, float)
+        shifts = np.array([shift for _, shift in self.further_shifts], float)
         return np.asarray(covariance + shifts.T @ shifts)
 
     @property

@@ -75,9 +75,12 @@ class FiniteDifferences:
         theta: the point, (P,).
         scale: of each free parameter, (P,); a step is a share of it, or of the parameter where that is larger.
         join: every parameter by name from the free ones, (P, S).
+        reference_c: temperature that the parameters are for, if known.
     """
 
-    def __init__(self, theta: Array, scale: Array, all_values: Callable[[Array], Values]) -> None:
+    def __init__(
+        self, theta: Array, scale: Array, all_values: Callable[[Array], Values], reference_c: float | None
+    ) -> None:
         P = theta.size
         self.set_count = 2 * P + 1
         self._steps = RELATIVE_STEP * np.maximum(np.abs(theta), scale)
@@ -86,10 +89,11 @@ class FiniteDifferences:
         table[P + 1 :] -= np.diag(self._steps)
         self.values = all_values(table.T)
         """Every parameter by name: plain where it is fixed, else (S,)."""
+        self._reference_c = reference_c
 
     def of_run(self, run: observed.Observation) -> Values:
         """Return every parameter as it is in a run."""
-        return nonidealities.values_of_run(self.values, run)
+        return nonidealities.values_of_run(self.values, run, self._reference_c)
 
     def derivatives(self, y: Any) -> Any:
         """Derivatives by the free parameters from the values of all sets: (S, ...) -> (P, ...)."""
@@ -193,7 +197,7 @@ class ForwardModel:
 
     def predict(self, theta: Array) -> list[Prediction]:
         """One entry a run, in the campaign's order."""
-        at = FiniteDifferences(theta, self._scale, self._all_values)
+        at = FiniteDifferences(theta, self._scale, self._all_values, self.observations.reference_c)
         same_clamp: dict[tuple[str, ...], list[observed.FrequencyResponseObservation]] = {}
         for run in self._responses:
             if run.fundamental_m is not None:

@@ -47,7 +47,7 @@ LARGE_MISFIT = 4.0
 """Cost over the degrees of freedom from which on a minimum may be a wrong one."""
 
 SPREAD_PARAMETERS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-SPREAD = 3.0
+SPREAD = 2.0
 """Parameters of further starts, and the factor by which they differ from the default values at most."""
 
 MAX_SPREAD_STARTS = 6
@@ -155,7 +155,9 @@ def joint_fit(
             + "; choose other initial values"
         )
     if not agreed and best.converged and max_starts > 1:
-        best = replace(best, converged=False, message=f"no two starts of {max_starts} lead to the least chi-square that was found")
+        best = replace(
+            best, converged=False, message=f"no two starts of {max_starts} lead to the least chi-square that was found"
+        )
     best = _with_limits(best, watch) if enlarged == 1 else best
     return replace(best, evaluations=watch.evaluations, duration_s=perf_counter() - began)
 
@@ -164,7 +166,9 @@ def _with_limits(fit: JointFit, watch: "_FitMonitor") -> JointFit:
     """Return the fit with normal distributions that stand for its priors next to a limit; the fit as it is without any."""
     present = fit.problem.normal_priors
     for _ in range(MAX_LIMIT_FITS if present else 0):
-        sites = normal_equivalents(fit.names, fit.options.priors, present, fit.theta, fit.jacobian, fit.weighted_residuals)
+        sites = normal_equivalents(
+            fit.names, fit.options.priors, present, (fit.theta, fit.jacobian, fit.weighted_residuals)
+        )
         moved = [abs(sites[n][k] - present[n][k]) / fit.options.priors[n][1] for n in present for k in (0, 1)]
         if max(moved) < LIMIT_TOLERANCE:
             break
@@ -200,7 +204,9 @@ def _starting_points(problem: LeastSquaresProblem) -> Iterator[Array]:
     base = problem.options.base_values()
     table = np.array([known.start_value(n, base) for n in problem.names])
     options = problem.options
-    chosen = PaperChainOptions(options.tactor, options.membrane, options.contact_length, amplifier=options.amplifier, n=options.n)
+    chosen = PaperChainOptions(
+        options.tactor, options.membrane, options.contact_length, amplifier=options.amplifier, n=options.n
+    )
     with suppress(PaperChainError, ParameterError, np.linalg.LinAlgError):
         values = identify_by_paper_chain(problem.observations, chosen).values
         yield np.array([values.get(n, x) for n, x in zip(problem.names, table, strict=True)])

@@ -39,15 +39,19 @@ NONIDEALITIES = {
         ParameterSpec.listed("delay", Interval(), 0.0),
         ParameterSpec.listed("gain_drift", Interval(gt=-1), 0.0),
         ParameterSpec.listed("elongation_offset", Interval(), 0.0),
+        ParameterSpec.listed("k2_per_kelvin", Interval(), 0.0),
+        ParameterSpec.listed("mu_per_kelvin", Interval(), 0.0),
+        ParameterSpec.listed("c0_per_kelvin", Interval(), 0.0),
         ParameterSpec.listed("elongation_slip", Interval(ge=0, lt=1), 0.0),
     )
 }
+TEMPERATURE_DEPENDENT = ("k2", "mu", "c0")
 LOADING_TIME_S = 10.0
 STEP_TIME_S = 1.0
 """From a weight, or a level, to its reading, where a run does not state it."""
 STIFFENING_M = 1e-3
 """Deflection at which the stiffness has grown by `stiffening`."""
-TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
+TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0, "1/K": 0.1}
 """By unit, what one hundred percent of a nonideality means: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
 
@@ -92,14 +96,21 @@ def with_acting_mass(v: Values) -> Values:
     return {**v, "m_add": acting_mass(v, v["mass_put_in"])} if np.any(v["mass_put_in"]) else v
 
 
-def values_of_run(v: Values, run: observed.Observation) -> Values:
-    """Return the parameters as they are in a run: with its errors of added mass and clamp, and the lengths that a flexible clamp acts as."""
+def values_of_run(v: Values, run: observed.Observation, reference_c: float | None = None) -> Values:
+    """Return the parameters as they are in a run.
+
+    They have its errors of added mass and clamp, the lengths that a flexible clamp acts as, and the change from the temperature
+    `reference_c` to that of the run, where both are known.
+    """
     own = {e.name: e.acts_on for e in run.shared_errors if e.acts_on in ("clamp", "mass") and e.name in v}
     flexibility = sum((v[name] for name, on in own.items() if on == "clamp"), start=v["clamp_flexibility"])
     changed = flexible_clamp_lengths(v, flexibility) if np.any(flexibility) else {}
     masses = [v[name] for name, on in own.items() if on == "mass"]
     if masses and not isinstance(run, observed.MassResonanceObservation):
         changed["m_add"] = sum(masses, start=v["m_add"])
+    if run.temperature_c is not None and reference_c is not None and run.temperature_c != reference_c:
+        warmer = run.temperature_c - reference_c
+        changed |= {name: v[name] * (1 + v[f"{name}_per_kelvin"] * warmer) for name in TEMPERATURE_DEPENDENT}
     return {**v, **changed} if changed else v
 
 

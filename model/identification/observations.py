@@ -6,6 +6,7 @@ whether it is `simulated`. Points that are not good stay in the record and are l
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -15,7 +16,18 @@ from model.drive_history import DriveHistory
 
 Side = Literal["mfc", "aluminium", "both"]
 ErrorTarget = Literal[
-    "displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency", "rest", "clamp", "clock", "reading"
+    "displacement",
+    "volts",
+    "load",
+    "mass",
+    "delay",
+    "level",
+    "elongation",
+    "frequency",
+    "rest",
+    "clamp",
+    "clock",
+    "reading",
 ]
 SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "displacement": "1",
@@ -84,6 +96,8 @@ class _ObservationBase:
     """(F,): which points a fit may use; None: all."""
     shared_errors: tuple[SharedError, ...] = field(default=(), kw_only=True)
     simulated: bool = field(default=False, kw_only=True)
+    temperature_c: float | None = field(default=None, kw_only=True)
+    """Of the air, degrees Celsius; None if not known."""
     shapes: Mapping[str, Complex | Array] = field(default_factory=dict, kw_only=True)
     """By name of a shared error of the reading: its shape over the points, (F,)."""
 
@@ -338,6 +352,12 @@ class ObservationSet:
     def of_type(self, observation_type: type[ObservationT]) -> list[ObservationT]:
         """The runs of one kind, in order."""
         return [run for run in self.runs if isinstance(run, observation_type)]
+
+    @cached_property
+    def reference_c(self) -> float | None:
+        """Temperature that the results of a fit are for, degrees Celsius: the mean of the runs'; None where none is known."""
+        known = [run.temperature_c for run in self.runs if run.temperature_c is not None]
+        return sum(known) / len(known) if known else None
 
     @property
     def simulated(self) -> bool:

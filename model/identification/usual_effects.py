@@ -11,9 +11,11 @@ from math import sqrt
 
 from model.identification.fit_options import FitOptions
 from model.identification.observations import (
+    DecayPoleObservation,
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
+    Observation,
     ObservationSet,
     StaticLoadingObservation,
     VoltageStepsObservation,
@@ -49,6 +51,22 @@ ASSUMED_PARAMETERS: Mapping[str, UsualEffect] = {
 """Relative standard deviation around Table I of what the kinds of runs do not determine; values that were identified from runs."""
 
 
+TEMPERATURE_COEFFICIENTS: Mapping[str, UsualEffect] = {
+    "k2_per_kelvin": UsualEffect(
+        1e-3, "aluminium -0.05 %/K, glue and Kapton some times that; unproven for the laminate"
+    ),
+    "mu_per_kelvin": UsualEffect(
+        2e-3, "free strain of piezoelectric fibre composites, largest near 30 °C (doi:10.3390/s19081809)"
+    ),
+    "c0_per_kelvin": UsualEffect(5e-3, "damping of glue and Kapton; unproven"),
+}
+"""Relative change per kelvin, standard deviation around none."""
+ASSUMED_KELVINS = 1.0
+"""Standard uncertainty of a temperature that no run states: of a laboratory with air conditioning."""
+MIN_WARMER_K = 0.1
+"""Differences of temperature below change nothing that a fit would see."""
+
+
 def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]]:
     """Return value and standard deviation of each usual nonideality that these runs depend on, by name."""
     found = {
@@ -60,7 +78,45 @@ def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]
     slopes = [e.standard_error for e in observations.shared_errors.values() if e.acts_on == "volts"]
     if slopes and any(isinstance(run, driven) for run in observations.runs):
         found["gain_below_rest"] = 0.0, sqrt(2) * max(slopes)  # difference of two slopes with an error each
-    return found
+    return found | _temperature_effects(observations)
+
+
+def _temperature_effects(observations: ObservationSet) -> dict[str, tuple[float, float]]:
+    """Return the coefficients that runs at different temperatures depend on."""
+    runs = [
+        run
+        for run in observations.runs
+        if not isinstance(run, MembraneSagObservation) and run.temperature_c is not None
+    ]
+    if (
+        not runs
+        or max(abs(float(run.temperature_c or 0.0) - float(observations.reference_c or 0.0)) for run in runs)
+        < MIN_WARMER_K
+    ):
+        return {}
+    used = {name for run in runs for name in _temperature_dependent(run)}
+    return {name: (0.0, each.standard_deviation) for name, each in TEMPERATURE_COEFFICIENTS.items() if name[:2] in used}
+
+
+def assumed_temperature(observations: ObservationSet) -> dict[str, float]:
+    """Return the relative standard uncertainty of each parameter because the temperature of a run that shows it is not stated."""
+    runs = [
+        run for run in observations.runs if run.temperature_c is None and not isinstance(run, MembraneSagObservation)
+    ]
+    used = {name for run in runs for name in _temperature_dependent(run)}
+    return {
+        name[:2]: ASSUMED_KELVINS * each.standard_deviation
+        for name, each in TEMPERATURE_COEFFICIENTS.items()
+        if name[:2] in used
+    }
+
+
+def _temperature_dependent(run: Observation) -> Iterator[str]:
+    yield "k2"
+    if isinstance(run, VoltageStepsObservation | FrequencyResponseObservation):
+        yield "mu"
+    if isinstance(run, FrequencyResponseObservation | DecayPoleObservation | MassResonanceObservation):
+        yield "c0"
 
 
 def assumed_parameters(observations: ObservationSet) -> dict[str, tuple[float, float]]:

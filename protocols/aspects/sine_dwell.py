@@ -210,6 +210,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
         drive_offset_v=offset_v,
         elongation_m=elongation_m,
         good=good,
+        order=points.start_s + float(columns["part"][0] if "part" in columns else 0.0),
         **measured,
         **common,
     )

@@ -14,11 +14,10 @@ from model import Array, Complex, Membrane, Tactor, parameter_specs
 from model.identification import observations as observed
 from model.identification import parameters as known
 from model.identification.attribution.shapes import shaped_errors
-from model.identification.bounded_priors import prior_moments
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
-from model.identification.usual_effects import USUAL_EFFECTS
+from model.identification.usual_effects import TEMPERATURE_COEFFICIENTS, USUAL_EFFECTS
 
 SAME_EFFECT = {"b_Al": "h_Al", "E_Al": "h_Al", "b_m": "contact_length"}
 """Parameters that enter the model only together with another one, which stands for them."""
@@ -83,7 +82,9 @@ class Cause:
         options = free_as_well(fit, tuple(self.parameters))
         normal = {n: v for n, v in options.normal_priors.items() if n not in self.parameters}
         options = replace(options, priors={**options.priors, **self.parameters}, normal_priors=normal)
-        return with_errors(fit.observations, self.errors, {self.name: self.points} if self.points else {}, self.kind), options
+        return with_errors(
+            fit.observations, self.errors, {self.name: self.points} if self.points else {}, self.kind
+        ), options
 
 
 _LENGTHS = {q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))}
@@ -149,15 +150,15 @@ def possible_causes(fit: JointFit, predictions: Mapping[str, Any]) -> tuple[Caus
 
 def _held(fit: JointFit) -> Iterator[Cause]:
     """Yield every parameter that is held, around its value."""
-    base = fit.options.base_values()
+    base, usual = fit.options.base_values(), {**USUAL_EFFECTS, **TEMPERATURE_COEFFICIENTS}
     names = [q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))]
     for name in (*names, "contact_length", "asymmetry", *NONIDEALITIES):
         taken = name in fit.names or name in fit.options.tied or name in NO_CAUSES or name in SAME_EFFECT
         if taken or (name == "m_add" and (base.get("mass_put_in") or "mass_put_in" in fit.names)):
             continue
         value = known.start_value(name, base)
-        usual = USUAL_EFFECTS[name].standard_deviation if name in USUAL_EFFECTS else PLAUSIBLE_SHARE * abs(value)
-        yield Cause("parameter", name, name, {name: (value, PLAUSIBLE_SIZES.get(name, usual))})
+        size = usual[name].standard_deviation if name in usual else PLAUSIBLE_SHARE * abs(value)
+        yield Cause("parameter", name, name, {name: (value, PLAUSIBLE_SIZES.get(name, size))})
 
 
 def _known(fit: JointFit) -> Iterator[Cause]:
@@ -174,19 +175,25 @@ def _run_errors(fit: JointFit) -> Iterator[Cause]:
         return
     groups = dict(_groups(runs))
     for label, members in groups.items():
-        if not isinstance(members[0], observed.MassResonanceObservation | observed.MembraneSagObservation | observed.DecayPoleObservation):
+        if not isinstance(
+            members[0],
+            observed.MassResonanceObservation | observed.MembraneSagObservation | observed.DecayPoleObservation,
+        ):
             yield _error("scale", label, members, "displacement", SCALE_ERROR)
         responses = [r for r in members if isinstance(r, observed.FrequencyResponseObservation)]
         if responses or isinstance(members[0], observed.MassResonanceObservation | observed.DecayPoleObservation):
             yield _error("time base", label, members, "clock", CLOCK_ERROR)
         if responses and len(members) == 1:
-            if np.iscomplexobj(responses[0].fundamental_m):
+            if np.iscomplexobj(observed.observed_values(responses[0])[0]):
                 yield _error("delay", label, members, "delay", DELAY_ERROR_S)
             if responses[0].elongation_m is not None:
                 yield _error("elongation", label, members, "elongation", ELONGATION_ERROR_M)
     carrying = [r for r in runs if _carries_own_mass(r)]
     beams = [r for r in runs if not isinstance(r, observed.MembraneSagObservation)]
-    for kind, on, size, concerned in (("mass", "mass", MASS_ERROR_KG, carrying), ("clamp", "clamp", CLAMP_ERROR, beams)):
+    for kind, on, size, concerned in (
+        ("mass", "mass", MASS_ERROR_KG, carrying),
+        ("clamp", "clamp", CLAMP_ERROR, beams),
+    ):
         for i in range(1, len(concerned)):
             yield _error(f"{kind} from", concerned[i].label, concerned[i:], on, size)
         for i in range(len(concerned) - 1 if len(concerned) > 2 else 0):
@@ -197,7 +204,9 @@ def _run_errors(fit: JointFit) -> Iterator[Cause]:
 
 
 def _error(kind: str, label: str, runs: Sequence[observed.Observation], on: Any, size: float) -> Cause:
-    title = f"{kind} {label}{' on' if kind.endswith('from') else ''}" if kind[-2:] in ("of", "om") else f"{kind} of {label}"
+    title = (
+        f"{kind} {label}{' on' if kind.endswith('from') else ''}" if kind[-2:] in ("of", "om") else f"{kind} of {label}"
+    )
     error = observed.SharedError(title, on, size)
     return Cause(kind, label, title, errors=(RunError(error, dict.fromkeys([r.label for r in runs])),))
 
@@ -206,7 +215,11 @@ def _groups(runs: Sequence[observed.Observation]) -> Iterator[tuple[str, list[ob
     """Yield every run by itself, and all loadings, steps or dwells where there are several and others."""
     for run in runs:
         yield run.label, [run]
-    for kind, name in ((observed.StaticLoadingObservation, "loadings"), (observed.VoltageStepsObservation, "steps"), (observed.FrequencyResponseObservation, "dwells")):
+    for kind, name in (
+        (observed.StaticLoadingObservation, "loadings"),
+        (observed.VoltageStepsObservation, "steps"),
+        (observed.FrequencyResponseObservation, "dwells"),
+    ):
         same: list[observed.Observation] = [r for r in runs if isinstance(r, kind)]
         if 1 < len(same) < len(runs):
             yield f"all {name}", same

@@ -68,7 +68,9 @@ def _plausible(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Evid
         rows = evidence.fit.weighted_residuals[list(evidence.fit.prior_rows.values())]
         if np.abs(rows).max(initial=0.0) < PLAUSIBLE_SIGMAS:
             break
-        near = joint_fit(fit.observations, fit.options, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE, enlarged=factor)
+        near = joint_fit(
+            fit.observations, fit.options, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE, enlarged=factor
+        )
         evidence = Evidence(near)
     return evidence
 
@@ -100,7 +102,13 @@ def _explain(
     options = replace(options, start=_linear_start(evidence, cause, options.start))
     try:
         found = joint_fit(
-            observations, options, None, cancelled, max_evaluations=REFIT_EVALUATIONS, max_starts=1, tolerance=REFIT_TOLERANCE
+            observations,
+            options,
+            None,
+            cancelled,
+            max_evaluations=REFIT_EVALUATIONS,
+            max_starts=1,
+            tolerance=REFIT_TOLERANCE,
         )
     except (ParameterError, IdentificationError):
         return None
@@ -123,7 +131,9 @@ def _linear_start(evidence: Evidence, cause: Cause, start: Mapping[str, float]) 
     for name, change in zip(fit.names, (step[: fit.theta.size] * fit.parameter_scale).tolist(), strict=True):
         value = out.get(name, 0.0)
         out[name] = value + (max(change, -0.5 * value) if value > 0 else change)
-    plausible = [deviation for _, deviation in cause.parameters.values()] + [e.error.standard_error for e in cause.errors]
+    plausible = [deviation for _, deviation in cause.parameters.values()] + [
+        e.error.standard_error for e in cause.errors
+    ]
     for name, size, change in zip(cause.sizes, plausible, step[fit.theta.size :].tolist(), strict=True):
         if name not in fit.names:
             value = out.get(name, 0.0)

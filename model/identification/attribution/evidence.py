@@ -57,7 +57,9 @@ class Evidence:
         self.causes = tuple(c for c in every if c.kind != "exchange")
         self._exchanges = tuple(c for c in every if c.kind == "exchange")
         columns = self._columns()
-        self.effects: Mapping[Cause, Array] = {c: columns[:, at] for c, at in zip(self.causes, self._places, strict=True)}
+        self.effects: Mapping[Cause, Array] = {
+            c: columns[:, at] for c, at in zip(self.causes, self._places, strict=True)
+        }
         """What each cause adds to the weighted residuals for plausible sizes, (rows, its parameters)."""
         self._directions, self._weights, self._prices = self._decompose(columns)
 
@@ -98,7 +100,9 @@ class Evidence:
         ranks = np.array([np.searchsorted(np.sort(-t[1:]), -t, side="right") + 1.0 for t in tests]) / (DRAWS + 1)
         ranks[1, 0] = min(ranks[1, 0], chdtrc(max(fit.degrees_of_freedom, 1), tests[1][0]))
         least = ranks.min(axis=0)
-        own = (1 + np.sum(least[1:] <= least[0])) / (DRAWS + 1) if least[0] > 1 / DRAWS else float(least[0]) * len(tests)
+        own = (
+            (1 + np.sum(least[1:] <= least[0])) / (DRAWS + 1) if least[0] > 1 / DRAWS else float(least[0]) * len(tests)
+        )
         others = [min(1.0, p) for p in probabilities]
         return float(-np.expm1((1 + bool(others)) * np.log1p(-min(own, *others, 1 - 1e-12))))
 

@@ -40,7 +40,7 @@ def shaped_errors(runs: Sequence[observed.Observation], predictions: Mapping[str
         share = {label: (w / FULL_DEFLECTION_M) ** power for label, w in deflections.items()}
         if share and max(float(np.ptp(w)) for w in share.values()) > 0:
             yield "sensor curvature", order, "sensor curvature", [(CURVATURE, share)]
-    phased = [r for r in driven if np.iscomplexobj(r.fundamental_m)]
+    phased = [r for r in driven if np.iscomplexobj(predictions[r.label])]
     if phased and sum(int(r.usable.sum()) for r in phased) >= MIN_MOUNT_POINTS:
         f = {r.label: r.frequency_hz[r.usable] for r in phased}
         yield from _driven_shapes(f, len(phased) < len(runs))

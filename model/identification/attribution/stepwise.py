@@ -30,7 +30,7 @@ class ExtensionStep:
         return self.explanation.cause.name
 
 
-def proposed_parameter(fit: JointFit, adequacy: Adequacy) -> Explanation | None:
+def proposed_parameter(adequacy: Adequacy) -> Explanation | None:
     """Return the likeliest cause that a step may add; None where the likeliest are decisions of the operator."""
     if adequacy.adequate is not False or adequacy.diagnosis is None:
         return None
@@ -47,7 +47,7 @@ def extend_stepwise(
         FitCancelled: `cancelled` returned true.
     """
     for _ in range(MAX_STEPS):
-        proposal = proposed_parameter(fit, adequacy)
+        proposal = proposed_parameter(adequacy)
         if proposal is None:
             return
         found = proposal.fit

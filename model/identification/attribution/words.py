@@ -103,14 +103,20 @@ def cause_words(fit: JointFit, cause: Cause, sizes: tuple[tuple[float, float], .
     if cause.kind in RUN_WORDS:
         unit = observed.SHARED_ERROR_UNITS[cause.errors[0].error.acts_on]
         said = {"run": cause.name, "repeat": cause.title, "size": format_size(size, error, unit, False)}
-        said |= {"second": format_size(*sizes[-1], "1"), "factor": _common_factor(1 + size), "side": _other_side(fit, size)}
+        said |= {
+            "second": format_size(*sizes[-1], "1"),
+            "factor": _common_factor(1 + size),
+            "side": _other_side(fit, size),
+        }
         return _signed(RUN_WORDS[cause.kind].words, size).format(**said)
     spec = known.parameter_spec(cause.name)
     if cause.name in fit.options.priors:
         stated = format_size(*fit.options.priors[cause.name], spec.unit)
         meaning = _parameter_words(fit, cause.name, size, error) if cause.name in PARAMETER_WORDS else ""
         said_of = f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}"
-        return f"{meaning or said_of}, far from {stated}, which was {'stated' if cause.kind == 'stated' else 'expected'}"
+        return (
+            f"{meaning or said_of}, far from {stated}, which was {'stated' if cause.kind == 'stated' else 'expected'}"
+        )
     return _parameter_words(fit, cause.name, size, error)
 
 

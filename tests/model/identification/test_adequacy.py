@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from model.identification.model_discrepancy import possible_discrepancies
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.adequacy import Adequacy, assess_adequacy
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
-from model.identification.model_discrepancy import possible_discrepancies
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,

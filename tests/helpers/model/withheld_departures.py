@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from benchmarks.blind import Departure, Raw
-from benchmarks.departures import dynamic, from_place, in_run, one_point, scaled, stand, wrong_side
 from tests.helpers.laboratory import Laboratory
+from tests.helpers.model.departures import dynamic, from_place, in_run, one_point, scaled, stand, wrong_side
+from tests.helpers.model.laboratories import Departure, Raw
 
 
 def _in_kind(kind: str, change):
@@ -71,8 +71,6 @@ def _hum_at(index: int, added_m: float):
             raw.w[index] += added_m * (0.6 + 0.8j)
 
     return read
-
-
 
 
 WITHHELD: tuple[Departure, ...] = (

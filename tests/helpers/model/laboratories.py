@@ -109,7 +109,14 @@ class Departure:
 
 
 UNDISTURBED = Departure("none", "", ())
-CENTRES = {"creep": 0.016, "hysteresis": 0.1, "clamp": 0.016, "elongation_slip": 0.016, "asymmetry": 0.04, "mass_loss": 0.15}
+CENTRES = {
+    "creep": 0.016,
+    "hysteresis": 0.1,
+    "clamp": 0.016,
+    "elongation_slip": 0.016,
+    "asymmetry": 0.04,
+    "mass_loss": 0.15,
+}
 """Usual size of each nonideality, around which every laboratory draws in its own way."""
 
 
@@ -179,9 +186,15 @@ def draw(seed: int, departure: Departure = UNDISTURBED, stream: int = 28) -> Wor
         "weights": (SharedError("weights", "load", balance), _error(rng, balance)),
         "masses": (SharedError("added masses", "mass", 2e-5), _error(rng, 2e-5)),
     }
-    noise, from_rest, spare = float(np.exp(rng.uniform(np.log(0.4), np.log(2)))), bool(rng.integers(2)), bool(rng.integers(2))
+    noise, from_rest, spare = (
+        float(np.exp(rng.uniform(np.log(0.4), np.log(2)))),
+        bool(rng.integers(2)),
+        bool(rng.integers(2)),
+    )
     # b_m and L_m are constants of the solver: what was read is off, not they
-    entries = {n: (replace(e, value=e.value + departure.sheet[n]) if n in departure.sheet else e) for n, e in entries.items()}
+    entries = {
+        n: (replace(e, value=e.value + departure.sheet[n]) if n in departure.sheet else e) for n, e in entries.items()
+    }
     specimen = Laboratory(**(own | beyond | {"h_m": sizes["h_m"]} | dict(departure.fields)))
     names = {"clamp": "clamp_flexibility", "gain_below": "gain_below_rest"}
     truth = own | {names.get(n, n): v for n, v in beyond.items()} | {n: sizes[n] for n in stated}
@@ -209,7 +222,10 @@ def subset(observations: ObservationSet, kinds: tuple[str, ...]) -> ObservationS
 
 
 def _raw_runs(world: World, departure: Departure, rng: np.random.Generator) -> Any:
-    plan: list[tuple[str, str, float | None]] = [("loading", "loading mfc", None), ("loading", "loading aluminium", None)]
+    plan: list[tuple[str, str, float | None]] = [
+        ("loading", "loading mfc", None),
+        ("loading", "loading aluminium", None),
+    ]
     plan += [("masses", "masses", None), ("steps", "steps", None), ("dwell", "dwell", None)]
     plan += [("dwell", f"membrane {1e3 * e:.3g} mm", e) for e in ELONGATIONS_M]
     plan += [("dwell", "dwell again", None), ("sag", "sag", None)]
@@ -253,14 +269,24 @@ def _steps(lab: Laboratory, world: World, label: str, place: int, _: Any, rng: n
     return Raw("steps", label, place, levels, w, errors)
 
 
-def _dwell(lab: Laboratory, world: World, label: str, place: int, elongation: float | None, rng: Any, swept: bool = False) -> Raw:
+def _dwell(
+    lab: Laboratory, world: World, label: str, place: int, elongation: float | None, rng: Any, swept: bool = False
+) -> Raw:
     f = SWEPT_HZ if swept else DWELT_HZ
     f = f * (1 + lab.frequency_error)
     skin = lab.skin(elongation)
     w = lab.vibration(tuple(f), 2.5 * (600 + 200 * (1 + lab.gain_below)) / 2, None, skin)
     errors = world.noise * (0.002 * abs(w) + 1e-7)
     w = w * lab.late(f) * (1 + lab.hysteresis * solver._loop()) * np.exp(-2j * np.pi * f * lab.delay_s)
-    return Raw("sweep" if swept else "dwell", label, place, SWEPT_HZ.copy() if swept else DWELT_HZ.copy(), w, errors, elongation)
+    return Raw(
+        "sweep" if swept else "dwell",
+        label,
+        place,
+        SWEPT_HZ.copy() if swept else DWELT_HZ.copy(),
+        w,
+        errors,
+        elongation,
+    )
 
 
 def _sweep(lab: Laboratory, world: World, label: str, place: int, _: Any, rng: np.random.Generator) -> Raw:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from benchmarks.blind import Departure, Raw
 from tests.helpers.laboratory import Laboratory
+from tests.helpers.model.laboratories import Departure, Raw
 
 G = 9.80665
 
@@ -49,7 +49,10 @@ def _bent_sensor(share: float):
     def read(raw: Raw, lab: Laboratory) -> None:
         if raw.kind in ("loading", "steps"):
             raw.w = raw.w * (1 + share * np.abs(raw.w) / 1e-3)
-        elif raw.kind in ("dwell", "sweep"):  # of a quadratic term, a sine keeps none in its fundamental; of a cubic one it does
+        elif raw.kind in (
+            "dwell",
+            "sweep",
+        ):  # of a quadratic term, a sine keeps none in its fundamental; of a cubic one it does
             raw.w = raw.w * (1 + 0.75 * share * np.abs(raw.w) / 1e-3)
 
     return read
@@ -181,4 +184,3 @@ DEVELOPED: tuple[Departure, ...] = (
     *(Departure("one elongation", f"{1e3 * x:g} mm", ("elongation of membrane 2.54 mm",), read=_elongated("membrane 2.54 mm", x)) for x in (5e-4, -1e-3)),
     *(Departure("scale of a membrane dwell", f"{100 * x - 100:g} %", ("scale of membrane 2.54 mm",), read=scaled("membrane 2.54", x)) for x in (1.03, 0.9)),
 )  # fmt: skip
-
