@@ -44,6 +44,8 @@ from model.identification import (
 )
 from protocols.base import to_jsonable
 
+FAR_SIGMAS = 2.0
+"""Difference between chain and joint fit, in total uncertainties, from which on it is stated in a sentence."""
 MAX_FINDINGS = 10
 """Findings that are displayed."""
 
@@ -309,6 +311,9 @@ def _identification_notes(identification: IdentificationResult) -> Iterator[str]
         if adequacy.diagnosis is not None and (likeliest := adequacy.diagnosis.likeliest) and also_hint(likeliest):
             yield also_hint(likeliest)
         yield from (f"{error.words}." for error in adequacy.undecidable)
+    for d in identification.joint_differences:
+        if abs(d.sigmas) > FAR_SIGMAS:
+            yield f"{d.name} of the chain is {100 * d.share:+.2g} % off the joint fit, {abs(d.sigmas):.2g} of its total uncertainties: {d.reasons}."
     yield from identification.notes
 
 

@@ -12,6 +12,7 @@ from app.identification import (
     assumed_line,
     budget_bars,
     budget_record,
+    compare_with_chain,
     contradictions,
     format_relative,
     format_shares,
@@ -221,6 +222,11 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> I
             "explain that run."
         )
         yield Table.of_rows("How well the errors explain each run", heads, rows, note)
+    if differences := compare_with_chain(found):
+        rows = [(d.name, f"{100 * d.share:+.2g} %", f"{d.sigmas:+.2g}", d.reasons) for d in differences]
+        heads = ("parameter", "chain against joint fit", "in total uncertainties", "left out by the chain, or held")
+        note = "The steps of the paper on the same runs. It takes dimensions as exact and has no creep, hysteresis or share of the masses."
+        yield Table.of_rows("The paper's chain beside the joint fit", heads, rows, note)
     if found.adequacy is not None and (findings := found.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
         rows = [(f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]

@@ -41,7 +41,7 @@ class ChainDifference:
     @property
     def sigmas(self) -> float:
         """Difference over the total standard uncertainty of the joint fit."""
-        return (self.chain - self.joint) / self.joint_error if self.joint_error > 0 else float("nan")
+        return self.share * abs(self.joint) / self.joint_error if self.joint_error > 0 else float("nan")
 
     @property
     def reasons(self) -> str:
