@@ -44,7 +44,11 @@ def assumed_line(identification: IdentificationResult) -> str:
     """Return the parameters that neither sheet nor runs say, with what is assumed of them, and the temperature of the results, as text."""
     shown = [format_quantity(e.value, e.standard_error, e.unit, e.name) for e in identification.assumed]
     names = [f"{e.name} {text}" for e, text in zip(identification.assumed, shown, strict=True)]
-    assumed = f"assumed, as neither sheet nor runs say it: {', '.join(names)}." if names else ""
+    rests = [
+        f"{name} ({100 * share:.0f} % of its squared uncertainty)" for name, share in identification.resting.items()
+    ]
+    resting = f"; {', '.join(rests)} rests on it" if rests else ""
+    assumed = f"assumed, as neither sheet nor runs say it: {', '.join(names)}{resting}." if names else ""
     reference_c = identification.observations.reference_c
     stated = f"k2, mu and c0 are those at {reference_c:.1f} °C." if reference_c is not None else ""
     return " ".join(filter(None, (assumed, stated)))
@@ -62,9 +66,10 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
         getattr(run, "elongation_m", None) is not None or isinstance(run, MembraneSagObservation) for run in runs
     )
     names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
-    shown = []
+    shown, fit = [], identification.joint_fit
+    free = {*identification.known, *(() if fit is None else fit.names)}
     for name in names:
-        value = None if name in identification.known else identification.fixed.get(name)
+        value = None if name in free else identification.fixed.get(name)
         if value is not None:
             factor, text = sheet_unit(name)
             shown.append(f"{name} {factor * value:.4g} {text}".strip())

@@ -108,6 +108,16 @@ class IdentificationResult:
         )
 
     @property
+    def resting(self) -> Mapping[str, float]:
+        """By identified parameter, the share of its squared total uncertainty by what is assumed, where that is the most of it."""
+        budget, assumed = self.budget, {e.name for e in self.assumed}
+        if budget is None:
+            return {}
+        rows = [i for i, source in enumerate(budget.sources) if source in assumed]
+        shares = dict(zip(budget.names, budget.shares[rows].sum(axis=0).tolist(), strict=True))
+        return {e.name: shares[e.name] for e in self.identified if shares[e.name] > 0.5}
+
+    @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
         """The estimates of effects outside the beam model with a prior size, such as creep."""
         return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)

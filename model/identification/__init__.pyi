@@ -53,6 +53,8 @@ from .parameters import default_values as default_values
 from .parameters import elongation_parameter as elongation_parameter
 from .parameters import parameter_spec as parameter_spec
 from .parameters import parse_elongation as parse_elongation
+from .posterior import Posterior as Posterior
+from .posterior import sample_posterior as sample_posterior
 from .profile_likelihood import ProfileInterval as ProfileInterval
 from .profile_likelihood import profile_interval as profile_interval
 from .uncertainty_budget import NOISE as NOISE

@@ -264,7 +264,10 @@ class JointFit:
     def verdict(self) -> str:
         """Chi-square and its interpretation as text."""
         if self.degrees_of_freedom <= 0:
-            return "no residual is left over to test the model with: measure more points"
+            unknown = [n for n in self.free_parameters if n not in self.options.priors]
+            values = self.run_slices[-1].stop
+            more = max(len(unknown) - values + 1, 1)
+            return f"{values} values for {len(unknown)} unknown parameters ({', '.join(unknown)}) cannot test the model: measure at least {more} more"
         text = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"
         if out := int((~self.used_rows).sum()):
             where = ", ".join(
@@ -278,6 +281,8 @@ class JointFit:
                 f"{text} ({format_p_value(self.p_value)}): the misfit is {self._describe_scales()} times what the errors explain; "
                 "standard errors are enlarged by that, run by run, which helps only if the misfit is noise: see adequacy"
             )
+        if self.p_value < MIN_P_VALUE:
+            return f"{text} ({format_p_value(self.p_value)}): the misfit is against what was known beforehand"
         if 1 - self.p_value < MIN_P_VALUE:
             return f"{text}: the misfit is smaller than the errors given, which are too large"
         return f"{text} (p = {self.p_value:.2f}): the errors explain the misfit"

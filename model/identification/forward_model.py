@@ -73,7 +73,7 @@ class FiniteDifferences:
 
     Args:
         theta: the point, (P,).
-        scale: of each free parameter, (P,); a step is a share of it, or of the parameter where that is larger.
+        scale: of each free parameter, (P,), none for values without slopes; a step is a share of it, or of the parameter where that is larger.
         join: every parameter by name from the free ones, (P, S).
         reference_c: temperature that the parameters are for, if known.
     """
@@ -81,12 +81,12 @@ class FiniteDifferences:
     def __init__(
         self, theta: Array, scale: Array, all_values: Callable[[Array], Values], reference_c: float | None
     ) -> None:
-        P = theta.size
+        P = scale.size
         self.set_count = 2 * P + 1
-        self._steps = RELATIVE_STEP * np.maximum(np.abs(theta), scale)
+        self._steps = RELATIVE_STEP * np.maximum(np.abs(theta[:P]), scale)
         table = np.tile(theta, (self.set_count, 1))
-        table[1 : P + 1] += np.diag(self._steps)
-        table[P + 1 :] -= np.diag(self._steps)
+        table[1 : P + 1, :P] += np.diag(self._steps)
+        table[P + 1 :, :P] -= np.diag(self._steps)
         self.values = all_values(table.T)
         """Every parameter by name: plain where it is fixed, else (S,)."""
         self._reference_c = reference_c
@@ -195,9 +195,11 @@ class ForwardModel:
         """Every parameter by name at `theta`."""
         return {k: None if v is None else float(v) for k, v in self._all_values(theta).items()}
 
-    def predict(self, theta: Array) -> list[Prediction]:
-        """One entry a run, in the campaign's order."""
-        at = FiniteDifferences(theta, self._scale, self._all_values, self.observations.reference_c)
+    def predict(self, theta: Array, slopes: bool = True) -> list[Prediction]:
+        """One entry a run, in the campaign's order; without slopes it is several times as quick."""
+        at = FiniteDifferences(
+            theta, self._scale if slopes else self._scale[:0], self._all_values, self.observations.reference_c
+        )
         same_clamp: dict[tuple[str, ...], list[observed.FrequencyResponseObservation]] = {}
         for run in self._responses:
             if run.fundamental_m is not None:
@@ -343,11 +345,14 @@ class ForwardModel:
         H, t, moved = ReceptanceSolver(*differences.geometry(v), self.n).response_with_ends(
             rows, omega, [ends for ends, _ in neighbours]
         )
+        beyond, d_beyond = self._residual(differences, v)
+        H = H + beyond
         z = dK - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
         dH = -np.einsum("rj,prj->pr", t, z)
         dH -= d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
         for (_, dl), difference in zip(neighbours, moved, strict=True):
             dH += np.multiply.outer(dl, difference / (2 * RELATIVE_STEP))
+        dH += d_beyond[:, None]
         out = {}
         for run, v, stop, size in zip(runs, values, np.cumsum(sizes), sizes, strict=True):
             here = slice(stop - size, stop)
@@ -372,6 +377,19 @@ class ForwardModel:
                 Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
             )
         return out
+
+    def _residual(self, differences: FiniteDifferences, v: Values) -> tuple[float, Array]:
+        """Return what the shapes beyond the n-th add to the receptance of a moment, which is static, with its slopes (P,).
+
+        Steps are predicted by a closed form: without it a sine is 1e-4 softer than they are at n = 20.
+        """
+        whole = np.broadcast_to(
+            voltage_gain(beam_from_values(v)) * v["L"] / -np.asarray(v["mu"]), differences.set_count
+        )
+        free = differences.stack([equation_factors(beam_from_values(v), (0.0, 0.0), differences.set_count)])[0]
+        modal = ReceptanceSolver(*differences.geometry(v), self.n).response(free, np.zeros(1))[0]
+        share = 1 - float(modal[0].real) / float(whole[0])
+        return share * float(whole[0]), share * np.asarray(differences.derivatives(whole))
 
     def _peak_to_peak_prediction(
         self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array

@@ -56,6 +56,13 @@ class LeastSquaresProblem:
             self.lower_bounds[at] = max(self.lower_bounds[at], low) if inside else low
             self.upper_bounds[at] = min(self.upper_bounds[at], high) if inside else high
 
+    def residuals(self, theta: Array) -> Array:
+        """Residuals (rows,) alone."""
+        predicted = self.forward_model.predict(theta, slopes=False)
+        runs = zip(self.observations.runs, self._data, predicted, strict=True)
+        priors = [(value - theta[i]) / sigma for i, value, sigma in self.priors]
+        return np.concatenate([*(over_errors(run, y - got.values) for run, y, got in runs), priors])
+
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""
         rows: list[Array] = []

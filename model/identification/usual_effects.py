@@ -44,9 +44,9 @@ USUAL_EFFECTS: Mapping[str, UsualEffect] = {
 """Without the amplifier's slope below rest: its uncertainty is in the uncertainty of the slopes in the bench file."""
 
 ASSUMED_PARAMETERS: Mapping[str, UsualEffect] = {
-    "k2": UsualEffect(0.2, "MFC, glue and plate of one batch; unproven"),
+    "k2": UsualEffect(0.15, "MFC, glue and plate of one batch; unproven"),
     "c0": UsualEffect(0.25, "damping differs more between tactors than stiffness; unproven"),
-    "E_m": UsualEffect(0.2, "rubber of one hardness, 6 to 8.5 MPa; unproven"),
+    "E_m": UsualEffect(0.15, "rubber of one hardness, 6 to 8.5 MPa; unproven"),
 }
 """Relative standard deviation around Table I of what the kinds of runs do not determine; values that were identified from runs."""
 
