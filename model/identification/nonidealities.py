@@ -4,6 +4,7 @@ At their defaults they change nothing. Each can be free, fixed or have a prior, 
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -49,6 +50,8 @@ TEMPERATURE_DEPENDENT = ("k2", "mu", "c0")
 LOADING_TIME_S = 10.0
 STEP_TIME_S = 1.0
 """From a weight, or a level, to its reading, where a run does not state it."""
+SLOPE_STEP = 1e-3
+"""Relative, of the amplifier's slopes: loops and creep of earlier levels depend on them, too."""
 STIFFENING_M = 1e-3
 """Deflection at which the stiffness has grown by `stiffening`."""
 TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0, "1/K": 0.1}
@@ -165,10 +168,8 @@ class NonidealResponse:
         if np.any(v["creep"]):
             factor = factor * crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
-            if run.loop_share is not None:
-                late = run.loop_share[run.usable]
-            else:
-                late = loop_harmonic(run, self._amplifier) / specimen_harmonic(run, self._amplifier)
+            late: Any = run.loop_share
+            late = self._with_slopes(v, partial(_loop_share, run)) if late is None else late[run.usable]
             factor = factor * (1 + _column(v["hysteresis"]) * late)
         if np.any(v["delay"]):
             factor = factor * np.exp(-2j * np.pi * f * _column(v["delay"]))
@@ -190,14 +191,24 @@ class NonidealResponse:
         history = self._histories[run.label]
         creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
         decades = history.decades(REFERENCE_S)
-        loop, left, late = _memory(history, self._amplifier)
-        volts = volts + hysteresis * loop[run.usable]
+        loop, left, late = self._with_slopes(v, partial(_memory, history))
+        volts = volts + hysteresis * loop[..., run.usable]
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
         return np.asarray(volts)
 
+    def _with_slopes(self, v: Values, function: Callable[[AmplifierMap], Any]) -> Any:
+        """Return a function of the amplifier's map with the errors of its slopes, to first order, (..., S or 1, F)."""
+        nominal = self._amplifier
+        out = function(nominal)[..., None, :]
+        for name, field in (("gain_below_rest", "slope_below"), ("gain_above_rest", "slope_above")):
+            if np.any(v[name]):
+                steeper = replace(nominal, **{field: getattr(nominal, field) * (1 + SLOPE_STEP)})
+                out = out + _column(v[name]) * ((function(steeper) - function(nominal)) / SLOPE_STEP)[..., None, :]
+        return out
+
     def loop_share(self, run: observed.VoltageStepsObservation) -> Array:
         """Return what a `hysteresis` of 1 adds to the volts of each usable point, as a share of the largest, (F,)."""
-        loop, _, _ = _memory(self._histories[run.label], self._amplifier)
+        loop = _memory(self._histories[run.label], self._amplifier)[0]
         volts = np.abs(self._amplifier.specimen_v(run.input_v[run.usable]))
         return np.asarray(loop[run.usable] / (volts.max() or 1.0))
 
@@ -228,9 +239,13 @@ def _usual_history(run: observed.VoltageStepsObservation, amplifier: AmplifierMa
     return DriveHistory.of_levels(run.input_v, amplifier.rest_v, held_s, staircase=run.rising is not None)
 
 
-@lru_cache(maxsize=16)
-def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Array, Array]:
-    """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (F,) each.
+def _loop_share(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap) -> Complex:
+    return np.asarray(loop_harmonic(run, amplifier) / specimen_harmonic(run, amplifier))
+
+
+@lru_cache(maxsize=64)
+def _memory(history: DriveHistory, amplifier: AmplifierMap) -> Array:
+    """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (3, F).
 
     The factor of the creep includes the step's own. The last factor is the creep of the hysteresis.
     """
@@ -239,7 +254,7 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Arra
     loop = rayleigh_response(driven, low, high) / ((high - low) / 2)
     steps, decades = history.steps(loop), history.decades(REFERENCE_S)
     left = history.crept(driven, REFERENCE_S) - decades * history.steps(driven)
-    return steps, left, history.crept(loop, REFERENCE_S) - decades * steps
+    return np.array([steps, left, history.crept(loop, REFERENCE_S) - decades * steps])
 
 
 def _column(value: Any) -> Any:

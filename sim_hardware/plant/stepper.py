@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from model import Array, Complex, Skin, Tactor
-from model.response import load_compliance, system_matrices, tactor_modal_form, voltage_gain
+from model.response import load_compliance, system_matrices, tactor_modal_form
 
 N = TypeVar("N", Array, Complex)
 
@@ -63,7 +63,7 @@ class Stepper:
         held = s[:slow]
         T_V, W_V = first_order_hold(held, b_V[:slow], c[:slow], step_s)
         T_F, W_F = first_order_hold(held, b_F[:slow], c[:slow], step_s)
-        for T, b, more in zip((T_V, T_F), (b_V, b_F), _residual_deflections(tactor, n), strict=True):
+        for T, b, more in ((T_V, b_V, 0.0), (T_F, b_F, _residual_compliance(tactor, n))):
             T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += more - float((c[slow:] * b[slow:] / s[slow:]).real.sum())
         powers = c[:slow, None] * np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
         advance = np.exp(held * step_s * BLOCK)
@@ -172,11 +172,10 @@ def first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple
     return T, W * b
 
 
-def _residual_deflections(tactor: Tactor, n: int) -> tuple[float, float]:
-    """What the shapes beyond the n-th would yield to a volt, m/V, and to a point load, m/N: its kink takes many of them."""
-    forms = (tactor_modal_form(tactor, None, n, excitation=each) for each in ("voltage", "load"))
-    volts, load = (float(np.sum((form.residues / form.poles).real)) for form in forms)
-    return float(voltage_gain(tactor)) + volts, load_compliance(tactor) + load
+def _residual_compliance(tactor: Tactor, n: int) -> float:
+    """What the shapes beyond the n-th would yield to a point load, m/N: the kink under it takes many of them."""
+    form = tactor_modal_form(tactor, None, n, excitation="load")
+    return float(load_compliance(tactor) + np.sum((form.residues / form.poles).real))
 
 
 def limit_slew(target: Array, start_v: float, step_v: float) -> Array:

@@ -36,6 +36,10 @@ POINT_ERRORS = 20.0
 SCALE_ERROR, CLOCK_ERROR, DELAY_ERROR_S = 0.1, 0.01, 5e-5
 ELONGATION_ERROR_M, MASS_ERROR_KG, CLAMP_ERROR = 5e-4, 3e-4, 0.05
 """Plausible sizes of the errors of one run, or of one mounting."""
+LOG_PRIORS = {"clamp of": -2.0, "creep of the dwells": -1.0}
+"""Kinds that are less likely beforehand: a clamp that gives in one run must be as before after it."""
+SEVERAL_RUNS = -0.7
+"""Logarithm of odds of a mistake in all runs of a kind against one in a single run."""
 
 
 class RunError(NamedTuple):
@@ -71,6 +75,11 @@ class Cause:
     def sizes(self) -> tuple[str, ...]:
         """The parameters of the extended fit that have its size."""
         return (*self.parameters, *(e.error.name for e in self.errors))
+
+    @property
+    def log_prior(self) -> float:
+        """Logarithm of its odds beforehand, on which all causes of its kind share."""
+        return LOG_PRIORS.get(self.kind, 0.0) + SEVERAL_RUNS * self.name.startswith("all ") - float(np.log(self.among))
 
     @property
     def proposable(self) -> bool:

@@ -87,7 +87,7 @@ def _candidates(linear: Sequence[CauseEvidence]) -> list[CauseEvidence]:
 
 def _ranked(fit: JointFit, linear: CauseEvidence, found: Explanation, enlarged: float) -> Explanation:
     gain = (fit.cost - found.fit.cost) / enlarged
-    odds = gain / 2 - linear.price - float(np.log(linear.cause.among))
+    odds = gain / 2 - linear.price + linear.cause.log_prior
     if found.cause.points and found.p_value < MIN_P_VALUE:
         odds = min(odds, MIN_LOG_ODDS + 1e-3 * odds)  # after every cause of all points
     return replace(found, log_odds=odds)

@@ -40,7 +40,7 @@ class CauseEvidence:
     @property
     def log_odds(self) -> float:
         """Logarithm of the odds against chance, all causes of its kind counted."""
-        return self.gain / 2 - self.price - float(np.log(self.cause.among))
+        return self.gain / 2 - self.price + self.cause.log_prior
 
 
 class Evidence:
@@ -92,8 +92,8 @@ class Evidence:
         noise = np.random.default_rng(0).standard_normal((DRAWS, used.size)) * used
         noise -= (noise @ self.subspace) @ self.subspace.T
         every = np.vstack((self.residuals, noise))
-        odds = np.log([c.among for c in self.causes])
-        tests = [(self._gains(every) / 2 - self._prices - odds).max(axis=1, initial=-np.inf), (every**2).sum(axis=1)]
+        odds = np.array([c.log_prior for c in self.causes])
+        tests = [(self._gains(every) / 2 - self._prices + odds).max(axis=1, initial=-np.inf), (every**2).sum(axis=1)]
         for rows, form, mean, deviation in map(self.pattern, self._patterned):
             part = every[:, rows]
             tests.append(((part @ form * part).sum(axis=1) - mean) / deviation)
