@@ -19,7 +19,7 @@ from app.archive.catalogue import Catalogue
 from app.archive.run_summary import RunFilter, read_run_summary
 from app.cli.main import GC_THRESHOLD
 from app.common import Progress
-from protocols.runfile.sidecar import notes_path
+from protocols.runfile.names import notes_path
 from tests.helpers.run_files import finished_run
 
 NEW, KNOWN = 1000, 10_000

@@ -286,8 +286,8 @@ def main() -> None:
 
 HEAD = """# How costs grow
 
-Processor time and largest memory (of the whole process, imports included) over the size of the work. Each size ran in a process of its own; the exponent is
-that of the time over the upper half of the sizes: 1 is linear. Times belong to one computer; the exponents should not. `python benchmarks/growth.py --write` makes this page.
+Processor time and largest memory (of the whole process, imports included) over the size of the work. Each size ran in a process of its own; the exponent of the
+time refers to the upper half of the sizes: 1 is linear. Times belong to one computer; the exponents should not. `python benchmarks/growth.py --write` makes this page.
 
 | what grows | | | | | exponent |
 |---|---|---|---|---|---|

@@ -19,10 +19,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from app.identification.usual_effects import usual_effects
-
 from app.identification import SheetEntry, SpecimenSheet
 from model import COVERAGE_FACTOR_95
+from model.identification import usual_effects
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import (

@@ -165,7 +165,11 @@ def meaning_of(name: str) -> str:
     """Return the meaning of an object that does not state it in the file."""
     path = name.removeprefix("entry").removeprefix("/")
     if path.startswith("estimates/"):
-        return ESTIMATE.get(path.rpartition("/")[2], "") if path.count("/") == 2 else "an identified quantity"
+        return (
+            ESTIMATE.get(path.rpartition("/")[2], "")
+            if path.count("/") == 2
+            else "an identified quantity; the attribute `name` is the given name"
+        )
     if path.startswith("instrument/") and path not in MEANINGS:
         return {"name": "identity", "serial": "serial number"}.get(path.rpartition("/")[2], "an instrument")
     if path.startswith("trace/") and path.endswith("_volts_to_units"):

@@ -4,10 +4,10 @@ from .bench.amplifier import DriveLimits as DriveLimits
 from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
 from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
+from .bench.armed_bench import safety_statement as safety_statement
 from .bench.bench import Bench as Bench
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
-from .bench.safety_statement import safety_statement as safety_statement
 from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.shutdown import LiveWarning as LiveWarning
@@ -19,9 +19,9 @@ from .bench.watchdog_interface import Watchdog as Watchdog
 from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
-from .closing import Closeable as Closeable
 from .drive_shapes import Drive as Drive
 from .drive_shapes import Hold as Hold
+from .drive_shapes import LevelPulse as LevelPulse
 from .drive_shapes import LinearSweep as LinearSweep
 from .drive_shapes import PeriodicSweep as PeriodicSweep
 from .drive_shapes import Ramp as Ramp
@@ -60,6 +60,7 @@ from .generators.waveform import Points as Points
 from .generators.waveform import definite_length_block as definite_length_block
 from .generators.waveform import render_waveform as render_waveform
 from .interfaces import Block as Block
+from .interfaces import Closeable as Closeable
 from .interfaces import Digitizer as Digitizer
 from .interfaces import DriveChecker as DriveChecker
 from .interfaces import FiniteHolder as FiniteHolder
@@ -76,7 +77,6 @@ from .interfaces import Scale as Scale
 from .interfaces import Source as Source
 from .interfaces import Stream as Stream
 from .interfaces import UnattendedEnd as UnattendedEnd
-from .level_pulse import LevelPulse as LevelPulse
 from .nidaq.analog_input import NiDigitizer as NiDigitizer
 from .nidaq.analog_input import list_devices as list_devices
 from .nidaq.analog_output import NiAnalogOutput as NiAnalogOutput

@@ -1,6 +1,6 @@
 """Clock: bench time, which is real time, faster on a simulated bench, or a counter in tests.
 
-Every wait of a driver or protocol goes through a clock, so that tests need not wait.
+Every wait of a driver or protocol uses a clock, so that tests need not wait.
 """
 
 import math
@@ -23,22 +23,22 @@ class Clock(Protocol):
 
 
 READER_GONE_S = 0.5
-"""Real seconds without a read after which bench time no longer waits for the reader."""
+"""Real time without a read after which bench time no longer waits for the reader."""
 
 SHORTEST_SLEEP_S = 1e-6
-"""Also what two readings of a time that waits differ by at least."""
+"""Smallest difference of two readings of a waiting time."""
 
 _NUMBER = struct.Struct("d")
 
 
 class SharedTime:
-    """Bench time of a simulated bench at raised speed, the same in all its processes; it waits for a card's reader that is late.
+    """Bench time of a simulated bench at raised speed, common to all its processes; it waits for a late reader of a card.
 
-    A file holds the real time of its beginning, the bench seconds for which it has waited, the bench time at which it waits
-    and the real time until which it does so.
+    A file holds the real time of its begin, the bench seconds for which it has waited, the bench time at which it waits and the
+    real time until which it waits.
 
     Args:
-        path: of the file.
+        path: path of the file.
         speed: bench seconds per real second.
         new: whether time begins now, in a new file.
     """
@@ -59,12 +59,12 @@ class SharedTime:
         if present_s > limit_s and real < until:
             self._write(1, waited_s + present_s - limit_s)
             present_s = limit_s
-        # Another process may have set the limit a moment too late; and no two things happen at the same moment.
+        # Another process may have set the limit a moment too late; and two events never have the same time.
         self._latest_s = max(self._latest_s + SHORTEST_SLEEP_S, present_s)
         return self._latest_s
 
     def wait_at(self, limit_s: float) -> None:
-        """Let time run to this bench time only, as long as this is called every READER_GONE_S."""
+        """Limit the bench time, as long as this is called every READER_GONE_S."""
         self._write(2, max(limit_s, self.now()))
         self._write(3, time.monotonic() + READER_GONE_S)
 

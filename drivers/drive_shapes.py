@@ -1,4 +1,4 @@
-"""Drives: sine, sweep, square wave, ramp, steps and hold as parametric waveforms at the amplifier's input.
+"""Drives: sine, sweep, square wave, ramp, steps and hold as parametric waveforms at the amplifier's input; level pulses.
 
 A generator plays a drive natively, an analogue output renders `volts(t)`, the model evaluates it exactly, and the drive
 limits check its extremes, its steepest slope and its end levels before anything moves. All volts are at the amplifier's
@@ -24,11 +24,11 @@ ANY_SIGN = ("level_v", "levels_v", "start_v", "stop_v", "offset_v")
 
 
 class _CheckedDrive:
-    """Checks the fields of a drive: all finite, those other than levels above 0."""
+    """Checks the fields of a drive: all finite, all except levels above 0."""
 
     __slots__ = ()
     kind: ClassVar[str]
-    """Name of the class, which files, JSON and messages use: it never changes once it was released."""
+    """Name of the class in files, JSON and messages; a released name never changes."""
 
     def __init_subclass__(cls) -> None:
         cls.kind = cls.__name__
@@ -45,7 +45,7 @@ class _CheckedDrive:
 
 
 class _Levels(_CheckedDrive):
-    """Levels that are reached one after the other: extremes and end levels."""
+    """Consecutive levels: extremes and end levels."""
 
     __slots__ = ()
     levels_v: tuple[float, ...]
@@ -146,7 +146,7 @@ class Hold(_Levels):
 
 @dataclass(frozen=True, slots=True)
 class Ramp(_Levels):
-    """A straight line from one level to another, which is then held."""
+    """A straight line from one level to another, held at its end."""
 
     start_v: float
     stop_v: float
@@ -171,8 +171,8 @@ class Ramp(_Levels):
 class Sine(_WholeCycles):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
 
-    `amplitude_v` is the peak, half of the peak to peak. The count of cycles is finite on purpose: a generator whose
-    computer died comes to rest on its own.
+    `amplitude_v` is the peak, half of the peak to peak. The number of cycles is finite on purpose: a generator whose computer
+    died comes to rest by itself.
     """
 
     frequency_hz: float
@@ -240,11 +240,11 @@ class LinearSweep(_Oscillation):
 class PeriodicSweep(_Oscillation):
     """A linear sweep of `sweep_s` and the same inverted, `periods` times without a pause.
 
-    Inverted every other time, so that even-order effects - an amplifier with another slope for either sign, an
-    offset - fall on other lines of the spectrum than the response does: the sweep excites the odd ones, they the even ones.
-    It is continuous only if the sweep's mean frequency times its duration is a whole number of cycles, which the drive limits require.
-    Each sweep begins and ends softly, within `fade_s`: a corner where one meets the next would reach far beyond the band, and a
-    card that samples without a filter would fold it back onto the lines.
+    Its sign alternates, so that even-order effects - an amplifier with different slopes for both signs, an offset - fall on other
+    lines of the spectrum than the response: the sweep excites the odd lines, these effects the even lines. It is continuous only
+    if the sweep's mean frequency times its duration is a whole number of cycles, which the drive limits require. Each sweep is
+    faded in and out within `fade_s`: a corner between two sweeps would have a spectrum far beyond the band, which a card without
+    a filter would alias onto the lines.
     """
 
     start_hz: float
@@ -256,7 +256,7 @@ class PeriodicSweep(_Oscillation):
 
     @property
     def sweep(self) -> LinearSweep:
-        """The sweep, the right way up."""
+        """The sweep without inversion."""
         return LinearSweep(self.start_hz, self.stop_hz, self.sweep_s, self.amplitude_v, self.offset_v)
 
     @property
@@ -266,7 +266,7 @@ class PeriodicSweep(_Oscillation):
 
     @property
     def fade_s(self) -> float:
-        """How long a sweep takes to its full amplitude, and from it."""
+        """Duration of the fade to and from full amplitude."""
         return min(FADE_CYCLES / max(self.start_hz, self.stop_hz), self.sweep_s / 8)
 
     @property
@@ -296,11 +296,11 @@ class PeriodicSweep(_Oscillation):
 
 @dataclass(frozen=True, slots=True)
 class SquareWave(_WholeCycles):
-    """`cycles` periods of a square wave with the edges of an RC circuit, as an astable multivibrator makes it.
+    """`cycles` periods of a square wave with the edges of an RC circuit, as of an astable multivibrator.
 
     It relaxes with the time constant `edge_s` towards `offset_v + amplitude_v` for the fraction `duty` of a period, and towards
-    `offset_v - amplitude_v` for the rest. It begins and ends where it rises through the offset, in the periodic state from
-    the first period on.
+    `offset_v - amplitude_v` for the rest. It begins and ends at a rise through the offset, in the periodic state from the first
+    period.
     """
 
     frequency_hz: float
@@ -323,14 +323,14 @@ class SquareWave(_WholeCycles):
 
     @property
     def _turning_points(self) -> tuple[float, float]:
-        """Lowest and highest value from the offset, as a share of the amplitude: where it ends to fall and to rise."""
+        """Lowest and highest value from the offset, as a share of the amplitude: the ends of fall and rise."""
         rise = math.exp(-self.duty * self.period_s / self.edge_s)
         fall = math.exp(-(1 - self.duty) * self.period_s / self.edge_s)
         return -(1 - 2 * fall + rise * fall) / (1 - rise * fall), (1 - 2 * rise + rise * fall) / (1 - rise * fall)
 
     @property
     def slew_v_per_s(self) -> float:
-        """Largest slope, V/s: where an edge begins."""
+        """Largest slope, V/s: at the begin of an edge."""
         low, high = self._turning_points
         return self.amplitude_v * max(1 - low, 1 + high) / self.edge_s
 
@@ -347,7 +347,7 @@ class SquareWave(_WholeCycles):
 class Steps(_Levels):
     """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.
 
-    The first level is where it starts; each later one is reached in `rise_s` and then held.
+    It starts at the first level; each later level is reached in `rise_s` and then held.
     """
 
     levels_v: tuple[float, ...]
@@ -392,10 +392,10 @@ def as_record(drive: Drive) -> dict[str, Any]:
 
 
 def from_record(record: dict[str, Any]) -> Drive:
-    """Return the drive that `as_record` described.
+    """Return the drive of a record made by `as_record`.
 
     Raises:
-        ValueError: the record is not of a drive, or of one of a newer version of this program.
+        ValueError: the record is no drive, or a drive of a newer version of this program.
     """
     kind = record.get("kind")
     if kind not in DRIVES:
@@ -405,3 +405,49 @@ def from_record(record: dict[str, Any]) -> Drive:
         return DRIVES[kind](**values)
     except TypeError as error:
         raise ValueError(f"not a drive: {record}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class LevelPulse:
+    """A level reached from rest by a straight line in `rise_s`, held for `hold_s`, and left for rest in `rise_s`.
+
+    The form of a `Hold` that must end at rest without a further command.
+    """
+
+    kind: ClassVar[str] = "Hold"
+    rest_v: float
+    level_v: float
+    hold_s: float
+    rise_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Duration, s."""
+        return self.hold_s + 2 * self.rise_s
+
+    @property
+    def low_v(self) -> float:
+        """Lowest level."""
+        return min(self.rest_v, self.level_v)
+
+    @property
+    def high_v(self) -> float:
+        """Highest level."""
+        return max(self.rest_v, self.level_v)
+
+    @property
+    def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
+        return self.rest_v, self.rest_v
+
+    @property
+    def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
+        return abs(self.level_v - self.rest_v) / self.rise_s
+
+    def volts(self, t: ArrayLike) -> NDArray[np.float64]:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
+        knots = [0.0, self.rise_s, self.rise_s + self.hold_s, self.duration_s]
+        return np.asarray(
+            np.interp(np.asarray(t, float), knots, [self.rest_v, self.level_v, self.level_v, self.rest_v])
+        )

@@ -21,11 +21,11 @@ class AcquisitionError(InstrumentError):
 
 
 class ScansLostError(AcquisitionError):
-    """The program read too late, and the digitizer's buffer was overwritten; the digitizer itself is well."""
+    """The program read too late, and the digitizer's buffer was overwritten; the digitizer itself works."""
 
 
 class CardInUseError(AcquisitionError):
-    """The digitizer is in use by another program that runs."""
+    """The digitizer is in use by another running program."""
 
 
 class ScanOrderError(AcquisitionError):

@@ -3,6 +3,7 @@
 Real and simulated instruments implement the same interfaces and pass the same contract tests.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,13 +12,28 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive_shapes import Drive, Hold
-from drivers.level_pulse import LevelPulse
+from drivers.drive_shapes import Drive, Hold, LevelPulse
+
+
+class Closeable(ABC):
+    """Closes itself at the end of its `with` block, also after an exception."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release all resources."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Maker, model, serial number and firmware as the instrument reports them."""
+    """Maker, model, serial number and firmware reported by the instrument."""
 
     maker: str
     model: str
@@ -32,8 +48,7 @@ class Identity:
 class Scale:
     """Conversion of raw integers to volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails.
 
-    `skew_s` is the delay of a channel's conversion after its scan: a multiplexed card has one converter, which takes the
-    channels in turn.
+    `skew_s` is the delay of a channel's conversion after its scan: a multiplexed card converts the channels in turn.
     """
 
     coefficients: tuple[float, ...]
@@ -55,7 +70,7 @@ class Scale:
         return volts
 
     def is_clipped(self, raw: NDArray[np.int16]) -> NDArray[np.bool_]:
-        """Return a mask of the counts at a rail, of the shape of `raw`: the true voltage is unknown there."""
+        """Return a mask of the counts at a rail, whose true voltage is unknown; same shape as `raw`."""
         return (raw <= self.low_count) | (raw >= self.high_count)
 
 
@@ -64,9 +79,9 @@ class InputChannel:
     """A further input of the card, in addition to drive and displacement: value = gain * volts + offset.
 
     Attributes:
-        name: of its data in run files.
-        terminal: of the card, e.g. `ai2`.
-        unit: of its values.
+        name: name of its data in run files.
+        terminal: terminal of the card, e.g. `ai2`.
+        unit: unit of its values.
         gain: units per volt at the terminal.
         offset: value at 0 V.
         kind: `voltage-monitor`, `current-monitor` or `other`; monitors have an abort level.
@@ -86,7 +101,7 @@ class InputChannel:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Consecutive scans as acquired: `raw` is channels x scans, `start` the index of the first scan in its stream."""
+    """Consecutive acquired scans: `raw` is channels x scans, `start` the index of the first scan in its stream."""
 
     start: int
     raw: NDArray[np.int16]
@@ -103,7 +118,7 @@ class Stream(Protocol):
     rate_hz: float
     scales: tuple[Scale, ...]
     start_time_s: float
-    """Bench time (the clock's) at which scan 0 was taken, to within the start-up latency of the card."""
+    """Bench time of scan 0 by the clock, to within the start-up latency of the card."""
 
     def read(self) -> Block:
         """Wait for the next block and return it.
@@ -122,10 +137,10 @@ class Stream(Protocol):
 
 @runtime_checkable
 class RestartableStream(Protocol):
-    """A stream that can continue after it has lost scans."""
+    """A stream that can continue after lost scans."""
 
     def restart(self) -> None:
-        """Acquire again; the numbers of the scans continue where the time is now.
+        """Restart the acquisition; the scan numbers continue with the present time.
 
         Raises:
             AcquisitionError: the card is gone.
@@ -150,7 +165,7 @@ class Digitizer(Protocol):
 
 @runtime_checkable
 class ScanLister(Protocol):
-    """A digitizer that converts its channels in any order and several times in a scan, by which its skew and settling show."""
+    """A digitizer that converts its channels in any order and repeatedly in a scan, which shows its skew and settling."""
 
     def scan(self, order: Sequence[int], rate_hz: float, block_scans: int) -> Stream:
         """Start a continuous acquisition of the channels with these numbers, in this order.
@@ -167,7 +182,7 @@ class Source(Protocol):
     identity: Identity
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        """Whether the instrument reads back as `initialize_at_rest` left it: output on, idle at `rest_v`, every setting.
+        """Whether the instrument is in the state of `initialize_at_rest`: output on, idle at `rest_v`, every setting.
 
         Changes made at the front panel must be detected: the source is then not at rest and is initialized again.
         """
@@ -175,19 +190,19 @@ class Source(Protocol):
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         """Bring the output up at rest. High voltage must be disabled: the level is undefined until this returns.
 
-        A drive or level that an earlier program left is ramped down first, as gently as the instrument can.
+        A drive or level of an earlier program is ramped down first, as gently as possible.
 
         Raises:
             InstrumentError: a setting was rejected or does not read back.
         """
 
     def start_drive(self, drive: Drive) -> None:
-        """Start a drive from the level at which the source idles, and return immediately."""
+        """Start a drive from the idle level, and return immediately."""
 
     def stop(self) -> None:
         """Bring a playing drive gently down to its offset, and return when the output idles.
 
-        Continues despite errors that others left in the instrument's queue and despite unreadable replies.
+        Continues despite errors of other programs in the instrument's queue and despite unreadable replies.
 
         Raises:
             InstrumentError: a step failed; raised after all steps have been sent.
@@ -197,26 +212,26 @@ class Source(Protocol):
         """Ramp the idle level linearly and return when it is reached. A ramp to rest continues despite errors, like `stop`."""
 
     def idle_level_v(self) -> float:
-        """Return the level at which the instrument reports to idle."""
+        """Return the idle level reported by the instrument."""
 
     def reconnect(self) -> None:
         """Reconnect after a link failure; changes no output setting."""
 
     def close(self) -> None:
-        """Close the link. The output stays as it is."""
+        """Close the link without changing the output."""
 
 
 @runtime_checkable
 class DriveChecker(Protocol):
-    """A source that cannot play every drive and can check that in advance."""
+    """A source that can check in advance whether it can play a drive."""
 
     def reason_unsupported(self, drive: Drive) -> str:
-        """Return why this drive cannot be played, with the remedy; empty if it can."""
+        """Return the reason why this drive cannot be played, with the remedy; empty if it can."""
 
 
 @runtime_checkable
 class RestTimer(Protocol):
-    """A source that can predict from its measured reply time how long its way to rest takes."""
+    """A source that predicts the duration of its way to rest from its measured reply time."""
 
     def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
         """Return the duration of `stop` and a ramp of `distance_v` to rest in seconds; a burst's own end is not counted."""
@@ -224,16 +239,16 @@ class RestTimer(Protocol):
 
 @runtime_checkable
 class HoldRenewer(Protocol):
-    """A source that holds a level other than rest only as long as it is renewed, and else returns to rest by itself."""
+    """A source that returns from a level to rest by itself unless the level is renewed."""
 
     lease_s: float
-    """How long a level is held without renewal, seconds of bench time."""
+    """Duration of a level without renewal, seconds of bench time."""
 
     def renew_hold(self) -> None:
-        """Hold the present level for another `lease_s`; called with every block that is read, and often nothing to do.
+        """Hold the present level for another `lease_s`; called with every block, and often without effect.
 
         Raises:
-            InstrumentError: it came too late, and the source returns to rest; or the instrument does not answer.
+            InstrumentError: the call came too late, and the source returns to rest; or the instrument does not answer.
         """
 
 
@@ -242,11 +257,11 @@ class FiniteHolder(Protocol):
     """A source that plays a held level as a finite waveform, which returns to rest by itself and cannot be renewed."""
 
     def level_pulse(self, level: Hold, rest_v: float, ramp_v_per_s: float) -> LevelPulse:
-        """Return the waveform as which a level is held: for its duration and a margin, reached and left at this slope."""
+        """Return the waveform of a held level: its duration and a margin, reached and left at this slope."""
         ...
 
     def reason_level_unsupported(self, pulse: LevelPulse) -> str:
-        """Return why this waveform cannot be played, with the remedy; empty if it can."""
+        """Return the reason why this waveform cannot be played, with the remedy; empty if it can."""
         ...
 
     def start_level(self, pulse: LevelPulse) -> float:
@@ -258,29 +273,29 @@ class FiniteHolder(Protocol):
         ...
 
     def end_level(self, duration_s: float) -> None:
-        """Bring a held level to rest in about this time, else like `Source.stop`."""
+        """Bring a held level to rest in about this time, otherwise like `Source.stop`."""
 
 
 @runtime_checkable
 class UnattendedEnd(Protocol):
-    """A source that states what its output does when program and watchdog die at the same moment."""
+    """A source that states the behaviour of its output when program and watchdog die at the same moment."""
 
     @property
     def unattended_end(self) -> str:
-        """What a drive and a held level do then, as a clause for an operator."""
+        """Behaviour of a drive and a held level in this case, as a clause for an operator."""
         ...
 
     def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
-        """Return how long after their death a drive is at rest at the latest, in seconds; infinite if it does not end.
+        """Return the longest time from their death to rest in seconds; infinite if the drive does not end.
 
-        Of a `Hold`: as `start_drive` plays it, at the idle level.
+        A `Hold` counts as played by `start_drive`, at the idle level.
         """
         ...
 
 
 @runtime_checkable
 class LiveChecker(Protocol):
-    """A source that reports whether an earlier program left a drive or a level on it. For others this is assumed."""
+    """A source that reports a drive or a level of an earlier program; other sources are assumed to have one."""
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
         """Whether the output is on, set up by this driver, and not at rest. Changes nothing."""
@@ -288,7 +303,7 @@ class LiveChecker(Protocol):
 
 @runtime_checkable
 class OutputReporter(Protocol):
-    """A source that reports whether its output is on: protections and people switch it off."""
+    """A source that reports whether its output is on: protections or users may switch it off."""
 
     def is_output_on(self) -> bool:
         """Whether the instrument reports that its output is on. Changes nothing."""
@@ -313,7 +328,7 @@ class Meter(Protocol):
         """Return the present reading.
 
         Raises:
-            InstrumentError: no reply, or one that is not a reading.
+            InstrumentError: no reply, or a reply without a reading.
         """
         ...
 

@@ -4,7 +4,6 @@ from .arrays import Complex as Complex
 from .arrays import Mask as Mask
 from .arrays import gauss_legendre as gauss_legendre
 from .drive_history import DriveHistory as DriveHistory
-from .membrane import GRAVITY as GRAVITY
 from .membrane import LOAD_SPEC as LOAD_SPEC
 from .membrane import SagSolution as SagSolution
 from .membrane import linear_young_modulus as linear_young_modulus
@@ -14,11 +13,13 @@ from .membrane import young_modulus_from_sag as young_modulus_from_sag
 from .parameter_spec import ParameterError as ParameterError
 from .parameter_spec import ParameterSpec as ParameterSpec
 from .parameter_spec import parameter_specs as parameter_specs
+from .parameters import GRAVITY as GRAVITY
 from .parameters import Beam as Beam
 from .parameters import Membrane as Membrane
 from .parameters import Tactor as Tactor
 from .parameters import beam_from_values as beam_from_values
 from .parameters import beams as beams
+from .quantities import LENGTH_UNITS as LENGTH_UNITS
 from .quantities import PARAMETERS as PARAMETERS
 from .quantities import QUANTITIES as QUANTITIES
 from .quantities import RESULTS as RESULTS

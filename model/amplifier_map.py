@@ -14,7 +14,7 @@ from model.arrays import Array
 
 @dataclass(frozen=True, slots=True)
 class AmplifierMap:
-    """Two straight lines through (rest_v, 0): `slope_below` for inputs under rest, `slope_above` over it.
+    """Two straight lines through (rest_v, 0): `slope_below` for inputs below rest, `slope_above` above it.
 
     Raises:
         ValueError: a slope is not positive, or rest does not lie inside the input range.

@@ -1,6 +1,6 @@
-"""Drive history of a run in time: what earlier levels or loads leave of creep and hysteresis in each reading.
+"""Drive history of a run in time: creep and hysteresis of earlier levels or loads in each reading.
 
-Creep is linear and has no end, so that every level is read on what those before it still creep; hysteresis remembers the turning
+Creep is linear and has no end, so that every reading contains the creep of all earlier levels; hysteresis remembers the turning
 points of the voltage (Madelung's rules), between which the response is a parabola (Rayleigh's law).
 """
 
@@ -13,24 +13,24 @@ from model.arrays import Array
 from model.parameter_spec import ParameterError
 
 MIN_READ_S = 1e-3
-"""From reaching a drive to its reading, at least."""
+"""Shortest time from reaching a drive to its reading, s."""
 
 FAR_APART_S = 1e5
-"""Between levels whose times are unknown, each reached from rest: the creep of those before has gone."""
+"""Assumed time between levels of unknown times, each reached from rest, s: the creep of earlier levels has decayed."""
 
 
 @dataclass(frozen=True, eq=False)
 class DriveHistory:
-    """Straight lines between vertices, (K,), and when each point of the run was read and its zeros were, (F,) and (F, Z).
+    """Straight lines between vertices, (K,), and the times of reading of each point, (F,), and of its zeros, (F, Z).
 
-    The drive was constant before the first vertex, and is so where something is read.
+    The drive is constant before the first vertex and during every reading.
     """
 
     time_s: Array
     drive: Array
     """Volts at the amplifier's input, or newtons."""
     start_s: Array
-    """When the drive of each point had been reached, (F,)."""
+    """Time at which the drive of each point was reached, (F,)."""
     read_s: Array
     zero_s: Array
 
@@ -59,10 +59,10 @@ class DriveHistory:
 
     @classmethod
     def of_levels(cls, levels: Array, rest: float, held_s: Array, staircase: bool) -> "DriveHistory":
-        """Return the history of levels in the order of their points, of whose times only `held_s`, until the reading, is known.
+        """Return the history of levels in the order of their points, of which only the time `held_s` until the reading is given.
 
-        In a staircase each level follows the one before and the only zero is that before the first; otherwise each is reached from
-        rest, where its zero is, long after the one before.
+        In a staircase each level follows its predecessor and the only zero precedes the first level; otherwise each is reached
+        from rest, with its own zero, long after its predecessor.
         """
         levels = np.where(np.isfinite(levels), levels, rest)
         held_s = np.asarray(np.maximum(held_s, MIN_READ_S), float)
@@ -80,11 +80,11 @@ class DriveHistory:
         return cls(time_s.ravel(), drive.ravel(), start_s, start_s + held_s, start_s[:, None] - 1.0)
 
     def take(self, rows: Any) -> "DriveHistory":
-        """Return the history with these of its readings."""
+        """Return the history with the selected readings."""
         return DriveHistory(self.time_s, self.drive, self.start_s[rows], self.read_s[rows], self.zero_s[rows])
 
     def steps(self, drive: Array) -> Array:
-        """Return what each point reads against the mean of its zeros, (F,), of a drive (K,) at the vertices that does not creep."""
+        """Return the reading of each point against the mean of its zeros, (F,), for a drive (K,) at the vertices without creep."""
         return np.asarray(self._at(drive, self.read_s) - self._at(drive, self.zero_s).mean(axis=1))
 
     def decades(self, reference_s: float) -> Array:
@@ -92,16 +92,16 @@ class DriveHistory:
         return np.asarray(np.log10((self.read_s - self.start_s) / reference_s))
 
     def crept(self, drive: Array, reference_s: float) -> Array:
-        """Return what each point reads, (F,), of a drive (K,) at the vertices, times its decades of time: its creep per decade."""
+        """Return the creep per decade in the reading of each point, (F,), for a drive (K,) at the vertices."""
         return np.asarray(
             self._crept_at(drive, self.read_s, reference_s)
             - self._crept_at(drive, self.zero_s, reference_s).mean(axis=1)
         )
 
     def easing_drift(self, age_s: float) -> Array:
-        """Return what each point reads, (F,), of a drift at rest that is 1 from the first to the last zero and eases off.
+        """Return the reading of each point, (F,), under a decaying drift at rest that is 1 from the first to the last zero.
 
-        It follows the logarithm of the time since `age_s` before the run began, as creep of what was before does.
+        It follows the logarithm of the time since `age_s` before the begin of the run, like the creep of an earlier drive.
         """
 
         def since(t: Array) -> Array:
@@ -136,10 +136,10 @@ class DriveHistory:
 def rayleigh_response(volts: Array, low_v: float, high_v: float) -> Array:
     """Return half the squares of the changes of voltage since the turning points, summed with their signs, (K,), at turning points.
 
-    `volts` begin at rest, where the specimen came from the lower end of its whole range, `low_v` to `high_v`, as a sine ends.
+    `volts` begin at rest, reached from the lower end of the whole range, `low_v` to `high_v`, like the end of a sine.
     """
     turned = [(high_v, 0.0), (low_v, -0.5 * (high_v - low_v) ** 2)]
-    """Turning points that are remembered, with the response there; the last began the present branch."""
+    """Remembered turning points with their response; the last is the begin of the present branch."""
     at, out = float(volts[0]), []
     rises = at >= low_v
 
@@ -159,7 +159,7 @@ def rayleigh_response(volts: Array, low_v: float, high_v: float) -> Array:
 
 
 def rayleigh_loop(volts: Array) -> Array:
-    """Return the same along one period of a periodic voltage, (N,), that rises once and falls once."""
+    """Return the hysteretic response along one period of a periodic voltage, (N,), that rises once and falls once."""
     low, high = float(volts.min()), float(volts.max())
     rises = np.roll(volts, -1) > np.roll(volts, 1)
     return np.where(rises, 0.5 * (volts - low) ** 2, 0.5 * (high - low) ** 2 - 0.5 * (high - volts) ** 2)

@@ -1,4 +1,4 @@
-"""Sag of the membrane under its own weight: bending, with the tension its own deflection makes (von Karman).
+"""Sag of the membrane under its own weight: bending, with the tension of its own deflection (von Karman).
 
 Clamped at both ends, E I w'''' - T w'' = q with T = E A (delta + integral of w'^2 / (2 L)). Linear theory predicts a sag of
 thirteen thicknesses, far outside its own validity; stretching carries most of the weight.
@@ -11,11 +11,8 @@ from annotated_types import Interval
 
 from model.arrays import Array, gauss_legendre
 from model.parameter_spec import ParameterError, ParameterSpec
-from model.parameters import Membrane
+from model.parameters import GRAVITY, Membrane
 from model.skin_model import PRE_STRETCH, point_stiffness
-
-GRAVITY = 9.80665
-"""Standard gravity, m/s^2."""
 
 RUBBER_KG_M3 = 1000.0
 LOAD_SPEC = ParameterSpec("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)
@@ -83,13 +80,13 @@ def young_modulus_from_sag(
 
 
 def linear_young_modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None) -> float:
-    """What linear theory, q L^4 / (384 I w), makes of the same sag, Pa: for comparison only."""
+    """Young modulus by linear theory, q L^4 / (384 I w), for the same sag, Pa; for comparison only."""
     q = weight_per_length(membrane) if load_n_per_m is None else load_n_per_m
     return float(q * membrane.L_m**4 / (384 * membrane.b_m * membrane.h_m**3 / 12 * sag_m))
 
 
 def _centre_deflection(m: Membrane, q: float, total: float) -> float:
-    """A uniform load deflects the centre as half of it would there: w = q L / (2 k_point), for any tension."""
+    """A uniform load deflects the centre like half of it at the centre: w = q L / (2 k_point), for any tension."""
     return float(q * m.L_m / 2 / point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, total))
 
 

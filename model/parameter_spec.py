@@ -1,7 +1,7 @@
 """Parameter specifications: unit, limits and meaning, read from the annotation of a field.
 
-A field is `Annotated[float, Unit("m"), Interval(gt=0), "what it is"]`, or `Annotated[float, Interval(gt=0)]` where its quantity is
-listed in `model.quantities`. Validation, forms, command-line options and file attributes all use it.
+A field is `Annotated[float, Unit("m"), Interval(gt=0), "definition"]`, or `Annotated[float, Interval(gt=0)]` where its quantity
+is listed in `model.quantities`. Validation, forms, command-line options and file attributes all use it.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from model.quantities import QUANTITIES
 
 
 class ParameterError(ValueError):
-    """A value that is not physical; the message names the parameter, the value, the limit and what to do."""
+    """A value that is not physical; the message names the parameter, the value, the limit and the remedy."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class ParameterSpec:
 
     @property
     def limits(self) -> str:
-        """The limits as text, e.g. "greater than 0 m"; every quantity is finite besides."""
+        """The limits as text, e.g. "greater than 0 m"; every quantity is also finite."""
         bounds = (
             ("greater than", self.interval.gt),
             ("at least", self.interval.ge),
@@ -53,7 +53,7 @@ class ParameterSpec:
         return " and ".join(parts) or "finite"
 
     def is_valid(self, values: ArrayLike) -> Mask:
-        """Where `values` (any shape) are finite and within the limits."""
+        """Mask of `values` (any shape): finite and within the limits."""
         v = np.asarray(values, float)
         inside = np.asarray(np.isfinite(v))
         for compare in (operator.gt, operator.ge, operator.lt, operator.le):
@@ -106,4 +106,4 @@ def validate_parameters(obj: object) -> None:
 
 
 PERIODIC_FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(gt=0), "frequency of a periodic drive", None)
-"""Of responses and thresholds; here, so that a threshold does not load the beam model."""
+"""Frequency of responses and thresholds; defined here, so that a threshold does not load the beam model."""

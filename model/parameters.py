@@ -1,4 +1,4 @@
-"""The paper's Table I as validated values, and the letters of Eqs. (1)-(6) that follow from them.
+"""The paper's Table I as validated values, and the derived letters of Eqs. (1)-(6).
 
 `Tactor` and `Membrane` are one specimen, validated on construction. `Beam` carries the same letters as floats or
 as arrays of one shape; the numerics underneath take a `Beam`, so that a study of ten thousand specimens is one call.
@@ -14,6 +14,9 @@ from annotated_types import Interval
 from numpy.typing import ArrayLike
 
 from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
 
 FloatOrArray = Any
 """A float or an array of floats; the formulas of this module take both."""
@@ -131,11 +134,11 @@ def beams(tactor: Tactor, values: Mapping[str, ArrayLike]) -> Beam:
     Raises:
         ParameterError: a name is unknown, a value is not physical, or an order of lengths is broken.
     """
-    known = {q.name: q for q in parameter_specs(Tactor)}
+    specs = {q.name: q for q in parameter_specs(Tactor)}
     for name in values:
-        if name not in known:
-            raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(known)}")
-    v = asdict(tactor) | {name: known[name].check(value) for name, value in values.items()}
+        if name not in specs:
+            raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(specs)}")
+    v = asdict(tactor) | {name: specs[name].check(value) for name, value in values.items()}
     check_segment_order(v["L"], v["L1"], v["L2"])
     return beam_from_values(v)
 

@@ -25,11 +25,15 @@ BENCH_UNITS = {
     "N m/V": "N mm/kV",
     "A": "mA",
 }
-"""Bench units of SI units, where a quantity has no other."""
+"""Bench units of SI units, for quantities without a bench unit of their own."""
+
+
+LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
+"""Units of the quantities that scale with the gain of the displacement sensor."""
 
 
 class ShownUnit(NamedTuple):
-    """Factor from SI to the unit in which a value is shown, and that unit; empty for a number without unit."""
+    """Display unit and the factor from SI to it; empty for a number without unit."""
 
     factor: float
     unit: str
@@ -43,7 +47,7 @@ class Quantity:
         identifier: in files, options and JSON.
         name: for people.
         unit: SI; `1` for a number.
-        bench: unit in which it is shown.
+        bench: unit of display.
         definition: one noun phrase or sentence.
         former: names in run files of earlier versions.
         digits: significant digits of a value without uncertainty.
@@ -89,31 +93,31 @@ PARAMETERS: Mapping[str, Quantity] = _listed(
     ("c_s_delta", "skin damping per stretch", "c_s^δ", "kg/(m s)", "kg/(m s)", "skin damping gained per unit pre-stretch"),
     ("c_s_0", "skin damping unstretched", "c_s^0", "kg/(m s)", "kg/(m s)", "skin damping without pre-stretch"),
     ("delta", "pre-stretch δ", "δ", "1", "%", "pre-stretch of the membrane, elongation over free length"),
-    ("contact_length", "contact length", "l_c", "m", "mm", "length the point stiffness is spread over"),
+    ("contact_length", "contact length", "l_c", "m", "mm", "length over which the point stiffness is distributed"),
     ("k_s", "skin stiffness k_s", "k_s", "N/m^2", "N/m^2", "distributed stiffness of the skin"),
     ("c_s", "skin damping c_s", "c_s", "kg/(m s)", "kg/(m s)", "distributed damping of the skin"),
-    ("asymmetry", "asymmetry", "", "1", "%", "share by which loads deflect more on the MFC side, less on the other"),
-    ("hysteresis", "hysteresis", "", "1", "%", "share of the deflection at full drive that comes late, in proportion to the drive"),
-    ("creep", "creep a decade", "", "1", "%", "share of a deflection gained per decade of time, none at the time of 100 Hz"),
-    ("clamp_flexibility", "flexibility of the clamp", "", "1", "%", "rotation of the clamp, as a share of what the bare plate bends: it acts as a bare plate that is so much longer"),
-    ("mass_fraction", "acting share of the masses", "", "1", "%", "share of the masses put in the cylinder that acts at the centre"),
+    ("asymmetry", "asymmetry", "", "1", "%", "relative excess of deflections on the MFC side, deficit on the other side"),
+    ("hysteresis", "hysteresis", "", "1", "%", "late share of the deflection at full drive, in proportion to the drive"),
+    ("creep", "creep a decade", "", "1", "%", "share of a deflection gained per decade of time, zero at the time of 100 Hz"),
+    ("clamp_flexibility", "flexibility of the clamp", "", "1", "%", "rotation of the clamp, as a share of the bending of the bare plate: equivalent to a longer bare plate"),
+    ("mass_fraction", "acting share of the masses", "", "1", "%", "acting share of the masses in the cylinder"),
     ("mass_offset", "mass offset", "", "kg", "g", "mass of cylinder and glue, or an error common to all added masses"),
-    ("mass_put_in", "mass put in", "", "kg", "g", "mass put in the cylinder for the dwells, of which m_add acts; 0: unknown, m_add is identified by itself"),
+    ("mass_put_in", "mass put in", "", "kg", "g", "mass in the cylinder during the dwells, which acts as m_add; 0: unknown, m_add is identified by itself"),
     ("load_gain", "load gain error", "", "1", "%", "relative error common to all loads: the balance's scale"),
     ("sensor_gain", "sensor gain error", "", "1", "%", "relative error common to all displacements"),
     ("load_offset", "load offset", "", "N", "mN", "load of pan and hook, or an error common to all loads"),
-    ("zero_drift", "zero drift", "", "m", "µm", "drift of the sensor's zero from the first to the last row"),
-    ("stiffening", "stiffening", "", "1", "%", "share by which the stiffness grows up to a deflection of 1 mm, with its square"),
+    ("zero_drift", "zero drift", "", "m", "µm", "drift of the sensor's zero from first to last row"),
+    ("stiffening", "stiffening", "", "1", "%", "relative growth of the stiffness up to a deflection of 1 mm, with the square of the deflection"),
     ("gain_below_rest", "amplifier gain error below rest", "", "1", "%", "relative error of the amplifier's slope below rest"),
     ("gain_above_rest", "amplifier gain error above rest", "", "1", "%", "relative error of the amplifier's slope above rest"),
-    ("delay", "delay", "", "s", "ms", "lateness of the displacement that was not corrected in the phases"),
-    ("gain_drift", "gain drift", "", "1", "%", "share by which the dwells grow from the first to the last"),
+    ("delay", "delay", "", "s", "ms", "uncorrected delay of the displacement in the phases"),
+    ("gain_drift", "gain drift", "", "1", "%", "relative growth of the dwells from first to last"),
     ("elongation_offset", "elongation offset", "", "m", "mm", "error common to all elongations of the membrane"),
     ("peak_to_peak_v", "drive, peak to peak", "", "V", "V", "drive at the amplifier's input, peak to peak around rest"),
     ("k2_per_kelvin", "temperature coefficient of k₂", "", "1/K", "1/K", "relative change of k2 per kelvin"),
     ("mu_per_kelvin", "temperature coefficient of μ", "", "1/K", "1/K", "relative change of mu per kelvin"),
     ("c0_per_kelvin", "temperature coefficient of c₀", "", "1/K", "1/K", "relative change of c0 per kelvin"),
-    ("elongation_slip", "elongation slip", "", "1", "%", "share of every elongation that the membrane's clamps lose"),
+    ("elongation_slip", "elongation slip", "", "1", "%", "share of every elongation lost in the membrane's clamps"),
 )
 """Parameters of the model, of its extensions and of the instruments' errors."""
 
@@ -130,7 +134,7 @@ RESULTS: Mapping[str, Quantity] = _listed(
     ("largest_twice_fundamental", "largest 2 x fundamental", "", "m", "µm", "largest peak-to-peak displacement of the fundamental alone", ("largest 2 x fundamental",)),
     ("margin_at_resonance", "margin at the largest", "", "1", "1", "largest peak-to-peak displacement over the threshold of perception at its frequency", ("margin at the largest",)),
     ("smallest_margin", "smallest margin", "", "1", "1", "smallest max - min over the threshold, 5 to 250 Hz, free, by the model"),
-    ("smallest_margin_on_membrane", "smallest margin on the membrane", "", "1", "1", "the same at the largest elongation that was measured"),
+    ("smallest_margin_on_membrane", "smallest margin on the membrane", "", "1", "1", "smallest max - min over the threshold, 5 to 250 Hz, at the largest measured elongation, by the model"),
     ("usable_from", "usable from", "", "Hz", "Hz", "lowest frequency felt, free, full drive; by the model, from 5 Hz on"),
     ("usable_to", "usable to", "", "Hz", "Hz", "highest frequency felt, free, full drive; by the model, up to 250 Hz"),
     ("latency", "latency", "t_l", "s", "ms", "time from a step, or from the onset of a sine, until the displacement is felt"),
@@ -152,7 +156,7 @@ RESULTS: Mapping[str, Quantity] = _listed(
     ("loop_width_per_frequency", "loop width per frequency", "", "s", "ms", "growth of the relative loop width with the frequency: damping and delay"),
     ("compliance", "compliance", "", "m/N", "µm/N", "deflection of the centre per newton at the centre"),
     ("side_difference", "difference of the sides", "", "1", "%", "difference of the compliances of both sides over their mean", ("difference of the sides",)),
-    ("nonlinearity", "nonlinearity", "", "1", "%", "share by which the compliance at the largest load differs from the compliance at none"),
+    ("nonlinearity", "nonlinearity", "", "1", "%", "relative difference of the compliance at the largest load from the compliance without load"),
     ("sag", "sag", "", "m", "mm", "deflection of the middle of the horizontal membrane by its own weight"),
     ("linear_young_modulus", "Young modulus by linear theory", "", "Pa", "MPa", "Young modulus of the membrane by a theory without stretch", ("Young modulus by linear theory",)),
     ("free_response_drift", "drift of the free response", "", "1", "%", "relative change of the free response over a membrane series, mean over frequencies", ("drift of the free response",)),
@@ -176,8 +180,8 @@ def find_quantity(name: str) -> Quantity | None:
 
 def quantity_label(name: str) -> str:
     """Return an estimate's name for people: `compliance, MFC up`, `natural frequency`, `skin damping c_s(1.27 mm)`."""
-    found = find_quantity(name)
-    return name if found is None else found.name + name.removeprefix(found.identifier)
+    quantity = find_quantity(name)
+    return name if quantity is None else quantity.name + name.removeprefix(quantity.identifier)
 
 
 def current_name(stored: str) -> str:
@@ -189,8 +193,7 @@ def current_name(stored: str) -> str:
     if text in _FORMER:
         return _FORMER[text]
     base, comma, condition = text.partition(", ")
-    known = _FORMER.get(base) if base != "latency" else base
-    identifier = known or base.replace(" ", "_")
+    identifier = (_FORMER.get(base) if base != "latency" else base) or base.replace(" ", "_")
     return (identifier if identifier in QUANTITIES else base) + comma + condition
 
 
@@ -207,10 +210,10 @@ def current_parameter(stored: str, parameters: Container[str]) -> str:
 
 
 def shown_unit(unit: str, name: str = "") -> ShownUnit:
-    """Return the unit in which a value in an SI unit is shown: the quantity's, or else the usual one of the SI unit."""
-    found = find_quantity(name)
-    if found is not None and found.unit == unit:
-        return found.shown
+    """Return the display unit of a value in an SI unit: the quantity's, or else the usual one of the SI unit."""
+    quantity = find_quantity(name)
+    if quantity is not None and quantity.unit == unit:
+        return quantity.shown
     bench = BENCH_UNITS.get(unit, unit)
     return ShownUnit(SCALES[bench] if unit in BENCH_UNITS else 1.0, "" if bench == "1" else bench)
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arrays import Array, Mask
+from model.quantities import LENGTH_UNITS
 
 PHASE, COHERENCE, USABLE = "phase", "coherence", "usable"
 ERRORS, TOTAL_ERRORS, FIT = "_errors", "_total_errors", "_fit"
-"""Endings of the names of the columns that belong to y."""
+"""Suffixes of the names of columns that belong to y."""
 
 
 class Role(StrEnum):
@@ -55,16 +56,16 @@ class Series:
     Attributes:
         x: (N,), in the unit of `x_axis`; a loop goes back along it.
         y: (N,), in the unit of `y_axis`; real or complex.
-        errors: (N,), statistical standard error of y, or of its real and of its imaginary part; None if not known.
+        errors: (N,), statistical standard error of y, or of its real and of its imaginary part; None if unknown.
         total_errors: (N,), total standard uncertainty of y.
-        usable: (N,), whether fits may use each value; None for all of them.
-        fit: (N,), a line fitted to y, or to its modulus; NaN where it was not fitted.
-        fit_description: of the fit.
+        usable: (N,), whether fits may use each value; None: all values.
+        fit: (N,), a line fitted to y, or to its modulus; NaN outside the fit.
+        fit_description: description of the fit.
         band: interval about y, or about its modulus.
         coherence: (N,), share of the power of y that follows x, 0..1.
-        name: kind of series, such as `frequency response`; `label` distinguishes it from others of this kind.
-        entry: the entry of the run's plan it belongs to.
-        fitted_rows: of a fitted line: the points that it was fitted to.
+        name: kind of series, such as `frequency response`; `label` distinguishes series of one kind.
+        entry: its entry in the run's plan.
+        fitted_rows: indices of the fitted points, for a fitted line.
 
     Raises:
         ValueError: the arrays differ in length.
@@ -119,15 +120,21 @@ class Series:
 
     @property
     def is_loop(self) -> bool:
-        """Whether it goes back along its axis."""
+        """Whether x decreases anywhere."""
         return bool((np.diff(self.x) < 0).any())
 
     def scaled(self, x_factor: float, y_factor: float) -> Self:
-        """Return the series in other units, such as a display's; the axes keep their names and SI units."""
+        """Return the series in other units, such as display units; the axes keep their names and SI units."""
         arrays = ("y", "errors", "total_errors", "fit")
         scaled = {name: y_factor * array for name in arrays if (array := getattr(self, name)) is not None}
         band = None if self.band is None else Band(*(y_factor * end for end in self.band))
         return replace(self, x=x_factor * self.x, band=band, **scaled)
+
+    def with_gain(self, relative_uncertainty: float) -> Self:
+        """Return a measured displacement with total errors that include the relative standard uncertainty of the sensor's gain."""
+        if self.errors is None or self.total_errors is not None or self.y_axis.unit not in LENGTH_UNITS:
+            return self
+        return replace(self, total_errors=np.hypot(self.errors, relative_uncertainty * self.plotted))
 
     def within(self, low: float, high: float) -> Self:
         """Return the values of a range of x."""

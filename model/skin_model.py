@@ -16,7 +16,7 @@ THRESHOLD_M = 50e-6
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
 
 UNCOMFORTABLE_HZ = 200.0, 250.0
-"""From a frequency between these on, vibration tends to be uncomfortable (paper, Sec. I, ref. [22])."""
+"""Range of the frequency above which vibration tends to be uncomfortable (paper, Sec. I, ref. [22])."""
 
 PRE_STRETCH = ParameterSpec("delta", "", Interval(ge=0), QUANTITIES["delta"].definition, 0.0)
 CONTACT_LENGTH = ParameterSpec.listed("contact_length", Interval(gt=0), None)
@@ -44,9 +44,8 @@ NO_SKIN = Skin()
 def skin(membrane: Membrane, delta: float, contact_length: float | None = None, tactor: Tactor | None = None) -> Skin:
     """Skin of `membrane` at pre-stretch `delta`.
 
-    `contact_length` (m) is the length by which the point stiffness is divided. Default: L - L2 of `tactor` (Table I if None), which
-    reproduces the paper's 8.5e4 N/m^2; the symmetric reading, both halves of the beam carrying the membrane, is
-    `2 * (tactor.L - tactor.L2)`.
+    `contact_length` (m) divides the point stiffness. Default: L - L2 of `tactor` (Table I if None), which reproduces the paper's
+    8.5e4 N/m^2; the symmetric reading, both halves of the beam carrying the membrane, is `2 * (tactor.L - tactor.L2)`.
 
     Raises:
         ParameterError: delta < 0, contact_length <= 0, or a c_s that would be negative.

@@ -1,4 +1,4 @@
-"""A tactor, free or on a membrane, and every number of it that a study, an estimate or a command line may change."""
+"""A tactor, free or on a membrane, and its variables, which studies, estimates and command lines may change."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -21,7 +21,7 @@ CREEP = ParameterSpec.listed("creep", Interval(ge=0), 0.0)
 CLAMP_FLEXIBILITY = ParameterSpec.listed("clamp_flexibility", Interval(ge=0), 0.0)
 LAG_NAMES = (HYSTERESIS.name, CREEP.name)
 NONIDEAL_VARIABLES = (HYSTERESIS, CREEP, CLAMP_FLEXIBILITY)
-"""What the beam model of the paper leaves out. The first two act on the response to a voltage (`model.response.lag`), not on the beam."""
+"""Effects outside the paper's beam model. The first two act on the response to a voltage (`model.response.lag`), not on the beam."""
 NONIDEAL_NAMES = tuple(each.name for each in NONIDEAL_VARIABLES)
 
 
@@ -34,7 +34,7 @@ class BeamCoefficients(NamedTuple):
 
 
 def variable_specs() -> dict[str, ParameterSpec]:
-    """Everything that can be varied, by name: fields of Tactor and Membrane, delta, contact_length, k_s, c_s, hysteresis, creep and clamp_flexibility."""
+    """All variables by name: fields of Tactor and Membrane, delta, contact_length, k_s, c_s, hysteresis, creep and clamp_flexibility."""
     return {
         q.name: q for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), *SKIN_VARIABLES, *NONIDEAL_VARIABLES)
     }
@@ -43,8 +43,8 @@ def variable_specs() -> dict[str, ParameterSpec]:
 def flexible_clamp_lengths(lengths: Mapping[str, Any], clamp_flexibility: Any) -> dict[str, Any]:
     """Return L, L1 and L2, m, of the beam with its bare plate lengthened by the equivalent of the clamp's rotation.
 
-    Numbers or arrays that broadcast. Deflection and mass of the piece that is added are of second order: of a clamp of 5 %,
-    less than 0.05 % of the response.
+    Numbers or arrays that broadcast. Deflection and mass of the added piece are of second order: less than 0.05 % of the response
+    for a clamp of 5 %.
     """
     longer = clamp_flexibility * lengths["L1"]
     return {name: lengths[name] + longer for name in ("L", "L1", "L2")}
@@ -54,8 +54,8 @@ def flexible_clamp_lengths(lengths: Mapping[str, Any], clamp_flexibility: Any) -
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if `membrane` is None.
 
-    `k_s` and `c_s`, where given, replace the membrane's; None is as described in `model.skin_model`. `hysteresis` and
-    `creep` belong to its MFC, `clamp_flexibility` to its clamp.
+    `k_s` and `c_s`, where given, replace the membrane's; None: values of `model.skin_model`. `hysteresis` and `creep` belong to
+    its MFC, `clamp_flexibility` to its clamp.
 
     Raises:
         ParameterError: a value is not physical.
@@ -88,7 +88,7 @@ class Specimen:
         return Skin(float(k_s), float(c_s))
 
     def value(self, name: str) -> float:
-        """The present value of a variable; raises ParameterError for one this specimen does not have."""
+        """The present value of a variable; raises ParameterError for a variable that this specimen lacks."""
         if name in {q.name for q in parameter_specs(Tactor)}:
             return float(getattr(self.tactor, name))
         if self.membrane is not None and name in {q.name for q in parameter_specs(Membrane)}:
@@ -108,11 +108,11 @@ class Specimen:
         Raises:
             ParameterError: an unknown name, a value that is not physical, or a membrane's variable without a membrane.
         """
-        known = variable_specs()
+        specs = variable_specs()
         for name in values:
-            if name not in known:
-                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
-        v = {name: known[name].check(value) for name, value in values.items()}
+            if name not in specs:
+                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(specs)}")
+        v = {name: specs[name].check(value) for name, value in values.items()}
         of_tactor = {q.name for q in parameter_specs(Tactor)}
         flexibility = v.get("clamp_flexibility", np.asarray(self.clamp_flexibility))
         if np.any(flexibility):
@@ -142,7 +142,7 @@ class Specimen:
 
 
 def replace_variables(base: Specimen, values: Mapping[str, float]) -> Specimen:
-    """Return `base` with the named variables replaced; naming anything of the membrane puts the tactor on it."""
+    """Return `base` with the named variables replaced; a variable of the membrane puts the tactor on it."""
     of_tactor, of_membrane = ({q.name for q in parameter_specs(kind)} for kind in (Tactor, Membrane))
     membrane = base.membrane
     if membrane is None and values.keys() & (of_membrane | {"delta", "contact_length"}):

@@ -1,11 +1,11 @@
-"""Text of a value with its standard uncertainty, rounded to two digits of it: the only place that writes `±`."""
+"""Text of a value with its standard uncertainty, rounded to two digits of the uncertainty: the only place that writes `±`."""
 
 import math
 
 from model.quantities import EstimatedQuantity, find_quantity, quantity_label, shown_unit
 
 COVERAGE_FACTOR_95 = 1.959964
-"""Standard uncertainties to either side that cover 95 % of a normal distribution."""
+"""Number of standard uncertainties on each side that covers 95 % of a normal distribution."""
 
 
 def format_with_uncertainty(
@@ -13,7 +13,7 @@ def format_with_uncertainty(
 ) -> str:
     """Format a value to two digits of its standard error, `158.1203 ± 0.0041 Hz`; the value alone without an error.
 
-    `signed` writes the sign of a positive value, too; `digits` are the significant ones of a value without an error.
+    `signed` writes the sign of a positive value, too; `digits` is the number of significant digits of a value without an error.
     """
     sign = "+" if signed else ""
     text = f"{value:{sign}.{digits}g}"
@@ -30,10 +30,10 @@ def format_uncertainty(uncertainty: float, unit: str = "1", places: int | None =
 
 
 def format_quantity(value: float, standard_error: float, unit: str, name: str = "", signed: bool = False) -> str:
-    """Format an SI value and its standard error in the unit of a bench: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
+    """Format an SI value and its standard error in bench units: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
     factor, shown = shown_unit(unit, name)
-    found = find_quantity(name)
-    digits = 6 if found is None else found.digits
+    quantity = find_quantity(name)
+    digits = 6 if quantity is None else quantity.digits
     return format_with_uncertainty(factor * value, factor * standard_error, shown, signed, digits)
 
 

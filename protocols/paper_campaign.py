@@ -8,14 +8,14 @@ TURN_MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MF
 REMOVE_MEMBRANE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
 FIX_PAPER_MASS = Prompt(
     "fix-mass",
-    "Fix a mass in the cylinder of which 7.73 g moves with the centre; in the paper this was a mass of 11 g.",
+    "Fix a mass in the cylinder so that 7.73 g moves with the centre; in the paper this was a mass of 11 g.",
     {"mass_kg": 7.73e-3, "moving": 1.0},
     hands_on=True,
 )
 
 
 class PaperItem(NamedTuple):
-    """One measurement: its name, the protocol, the names of the measurements it needs, and prompts that the protocol does not show."""
+    """One measurement: its name, the protocol, the names of its prerequisites, and prompts that the protocol does not show."""
 
     name: str
     protocol: str

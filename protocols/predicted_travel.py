@@ -1,4 +1,4 @@
-"""Predicted travel: displacement range the model expects under the drives of a plan, without skin."""
+"""Predicted travel: displacement range of the model under the drives of a plan, without skin."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -12,7 +12,7 @@ from model.response import amplifier_response, poles, samples_per_period, square
 from protocols.base import PlanEntry
 
 SWEEP_POINTS = 101
-"""Frequencies at which a sweep is evaluated; it is slow enough to be quasi-stationary."""
+"""Number of frequencies of an evaluated sweep, which is slow enough to be quasi-stationary."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class PredictedTravel:
 def predict_travel(
     planned_drives: Sequence[tuple[PlanEntry, Drive]], tactor: Tactor, amplifier: AmplifierMap
 ) -> Iterator[PredictedTravel]:
-    """Yield the predicted displacement range of every drive; a mass named by the set-up is on the tactor.
+    """Yield the predicted displacement range of every drive; a mass of the set-up is on the tactor.
 
     Raises:
         ParameterError: the model rejects the tactor or frequency.
@@ -42,7 +42,7 @@ def predict_travel(
             case LinearSweep(start, stop, _, a, offset_v) | PeriodicSweep(start, stop, _, _, a, offset_v):
                 swept = np.linspace(start, stop, SWEEP_POINTS).tolist()
                 sines.setdefault((loaded.m_add, a, offset_v), []).extend((entry.label, f) for f in swept)
-            case Hold(level_v, _):  # the guard ramps there, too slowly to excite a vibration
+            case Hold(level_v, _):  # the guard ramps to a level too slowly to excite a vibration
                 moved = float(voltage_gain(loaded) * amplifier.specimen_v(level_v))
                 yield PredictedTravel(entry.label, min(moved, 0.0), max(moved, 0.0))
             case SquareWave(f, a, offset_v, duty, edge_s, _):
@@ -51,10 +51,10 @@ def predict_travel(
                 yield PredictedTravel(entry.label, float(low[0]), float(high[0]))
             case Ramp() | Steps():
                 yield _step_travel(entry.label, drive, loaded, amplifier)
-    for (mass, amplitude_v, offset_v), asked in sines.items():
-        frequency = np.array([f for _, f in asked])
+    for (mass, amplitude_v, offset_v), requests in sines.items():
+        frequency = np.array([f for _, f in requests])
         low, high = _extremes(replace(tactor, m_add=mass), frequency, amplitude_v, offset_v, amplifier)
-        for (label, f), at_low, at_high in zip(asked, low, high, strict=True):
+        for (label, f), at_low, at_high in zip(requests, low, high, strict=True):
             yield PredictedTravel(
                 label if f"{f:g}" in label else f"{label} at {f:.0f} Hz", float(at_low), float(at_high)
             )

@@ -1,17 +1,20 @@
 """Protocol registry: built-in protocols, protocols of installed packages, and protocols of a laboratory's file.
 
-An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by
-its path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to-write-a-protocol.md). A broken one is reported
-and left out. Both are loaded when a name is looked up that no other protocol has.
+An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by its
+path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to-write-a-protocol.md). A broken protocol is
+reported and left out. Both kinds are loaded at the first look-up of a name that no other protocol has.
 """
 
 import importlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
+from dataclasses import fields, is_dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated, get_origin, get_type_hints
 
 from protocols.base import Aspects, Protocol
 
@@ -36,7 +39,7 @@ BUILT_IN_PROTOCOLS = {
 """Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""
 
 DEFAULT_PROTOCOL = "sine-dwell"
-"""Protocol of a new form, of a command without a name, and of a run whose own protocol is not installed."""
+"""Protocol of a new form, of a command without a name, and of a run of a protocol that is not installed."""
 WIRING_CHECK, HELD_LEVELS, TONES = "wiring-check", "voltage-steps", "sine-dwell"
 """Protocols that the Bench page and the command `bench check` start: the check of a bench, levels and sines played by hand."""
 
@@ -86,7 +89,7 @@ PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 def aspects_of(name: str) -> Aspects:
-    """Return the aspects of a protocol by name, of installed packages too; the defaults where it is not registered.
+    """Return the aspects of a protocol by name, of installed packages too; the defaults if it is not registered.
 
     A method of a laboratory's aspects that fails raises AspectsError, which readers of runs and imports report.
     """
@@ -95,7 +98,7 @@ def aspects_of(name: str) -> Aspects:
         return Aspects()
     if name in BUILT_IN_PROTOCOLS:
         return kind.aspects
-    from protocols.aspects import guarded_aspects  # reads run files, which a start needs not
+    from protocols.aspects import guarded_aspects  # reads run files, which a start does not need
 
     return guarded_aspects(kind.aspects, name)
 
@@ -132,9 +135,9 @@ def load_protocol_file(path: Path) -> type[Protocol]:
     name = f"tactor_bench_protocol_{path.stem}"
     module = ModuleType(name)
     module.__file__ = str(path)
-    sys.modules[name] = module  # pydantic looks annotations up there
+    sys.modules[name] = module  # pydantic looks annotations up in sys.modules
     try:
-        # From its text, always: Python's cache takes a file of the same size and second for the same file.
+        # Always compiled from the text: Python's cache mistakes a file of equal size and second for the same file.
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # noqa: S102 - the operator's own file
     except Exception as error:
         raise ProtocolFileError(f"{path} does not run: {type(error).__name__}: {error}") from error
@@ -144,8 +147,8 @@ def load_protocol_file(path: Path) -> type[Protocol]:
         if isinstance(kind, type) and issubclass(kind, Protocol) and kind.__module__ == name
     ]
     if len(kinds) != 1:
-        found = ", ".join(kind.__name__ for kind in kinds) or "none"
-        raise ProtocolFileError(f"{path} must define one subclass of Protocol; it defines {found}")
+        names = ", ".join(kind.__name__ for kind in kinds) or "none"
+        raise ProtocolFileError(f"{path} must define one subclass of Protocol; it defines {names}")
     _register(kinds[0], str(path))
     return kinds[0]
 
@@ -155,7 +158,32 @@ def _register(protocol_class: type[Protocol], source: str) -> None:
     missing += sorted(protocol_class.__abstractmethods__)
     if missing:
         raise ProtocolFileError(f"{source}: {protocol_class.__name__} lacks {', '.join(missing)}")
-    known = PROTOCOLS.get(protocol_class.name)
-    if known is not None and known.__module__ != protocol_class.__module__:
+    if fault := _fault(protocol_class):
+        raise ProtocolFileError(f"{source}: {fault}")
+    registered = PROTOCOLS.get(protocol_class.name)
+    if registered is not None and registered.__module__ != protocol_class.__module__:
         raise ProtocolFileError(f"{source}: there is a protocol '{protocol_class.name}' already; choose another name")
     PROTOCOLS[protocol_class.name] = protocol_class
+
+
+def _fault(protocol_class: type[Protocol]) -> str:
+    """Return why no run file can store runs of a protocol; empty if one can."""
+    name, points = protocol_class.name, protocol_class.point_type
+    if not re.fullmatch(r"[\w-]+", name, re.ASCII):
+        return f"the name {name!r} is a part of file names; use only letters, digits, '-' and '_'"
+    if not is_dataclass(points):
+        return f"point_type {points.__name__} is not a dataclass; write @dataclass(frozen=True, slots=True) above it"
+    kinds = get_type_hints(points, include_extras=True)
+    columns = [field.name for field in fields(points)]
+    for column in columns:
+        if get_origin(kinds[column]) is not Annotated:
+            return (
+                f'{column} of {points.__name__} has no unit; write {column}: Annotated[float, Unit("m"), "description"]'
+            )
+    if "quality" not in columns:
+        return f'{points.__name__} lacks quality: Annotated[int, Unit("1"), "flags, see protocols.Quality"]'
+    if "entry" in columns:
+        return f"entry of {points.__name__} is the name of a column that every run has; choose another name"
+    if unknown := [axis for axis in protocol_class.axes if axis not in columns]:
+        return f"{points.__name__} has no {unknown[0]}, which axes names; it has {', '.join(columns)}"
+    return ""

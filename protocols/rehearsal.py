@@ -18,12 +18,12 @@ from protocols.runfile import RESERVE_BYTES
 
 @dataclass(frozen=True, slots=True)
 class AdaptedProtocol:
-    """A protocol that the source can play, or the one that was requested if nothing helps.
+    """A protocol that the source can play, or the requested one if no change helps.
 
     Attributes:
         protocol: the protocol to run.
-        requested: the requested values of the parameters that were changed; empty if none was.
-        message: what was changed and why; empty if nothing was.
+        requested: the requested values of changed parameters; empty without changes.
+        message: changes and their reason; empty without changes.
     """
 
     protocol: Protocol
@@ -35,8 +35,8 @@ def adapt_to_source(protocol: Protocol, amplifier: HvAmplifier) -> AdaptedProtoc
     """Return the protocol with the parameters that the source can play, nearest to the requested ones. Sends nothing."""
     rest_v = amplifier.map.rest_v
     adapted = protocol.adapted(rest_v, amplifier.reason_unsupported)
-    asked, played = protocol.model_dump(mode="json"), adapted.model_dump(mode="json")
-    changed = {name: value for name, value in asked.items() if played[name] != value}
+    requested, played = protocol.model_dump(mode="json"), adapted.model_dump(mode="json")
+    changed = {name: value for name, value in requested.items() if played[name] != value}
     if not changed:
         return AdaptedProtocol(protocol)
     reasons = (amplifier.reason_unsupported(drive) for entry in protocol.plan(rest_v) for drive in entry.drives)
@@ -52,12 +52,12 @@ def _text(value: Any) -> str:
 
 
 BYTES_PER_SCAN = 4
-"""Of drive and displacement, 16 bits each; further channels are not counted."""
+"""Bytes per scan of drive and displacement, 16 bits each; further channels are not counted."""
 FILE_OVERHEAD_BYTES = 200_000
 
 
 class CannotRunError(BenchError):
-    """A protocol needs what this bench or disk does not have."""
+    """A protocol's demand exceeds this bench or disk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,9 @@ class Rehearsal:
     lowest_specimen_v: float
     file_bytes: int
     worst: str
-    """The moment closest to a limit."""
+    """The moment nearest to a limit."""
     cautions: tuple[str, ...] = ()
-    """Checks that were not possible, and problems that the model predicts."""
+    """Impossible checks, and problems predicted by the model."""
 
 
 def rehearse(
@@ -91,11 +91,11 @@ def rehearse(
     Args:
         protocol: the protocol to run.
         amplifier: the guard, with the limits of its source.
-        sensor: whose range the predicted stroke is held against, where there is also a `tactor` to predict it with.
+        sensor: sensor whose range limits the stroke predicted for `tactor`.
         tactor: model of the specimen.
-        meters: of the bench; None where they are not known yet.
-        folder: where the run file will be; None where that is not known yet.
-        adapt: whether the protocol is adapted to the source before, as a new run does.
+        meters: meters of the bench; None if unknown.
+        folder: folder of the run file; None if unknown.
+        adapt: whether to adapt the protocol to the source first, as for a new run.
 
     Raises:
         DriveRefused: a drive is not admissible, or the bench's source cannot play it.
@@ -158,10 +158,10 @@ def _cautions(amplifier: HvAmplifier, travel: tuple[float, str] | None) -> Itera
 
 
 def check_disk_space(file_bytes: int, folder: Path) -> None:
-    """Reject a file for which the disk has no space.
+    """Reject a file that does not fit on the disk.
 
     Raises:
-        CannotRun: it would leave less than the reserve that closing a run in order needs.
+        CannotRun: it would leave less than the reserve for closing a run in order.
     """
     there = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
     free = shutil.disk_usage(there).free
@@ -182,7 +182,7 @@ def _check_meters(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
 
 
 def _entry_duration_s(entry: PlanEntry, amplifier: HvAmplifier) -> float:
-    """Return how long an entry takes; a source that cannot stop plays its drives to their ends."""
+    """Return the duration of an entry; a source that cannot stop plays its drives to their ends."""
     if not amplifier.plays_to_the_end:
         return entry.expected_s
     return max(entry.expected_s, sum(drive.duration_s for drive in entry.drives if not isinstance(drive, Hold)))
@@ -211,7 +211,7 @@ def _highest_slew(drives: PlannedDrives, amplifier: HvAmplifier) -> tuple[float,
 
 
 def _highest_current(drives: PlannedDrives, amplifier: HvAmplifier) -> list[tuple[float, str]]:
-    """Return the drive with the largest current, if the amplifier's current limit is known."""
+    """Return the drive with the largest current, if the amplifier has a stated current limit."""
     if not drives or not amplifier.limits.has_current_limit:
         return []
     entry, drive = max(drives, key=lambda pair: amplifier.peak_current_a(pair[1]))
@@ -239,7 +239,7 @@ def _largest_travel(
 
 
 def _count_prompts(plan: Sequence[PlanEntry], high_voltage: bool) -> int:
-    """Return the number of prompts: high voltage off and on, every set-up (with both around it), and those of entries."""
+    """Return the number of prompts: high voltage off and on, every set-up (with both around it), and the prompts of entries."""
     prompts, current_setup = (2 if high_voltage else 1), None
     for entry in plan:
         if entry.setup is not None and entry.setup != current_setup:

@@ -32,7 +32,7 @@ from protocols.runfile import (
     truncate_utf8,
 )
 
-CRASHED = "the program that wrote it is gone"
+CRASHED = "its program has ended without closing it"
 
 
 def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool = False) -> Verdict:
@@ -40,7 +40,7 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
 
     Args:
         path: the run file.
-        reference: model of the free specimen; default is the one stored in the run, or else the paper's tactor.
+        reference: model of the free specimen; default: the model stored in the run, or else the paper's tactor.
         store: whether to store the verdict in the run's sidecar, in place of an earlier one; the run file is not touched.
 
     Raises:
@@ -57,7 +57,7 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
 
 
 def complete_results(path: Path) -> str:
-    """Store estimates and verdict of a run that ended without them, from its points; return what was done as a sentence.
+    """Store estimates and verdict of a run that ended without them, from its points; return a sentence about the result.
 
     Curves are not computed again.
     """
@@ -101,7 +101,7 @@ def _judge_points(
     planned = len(measured)
     if not run.record.imported:  # a table has no plan
         planned = len(extend_plan(protocol, protocol.plan(amplifier.rest_v), measured, amplifier.rest_v))
-    known = reference or run.record.reference_model or ReferenceModel(amplifier=amplifier)
+    reference_model = reference or run.record.reference_model or ReferenceModel(amplifier=amplifier)
     return judge_ended(
-        run.record.status, run.record.reason, protocol, list(measured.values()), planned, known, estimates
+        run.record.status, run.record.reason, protocol, list(measured.values()), planned, reference_model, estimates
     )

@@ -1,7 +1,7 @@
-"""Resuming a run that was stopped, failed or crashed, or repeating some of its entries.
+"""Resuming a stopped, failed or crashed run, or repeating some of its entries.
 
-The new file carries over all points, links to the raw data of the old file, and is one run to its readers. The last good
-entry is first measured again, which shows drift: temperature, a bumped sensor, creep.
+The new file carries over all points, links to the raw data of the old file, and appears as one run to readers. First the last
+good entry is measured again, which shows drift: temperature, a moved sensor, creep.
 """
 
 import contextlib
@@ -9,27 +9,21 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from model import AmplifierMap
-from protocols.base import (
-    PlanEntry,
-    Prompt,
-    Protocol,
-    Quality,
-    Recording,
-    RunStatus,
-    Series,
-    extend_plan,
-)
+from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, RunStatus, Series, extend_plan
 from protocols.registry import PROTOCOLS
-from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, translate_read_errors
+from protocols.runfile import ENTRY_COLUMN, RunReadError
+
+if TYPE_CHECKING:
+    from protocols.runfile import Run, RunRecord
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
-"""A change larger than both counts as drift: more than errors explain, and large enough to matter."""
+"""A change larger than both counts as drift: significant, and large enough to matter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +44,21 @@ class ResumableRun:
 
     path: Path
     protocol: Protocol
-    record: RunRecord
+    record: "RunRecord"
     resume_state: ResumeState
 
 
-def protocol_of_run(run: Run, run_name: str) -> Protocol:
+def protocol_of_run(run: "Run", run_name: str) -> Protocol:
     """Return the protocol of a run with its parameters; `run_name` names the run in messages.
 
     Raises:
-        RunReadError: it is not known here, or this version rejects its parameters.
+        RunReadError: the protocol is unknown, or this version rejects its parameters.
     """
     kind = PROTOCOLS.get(run.record.protocol)
     if kind is None:
-        raise RunReadError(f"{run_name} is a run of '{run.record.protocol}', a protocol that is not known here")
+        raise RunReadError(
+            f"{run_name} is a run of '{run.record.protocol}', an unknown protocol; load its file as well"
+        )
     try:
         return kind(**run.record.parameters)
     except ValidationError as error:
@@ -77,6 +73,8 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
     Raises:
         RunReadError: the file is not a run, still being written, complete with nothing to repeat, or of an unknown protocol.
     """
+    from protocols.runfile import Run, translate_read_errors  # a new run reads no file
+
     with Run(path) as run, translate_read_errors(path):
         _check_measured(path, run)
         protocol = protocol_of_run(run, str(path))
@@ -91,25 +89,25 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             )
         if run.record.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
             raise RunReadError(f"{path} is complete: there is nothing to resume")
-        words = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
+        note = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
         if stale:
-            words += f", {stale} dropped: the plan has other entries in their place now"
+            note += f", {stale} dropped: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
-        continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
+        continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), note, kept)
         return ResumableRun(path, protocol, run.record, continuation)
 
 
-def _check_measured(path: Path, run: Run) -> None:
+def _check_measured(path: Path, run: "Run") -> None:
     if run.record.status is RunStatus.RUNNING and not run.record.crashed:
         raise RunReadError(f"{path} is still being written; stop that run first")
     if run.record.imported:
         raise RunReadError(f"{path} was imported, not measured, and cannot be resumed; start a new run")
 
 
-def _points_of_plan(run: Run, points: Mapping[int, Any], plan: Sequence[PlanEntry]) -> dict[int, Any]:
-    """Return the points of the plan's entries: refinements depend on points, and may differ once those were measured again."""
+def _points_of_plan(run: "Run", points: Mapping[int, Any], plan: Sequence[PlanEntry]) -> dict[int, Any]:
+    """Return the points of the plan's entries: refinements depend on points, and may differ after repeats of these."""
     begun = run.entries()
     return {
         i: point for i, point in points.items() if i < len(plan) and (i not in begun or begun[i].key == plan[i].key)
@@ -128,6 +126,8 @@ def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
     Raises:
         RunReadError: the file is not a run, or has no such entry; the message lists the entries.
     """
+    from protocols.runfile import Run, translate_read_errors  # a new run reads no file
+
     with Run(path) as run, translate_read_errors(path):
         begun, columns = run.entries(), run.points()
         good = {
@@ -137,19 +137,19 @@ def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
             )
             if Quality(int(quality)).usable
         }
-    found: set[int] = set()
-    for words in entry_names:
-        if words == FLAGGED_ENTRIES:
-            found |= begun.keys() - good
+    entries: set[int] = set()
+    for entry_name in entry_names:
+        if entry_name == FLAGGED_ENTRIES:
+            entries |= begun.keys() - good
             continue
-        meant = {i for i, entry in begun.items() if _label_matches(entry.label, words)}
+        meant = {i for i, entry in begun.items() if _label_matches(entry.label, entry_name)}
         if not meant:
             labels = "; ".join(entry.label for _, entry in sorted(begun.items())) or "none"
-            raise RunReadError(f"{path} has no entry '{words}'; it has: {labels}")
-        found |= meant
-    if not found:
+            raise RunReadError(f"{path} has no entry '{entry_name}'; it has: {labels}")
+        entries |= meant
+    if not entries:
         raise RunReadError(f"{path} has no flagged points: there is nothing to measure again")
-    return tuple(sorted(found))
+    return tuple(sorted(entries))
 
 
 def _label_matches(label: str, text: str) -> bool:
@@ -169,22 +169,22 @@ def _label_matches(label: str, text: str) -> bool:
 
 
 def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
-    """Compare an entry measured twice; return a message, and a prompt if the drift is too large."""
+    """Compare two measurements of an entry; return a message, and a prompt if the drift is too large."""
     column = protocol.axes[1]
     old, new = float(getattr(first, column)), float(getattr(second, column))
     error = math.hypot(float(getattr(first, f"{column}_errors", 0.0)), float(getattr(second, f"{column}_errors", 0.0)))
     change = new - old
     relative = abs(change / old) if old else math.inf
     sigmas = abs(change) / error if error > 0 else math.inf
-    words = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
-    words += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
+    note = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
+    note += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
     if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
-        return words, None
-    question = f"{words}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
-    return words, Prompt("drifted", question, choices=("go on", "stop"))
+        return note, None
+    question = f"{note}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
+    return note, Prompt("drifted", question, choices=("go on", "stop"))
 
 
-def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
+def _recompute_series(run: "Run", protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
     """Recompute the series of an unfinished run from its raw data."""
     if type(protocol).series is Protocol.series:
         return ()
@@ -194,24 +194,25 @@ def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -
         if of_entry and of_entry[-1].index + 1 != recording.index:
             of_entry.clear()  # the entry was measured again later
         of_entry.append(recording)
-    found: list[Series] = []
+    recomputed: list[Series] = []
     for entry, recordings in sorted(latest.items()):
         with contextlib.suppress(ValueError):
-            found += [replace(one, entry=entry) for one in protocol.series(plan[entry].key, recordings)]
-    return tuple(found)
+            recomputed += [replace(one, entry=entry) for one in protocol.series(plan[entry].key, recordings)]
+    return tuple(recomputed)
 
 
-def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
-    """Return points with their entries, in order of measurement; the last one of an entry is valid."""
+def measured_points(run: "Run", point_type: type) -> Sequence[tuple[int, Any]]:
+    """Return points with their entries, in order of measurement; the last point of an entry is valid."""
     columns = run.points()
     entries = columns.pop(ENTRY_COLUMN)
-    found = []
+    points = []
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
         for field in fields(point_type):
-            value = np.asarray(columns[field.name][row] if field.name in columns else math.nan)  # an older file
+            # A file of an earlier version.
+            value = np.asarray(columns[field.name][row] if field.name in columns else math.nan)
             values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])
-        found.append((int(entry), point_type(**values)))
-    return found
+        points.append((int(entry), point_type(**values)))
+    return points

@@ -1,4 +1,4 @@
-"""Simulated instruments: the names with which a driver plug-in is tested (docs/how-to-write-a-driver.md).
+"""Simulated instruments: the names for tests of a driver plug-in (docs/how-to-write-a-driver.md).
 
 Each is imported when it is first used, so that the package costs nothing at start-up.
 """

@@ -43,8 +43,8 @@ class SimulatedBench:
     """A simulated bench (sim_hardware.operator.BenchControls).
 
     Args:
-        parameters: of the plant and the instruments; default is `SimulationParameters()`.
-        clock: bench time; default is the wall clock at the speed of `parameters`.
+        parameters: parameters of the plant and the instruments; default: `SimulationParameters()`.
+        clock: bench time; default: the wall clock at the speed of `parameters`.
     """
 
     def __init__(self, parameters: plant.SimulationParameters | None = None, clock: Clock | None = None) -> None:
@@ -71,7 +71,7 @@ class SimulatedBench:
             self.enable_hv()
 
     def connect_generator(self, model: ScpiInstrument) -> None:
-        """Put an instrument on the link, in the place of the generator; it sets the output stage `self.generator`."""
+        """Connect an instrument to the link in place of the generator; it sets the output stage `self.generator`."""
         self._generator_model = model
         self._connect(_engine_of(model))
 
@@ -80,7 +80,7 @@ class SimulatedBench:
         self.message_port.set_processing(partial(self.clock.sleep, self.parameters.generator.command_s))
 
     def _make_other_instrument(self) -> ScpiEngine:
-        """Return an instrument of another model, whose output leads nowhere."""
+        """Return an instrument of another model with an unconnected output."""
         own = self.parameters.generator
         model = "33511B" if own.model.startswith("3322") else "33220A"
         output = SimulatedGenerator(self._discard_segment, 0, 0.0, own.relay_s, self.parameters.amplifier.open_v)
@@ -90,14 +90,14 @@ class SimulatedBench:
         )
 
     def _segment_sink(self, source: str) -> Callable[[SegmentFactory], None]:
-        """Return the sink of an output's segments: the cable to the amplifier, or none."""
+        """Return the sink of an output's segments: the cable to the amplifier, or no sink."""
         return self._cable.emit if self.parameters.source == source else self._discard_segment
 
     def _discard_segment(self, make: SegmentFactory) -> None:
         make(self.clock.now())
 
     def link(self, timeout_s: float = 2.0) -> InProcessLink:
-        """Return a link in this process to the generator, or to the supply in its place."""
+        """Return a link in this process to the generator or supply."""
         g = self.parameters.generator
         model = self.parameters.supply.model if self.parameters.source == "supply" else g.model
         return InProcessLink(self.message_port, self.clock, f"generator {model} (simulated)", g.command_s, timeout_s)
@@ -108,7 +108,7 @@ class SimulatedBench:
         return SimulatedDigitizer(self.card, self.clock, self.faults, buffer_s, inputs)
 
     def laser_reading_m(self) -> float | None:
-        """Return the displacement that the laser sensor displays now; None out of its range."""
+        """Return the present displacement of the laser sensor; None out of its range."""
         sensor, now = self.parameters.sensor, self.clock.now()
         seen = float(self.laser_view.displacement(np.array([min(self.plant.available_until(now), now)]))[0])
         return None if abs(seen) > sensor.range_m or self.faults.is_active("sensor-out-of-range") else seen
@@ -125,7 +125,7 @@ class SimulatedBench:
         return self.clock.now()
 
     def perform_action(self, action: str, values: Mapping[str, float]) -> float:
-        """Perform one of `sim_hardware.plant.setup_state.OPERATOR_ACTIONS`; return the bench time when it is done.
+        """Perform one of `sim_hardware.plant.setup_state.OPERATOR_ACTIONS`; return the bench time of its end.
 
         Raises:
             ValueError: no such action, a missing or invalid number, or high voltage is on.
@@ -181,7 +181,7 @@ class SimulatedBench:
         self._notify_listeners()
 
     def _apply_fault(self, fault: str, active: bool) -> None:
-        """Apply the effects of a fault on the instruments that they do not look up themselves."""
+        """Apply the effects of a fault on instruments that do not read the faults themselves."""
         match fault:
             case "generator-power-off":
                 self.generator.set_power(on=not active)

@@ -5,11 +5,11 @@ import threading
 from contextlib import suppress
 
 KEPT_ARRAY_BYTES, KEPT_BYTES = 16 << 20, 64 << 20
-"""Bytes: the largest array that malloc takes from its arena, and the free memory that its arena keeps."""
+"""Arena limit and trim threshold of malloc, bytes."""
 
 
 class VirtualClock:
-    """Bench time as a counter (drivers.clock.Clock). Sleeping and waiting for data advance it and take no real time."""
+    """Bench time as a counter (drivers.clock.Clock). Sleeping and waiting for data advance it without real time."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._lock = threading.Lock()
@@ -25,7 +25,7 @@ class VirtualClock:
 
 
 def keep_freed_memory() -> None:
-    """Let glibc keep the memory of freed arrays: a new page from the system takes longer than the work on it."""
+    """Let glibc keep the memory of freed arrays: a new page from the system takes longer than its processing."""
     mmap_threshold, trim_threshold = -3, -1  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of malloc.h
     with suppress(AttributeError, OSError, TypeError):  # another C library, or Windows
         library = ctypes.CDLL(None)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sim_hardware.plant import VoltageReport
 
 SLOW_ACTIONS = {"place-weight", "remove-weight"}
-"""Actions that an operator watches for a while before confirming: the laser mostly detects them first."""
+"""Actions with a delay before the operator's confirmation: mostly the laser detects them first."""
 
 
 class BenchControls(Protocol):
@@ -21,7 +21,7 @@ class BenchControls(Protocol):
     def disable_hv(self) -> None: ...
 
     def perform_action(self, action: str, values: Mapping[str, float]) -> float:
-        """Perform one of OPERATOR_ACTIONS; return the bench time at which it is done."""
+        """Perform one of OPERATOR_ACTIONS; return the bench time of its end."""
 
     def inject(self, fault: str) -> None:
         """Inject one of `sim_hardware.plant.faults.FAULT_DESCRIPTIONS`."""
@@ -37,14 +37,14 @@ class BenchControls(Protocol):
     def now(self) -> float: ...
 
     def laser_reading_m(self) -> float | None:
-        """Return the displacement that the laser sensor displays now; None out of its range."""
+        """Return the present displacement of the laser sensor; None out of its range."""
 
 
 class SimulatedOperator:
-    """Answers the prompts of a run (protocols.base.operator.Operator) by performing `prompt.action`.
+    """Answers the prompts of a run (protocols.base.Operator) by performing `prompt.action`.
 
-    The answer is the first choice. It follows a placed or removed weight only after a while, so that the laser can
-    detect it before. A prompt without an action is answered immediately.
+    The answer is the first choice. It follows a placed or removed weight after a delay, so that the laser can detect it before. A
+    prompt without an action is answered immediately.
 
     Args:
         bench: the simulated bench.
@@ -56,7 +56,7 @@ class SimulatedOperator:
         self._answers: dict[int, tuple[float, str]] = {}
 
     def clear_specimen(self) -> None:
-        """Restore the initial state of the specimen, after a run that was stopped with a weight on."""
+        """Restore the initial state of the specimen, after a run stopped with a weight on."""
         self._bench.disable_hv()  # the specimen must not be live; a run prompts for high voltage again
         self._bench.perform_action("tidy-up", {})
 

@@ -1,4 +1,4 @@
-"""Connects a bench and runs protocols on it, with every way out at rest."""
+"""Connection of a bench, and runs of protocols on it that always end at rest."""
 
 import signal
 import threading
@@ -36,7 +36,7 @@ class RunFailedError(BenchError):
     """A run failed or was stopped, and is at rest; the message gives the reason.
 
     Attributes:
-        path: its run file with the data measured before, None where it could not be created.
+        path: its run file with the data measured before, None if it could not be created.
     """
 
     def __init__(self, reason: str, path: Path | None) -> None:
@@ -48,11 +48,11 @@ class BenchSession(Closeable):
     """A connected bench. Every run begins and ends at measured rest; closing it releases the instruments.
 
     Attributes:
-        name: as in the bench file.
+        name: name in the bench file.
         simulated: whether it is the simulated bench.
-        identities: of the instruments by role, for example `generator`.
-        folder: where run files go.
-        specimen: name of the specimen, for runs that name none.
+        identities: identities of the instruments by role, for example `generator`.
+        folder: folder of run files.
+        specimen: default name of the specimen.
     """
 
     def __init__(
@@ -71,18 +71,18 @@ class BenchSession(Closeable):
         self._failure = ""
         self._connected = threading.Event()
         self._running = threading.Lock()
-        self._front = front_end(progress=progress)
-        self._after_run = AfterRun(self._front.observe, config, after_run)
+        self._front_end = front_end(progress=progress)
+        self._after_run = AfterRun(self._front_end.observe, config, after_run)
         self._session = Session(
             lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning),
-            [self._observe, self._front.observe, self._after_run.observe],
-            self._front.operator,
+            [self._observe, self._front_end.observe, self._after_run.observe],
+            self._front_end.operator,
             folder,
         )
         self._session.start()
         _close_at_exit(self)
         try:
-            self._front.wait(self._connected)
+            self._front_end.wait(self._connected)
             if self._failure:
                 raise BenchError(self._failure)
         except BaseException:
@@ -104,19 +104,18 @@ class BenchSession(Closeable):
     ) -> MeasuredRun:
         """Run a protocol, wait for its end, and open its run file.
 
-        Progress and prompts are shown as by `tactor-bench run`: on the terminal, or under the notebook's cell, where a
-        prompt is answered by typing. Ctrl-C, or interrupting the kernel, brings the bench to rest and then raises
-        KeyboardInterrupt; what was measured is in the run file. If the process or the kernel dies, the watchdog brings the
-        bench to rest.
+        Progress and prompts are shown as by `tactor-bench run`: on the terminal, or under the notebook's cell, where a prompt is
+        answered by typing. Ctrl-C, or interrupting the kernel, brings the bench to rest and then raises KeyboardInterrupt; the
+        data measured before are in the run file. If the process or the kernel dies, the watchdog brings the bench to rest.
 
         Args:
-            protocol: its name (`tactor-bench protocols` lists them), the file of your own (`./my_protocol.py`), or a
-                protocol with its parameters.
-            specimen: name of the specimen; default is the bench's.
-            folder: where the run file goes; default is the bench's.
-            check: whether a run without a result (stopped, failed, did not pass, nothing usable) raises RunFailedError;
-                without, it is returned with its status and verdict.
-            parameters: of the protocol, by name.
+            protocol: its name (`tactor-bench protocols` lists them), a file of your own (`./my_protocol.py`), or a protocol with
+                its parameters.
+            specimen: name of the specimen; default: the bench's.
+            folder: folder of the run file; default: the bench's.
+            check: whether a run without a result (stopped, failed, did not pass, nothing usable) raises RunFailedError; otherwise
+                it is returned with its status and verdict.
+            parameters: parameters of the protocol, by name.
             **more: further parameters of the protocol: numbers in SI, or texts with a unit (`peak_to_peak_v="4 V"`).
 
         Returns:
@@ -124,8 +123,8 @@ class BenchSession(Closeable):
             `no result`, `did not pass`, `stopped` or `failed`; `reasons` and `checks` give the reasons.
 
         Raises:
-            ValueError: an unknown protocol or parameter, or a value out of range; or a real bench without a terminal or a
-                notebook to answer the prompts in. Nothing has moved.
+            ValueError: an unknown protocol or parameter, or a value out of range; or a real bench without a terminal or notebook
+                for the answers to prompts. Nothing has moved.
             RunFailedError: the run gave no result, or its file could not be created; the bench is at rest.
             UnsafeError: rest could not be confirmed. The message gives the manual steps.
             BenchError: the bench has been closed or lost, or another thread's run is in progress.
@@ -138,7 +137,7 @@ class BenchSession(Closeable):
             array([0.00076, 0.00116, 0.00112])
         """
         request = _protocol(protocol, {**(parameters or {}), **more})
-        if not self.simulated and not self._front.operator_reachable:
+        if not self.simulated and not self._front_end.operator_reachable:
             try:
                 refuse_without_operator(self._config, request)
             except UsageError as refusal:
@@ -155,19 +154,19 @@ class BenchSession(Closeable):
             error = UnsafeError(reason)
             error.add_note(f"The run file is {path}")
             raise error
-        if self._front.stopped_by is not None:
-            self._pass_on(self._front.stopped_by)
+        if self._front_end.stopped_by is not None:
+            self._pass_on(self._front_end.stopped_by)
             kept = f"; the measured data are in {path}" if path else ""
             raise KeyboardInterrupt(f"{reason}{'; the bench is at rest' * self._at_rest}{kept}")
         if ended is None:
             raise BenchError(reason)
         if path is None or (check and not ended.verdict.outcome.has_result):
             completed = ended.status is RunStatus.COMPLETED
-            raise RunFailedError(self._front.failure or (ended.summary if completed else reason), path)
+            raise RunFailedError(self._front_end.failure or (ended.summary if completed else reason), path)
         return open_run(path)
 
     def close(self) -> None:
-        """Stop a run that is in progress, wait for rest, and release the instruments. Closing twice is harmless."""
+        """Stop a run in progress, wait for rest, and release the instruments. Closing twice is harmless."""
         self._session.close()
         self._after_run.close()
         _OPEN.discard(self)
@@ -176,12 +175,12 @@ class BenchSession(Closeable):
         """Run a protocol to its end; return the run file, None if none was created."""
         self._rejected = self._at_rest = False
         session = self._session
-        with self._front.running(session):
+        with self._front_end.running(session):
             session.run(RunRequest(protocol, folder, specimen, reference=reference_model(folder, specimen)))
             try:
-                if self._front.stopped_by is not None:  # before there was a run to be stopped
+                if self._front_end.stopped_by is not None:  # before a run could be stopped
                     session.stop()
-                self._front.wait(session.finished)
+                self._front_end.wait(session.finished)
             except BaseException:
                 session.stop()
                 session.finished.wait()
@@ -189,7 +188,7 @@ class BenchSession(Closeable):
         return None if self._rejected or session.outcome is None else session.path
 
     def _pass_on(self, number: int) -> None:
-        """A signal that ends programs ends this one, now that the bench is at rest and closed."""
+        """Repeat the signal that ends this program, after the bench is at rest and closed."""
         if number != signal.SIGINT:
             self.close()
             signal.raise_signal(number)
@@ -222,19 +221,19 @@ def connect(
     """Connect a bench; use it with `with`, or close it.
 
     Args:
-        bench: a bench file, or `sim` for the simulated bench that comes with the program.
-        folder: where run files go.
-        specimen: name of the specimen, for runs that name none.
-        speed: of a simulated bench, 1 to 20 times real, or `max` for a virtual clock.
-        seed: of the simulated bench's noise.
-        progress: whether to show it; without, only prompts and problems are shown.
-        without_commissioning: why high voltage may be switched on with a real source that has no valid commissioning record
-            (`tactor-bench commission`); every run stores it.
+        bench: a bench file, or `sim` for the simulated bench of the program.
+        folder: folder of run files.
+        specimen: default name of the specimen.
+        speed: speed of a simulated bench, 1 to 20 times real, or `max` for a virtual clock.
+        seed: seed of the simulated bench's noise.
+        progress: whether to show progress; otherwise only prompts and problems are shown.
+        without_commissioning: reason for high voltage with a real source without a valid commissioning record (`tactor-bench
+            commission`); every run stores it.
         after_run: program to start after each run with its file, e.g. `"upload --to notebook {run}"`.
 
     Raises:
-        ValueError: the bench file is wrong, or speed or seed do not fit it; every fault is listed.
-        BenchError: an instrument is not there, or another one answers.
+        ValueError: the bench file is invalid, or speed or seed do not fit it; every fault is listed.
+        BenchError: an instrument is absent, or another one answers.
 
     Example:
         >>> with connect("sim", speed="max", progress=False) as bench:

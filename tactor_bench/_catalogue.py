@@ -1,4 +1,4 @@
-"""Runs of a folder, by the same catalogue as the Runs page and `tactor-bench runs`."""
+"""Runs of a folder, by the catalogue of the Runs page and `tactor-bench runs`."""
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -21,14 +21,14 @@ class CatalogueEntry:
 
     Attributes:
         path: the file.
-        status: as `MeasuredRun.status`; besides `newer version` and `damaged`, with a `reason`.
-        start_time: local time, None for a file without it.
+        status: as `MeasuredRun.status`; in addition `newer version` and `damaged`, with a `reason`.
+        start_time: local time, None for a file without one.
         points: number of points.
         verdict: outcome of the verdict, for example `good`.
-        verdict_reasons: why, with remedies.
+        verdict_reasons: reasons, with remedies.
         duration_s: length of the sampled data.
-        found: what was identified, in words.
-        summary: row of the catalogue, which the attributes but `path` are taken from.
+        estimates_text: identified quantities as text.
+        summary: row of the catalogue, source of all attributes except `path`.
     """
 
     path: Path
@@ -42,7 +42,7 @@ class CatalogueEntry:
     simulated = _Fact(lambda row: bool(row.simulated))
     points = _Fact(lambda row: row.points)
     duration_s = _Fact(lambda row: row.seconds)
-    found = _Fact(lambda row: row.found)
+    estimates_text = _Fact(lambda row: row.estimates_text)
     verdict = _Fact(lambda row: row.verdict)
     verdict_reasons = _Fact(lambda row: row.verdict_reasons)
     tags = _Fact(lambda row: tuple(tag for tag in row.tags.split(", ") if tag))
@@ -56,7 +56,7 @@ class CatalogueEntry:
         """Open the run.
 
         Raises:
-            RunReadError: it is damaged, or gone.
+            RunReadError: it is damaged or missing.
         """
         return MeasuredRun(self.path)
 
@@ -71,20 +71,20 @@ def runs(
     since: str | datetime | timedelta = "",
     search: str = "",
 ) -> list[CatalogueEntry]:
-    """List the runs in a folder and below, newest first; an empty argument does not filter.
+    """List the runs in a folder and below, newest first; an empty argument is no filter.
 
     Args:
-        folder: where the run files are.
+        folder: folder of the run files.
         specimen: only runs of this specimen.
         protocol: only runs of this protocol, for example `sine-dwell`.
         status: only runs of this status, for example `completed`.
         verdict: only runs of this verdict, for example `good`, `no result` or `not judged`.
-        since: begun since a day (`2026-11-21`), a month (`2026-11`), `today`, or how long ago (`12h`, `7d`); or a
-            datetime, or a timedelta back from now.
+        since: only runs since a day (`2026-11-21`), a month (`2026-11`), `today`, or within a time (`12h`, `7d`); or a datetime,
+            or a timedelta back from now.
         search: words that must all occur in names, reasons, results, tags or notes.
 
     Raises:
-        FileNotFoundError: there is no such folder.
+        FileNotFoundError: the folder does not exist.
         ValueError: `since` is not a time.
 
     Example:
@@ -99,5 +99,5 @@ def runs(
     begun = read_since(since.isoformat() if isinstance(since, datetime) else since) if since else ""
     catalogue = Catalogue(folder)
     catalogue.scan()
-    found = RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
-    return [CatalogueEntry(folder / row.path, row) for row in found]
+    entries = RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
+    return [CatalogueEntry(folder / row.path, row) for row in entries]

@@ -38,16 +38,16 @@ from protocols.base import (
 )
 
 POLL_S = 0.1
-"""Waits are cut into pieces of this length: a wait without end would keep Python from handling a signal."""
+"""Length of the pieces of a wait: an endless wait would keep Python from handling a signal."""
 
 
 class FrontEnd(ABC):
-    """Shows the events of a session, and asks the operator.
+    """Shows the events of a session and prompts the operator.
 
     Attributes:
-        operator: answers the prompts of a bench that has no operator itself.
-        stopped_by: the signal that stopped the present run, None where there was none.
-        failure: why the front end stopped the present run, empty where it did not.
+        operator: operator of a bench without its own.
+        stopped_by: signal that stopped the present run, None without one.
+        failure: reason why the front end stopped the present run, empty if it did not.
     """
 
     operator: Operator
@@ -61,22 +61,22 @@ class FrontEnd(ABC):
         self._signalled = False
 
     def observe(self, event: SessionEvent) -> None:
-        """Take an event, in the session's thread."""
+        """Receive an event, in the session's thread."""
         if isinstance(event, BenchOpened):
             self._real = not event.simulated
 
     @property
     def operator_reachable(self) -> bool:
-        """Whether prompts can be answered here."""
+        """Whether prompts can be answered by this front end."""
         return True
 
     @abstractmethod
     def showing(self) -> AbstractContextManager[None]:
-        """Show a run, and read the keyboard, meanwhile."""
+        """Show a run and read the keyboard, within the block."""
 
     @abstractmethod
     def wait(self, done: threading.Event) -> None:
-        """Wait in the calling thread for the end of an operation, and show events meanwhile."""
+        """Wait in the calling thread for the end of an operation, and show its events."""
 
     @contextmanager
     def running(self, session: Session) -> Iterator[None]:
@@ -110,7 +110,7 @@ class FrontEnd(ABC):
             self._session.abandon_if_hung()
 
     def _lines(self, event: SessionEvent) -> list[str]:
-        """Return the lines to show for an event; without progress only those that the operator must see."""
+        """Return the displayed lines of an event; without progress only lines for the operator."""
         message = describe_event(event)
         shown = message is not None and (
             self._progress or message[0] is Severity.ERROR or isinstance(event, PromptShown)
@@ -120,7 +120,7 @@ class FrontEnd(ABC):
 
 
 class TerminalFrontEnd(FrontEnd):
-    """Progress on standard error and prompts on standard input, as `tactor-bench run`."""
+    """Progress on standard error and prompts on standard input, like `tactor-bench run`."""
 
     def __init__(self, *, progress: bool) -> None:
         super().__init__(progress=progress)
@@ -151,9 +151,9 @@ class TerminalFrontEnd(FrontEnd):
             self._abandon_if_hung()
 
     def _observer(self, keys: str = "") -> Callable[[SessionEvent], None]:
-        return ConsoleObserver(StderrConsole(), keys, not self._real) if self._progress else self._only_what_matters
+        return ConsoleObserver(StderrConsole(), keys, not self._real) if self._progress else self._filtered
 
-    def _only_what_matters(self, event: SessionEvent) -> None:
+    def _filtered(self, event: SessionEvent) -> None:
         for line in self._lines(event):
             sys.stderr.write(f"{line}\n")
 
@@ -190,9 +190,7 @@ class NotebookFrontEnd(FrontEnd):
         self._queue.put(event)
         if isinstance(event, PromptAnswered | RunEnded) and self._waiting is not None:
             self._waiting = None
-            if (
-                self._reading and self._signalled
-            ):  # the laser answered: `input()` ends as by an interrupt, which is not one
+            if self._reading and self._signalled:  # the laser answered: `input()` ends as by an interrupt
                 self._withdrawn = True
                 _thread.interrupt_main()
 
@@ -242,14 +240,14 @@ class NotebookFrontEnd(FrontEnd):
             self._bar.update(bundle, raw=True)
 
     def _ask(self, ask_id: int, prompt: Prompt) -> None:
-        """Ask until the prompt is answered: here, by the laser, or by the end of the run."""
+        """Ask until the prompt is answered by typing, by the laser, or by the end of the run."""
         label = f"{prompt.text} ({answer_instructions(prompt)}; interrupting the kernel stops the run) "
         while self._waiting == ask_id and self.stopped_by is None:
             try:
                 typed = self._input(label)
             except KeyboardInterrupt:
                 continue
-            except (EOFError, RuntimeError) as error:  # IPython raises its own error where input is impossible
+            except (EOFError, RuntimeError) as error:  # IPython raises its own error if input is impossible
                 self.failure = (
                     f"no operator can answer in this notebook ({error}), so the run was stopped: {prompt.text}"
                 )
@@ -280,6 +278,6 @@ class NotebookFrontEnd(FrontEnd):
 
 
 def front_end(*, progress: bool) -> FrontEnd:
-    """Return the front end of this process: a notebook where a kernel runs it, else the terminal."""
+    """Return the front end of this process: a notebook if a kernel runs it, else the terminal."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return (NotebookFrontEnd if hasattr(shell, "kernel") else TerminalFrontEnd)(progress=progress)

@@ -29,8 +29,8 @@ __all__ = ["AmplifierMap", "Membrane", "ParameterError", "Response", "Skin", "Ta
 SHAPES = 7
 
 PARTS_HZ = (15.0, 60.0)
-"""Where the frequencies of a band are divided: the lowest one decides how many harmonics all have, so that parts take a
-seventh of the time. They are within 2e-5 of the whole, which is enough for derivatives."""
+"""Divisions of the frequencies of a band: the lowest frequency of a part defines its number of harmonics, so that parts take a
+seventh of the time. They agree with the whole within 2e-5, enough for derivatives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,9 +42,9 @@ class Response(PeriodicResponse):
         peak_to_peak: max - min of the displacement, all harmonics superposed, m, (F,): the paper's measured amplitude.
         fundamental: complex amplitude of the fundamental, m, (F,): peak amplitude, phase against the input sine.
         receptance: complex displacement per volt on the specimen, m/V, (F,).
-        peak_to_peak_band, fundamental_band: of `peak_to_peak` and of `abs(fundamental)`, None where nothing has an error.
-            `.lower`, `.upper` and `.standard_error` are in m, (F,).
-        specimen: tactor, membrane and skin that were computed.
+        peak_to_peak_band, fundamental_band: bands of `peak_to_peak` and of `abs(fundamental)`, None without errors. `.lower`,
+            `.upper` and `.standard_error` are in m, (F,).
+        specimen: computed tactor, membrane and skin.
     """
 
     receptance: Complex
@@ -70,23 +70,23 @@ def response(
     calibration: "Calibration | Identification | None" = None,
     coverage: float = 0.95,
 ) -> Response:
-    """Compute the frequency response of a tactor under the amplifier's drive, as `tactor-bench model frequency-response`.
+    """Compute the frequency response of a tactor under the amplifier's drive, like `tactor-bench model frequency-response`.
 
     Args:
         frequencies_hz: greater than 0, (F,).
         tactor: default: from `calibration`, or the paper's Table I.
-        skin: a given distributed stiffness and damping under the cylinder; default is the free tactor.
-        membrane: the membrane that represents skin; default, where it is stretched: from `calibration` or Table I.
+        skin: a given distributed stiffness and damping under the cylinder; default: the free tactor.
+        membrane: the membrane that represents skin; default for a stretched membrane: from `calibration` or Table I.
         elongation_m: elongation of the membrane, m.
-        pre_stretch: the same as a share of the membrane's free length.
+        pre_stretch: elongation as a share of the membrane's free length.
         peak_to_peak_v: drive at the amplifier's input, V, for example `run.parameters["peak_to_peak_v"]`.
-        offset_v: its mean, V.
+        offset_v: mean of the drive, V.
         waveform: `sine` or `square`.
         amplifier: the amplifier's map from input to specimen volts.
-        position_m: distance from the clamp, m; default is the centre.
-        shapes: number of shape functions, 3 to 300; default: as in the identification, 7 with a
-            calibration, else as many as keep the response within 0.1 % of the closed form.
-        calibration: where the values and their errors come from: a `calibration(...)`, or the result of `identify(...)`.
+        position_m: distance from the clamp, m; default: the centre.
+        shapes: number of shape functions, 3 to 300; default: as in the identification, 7 with a calibration, else the number that
+            keeps the response within 0.1 % of the closed form.
+        calibration: source of values and errors: a `calibration(...)`, or the result of `identify(...)`.
         coverage: probability of the bands.
 
     Raises:
@@ -101,8 +101,8 @@ def response(
     """
     if tactor is not None and calibration is not None:
         raise ValueError("the tactor is given twice, by tactor and by calibration; leave one out")
-    known = PAPER_MODEL if calibration is None else _known_model(calibration)
-    specimen = _make_specimen(known, tactor, skin, membrane, elongation_m, pre_stretch)
+    model = PAPER_MODEL if calibration is None else _model_of(calibration)
+    specimen = _make_specimen(model, tactor, skin, membrane, elongation_m, pre_stretch)
     if shapes is None and calibration is None:
         highest_hz = float(np.max(check_frequency(frequencies_hz)))
         shapes = choose_shapes(specimen.tactor, specimen.skin, highest_hz=highest_hz).n
@@ -118,7 +118,7 @@ def response(
 
     got = driven(specimen, frequencies_hz)
     bands: tuple[UncertaintyBand | None, UncertaintyBand | None] = (None, None)
-    if (estimates := known.estimates_for(specimen)) is not None:
+    if (estimates := model.estimates_for(specimen)) is not None:
         bands = _bands(driven, got, specimen, estimates, coverage)
     return Response(
         got.frequency_hz,
@@ -131,7 +131,7 @@ def response(
 
 
 def _make_specimen(
-    known: ActiveModel,
+    model: ActiveModel,
     tactor: Tactor | None,
     skin: Skin | None,
     membrane: Membrane | None,
@@ -147,21 +147,21 @@ def _make_specimen(
         raise ValueError("the skin is given twice; leave all but one of skin, elongation_m and pre_stretch out")
     if skin is not None and membrane is not None:
         raise ValueError("the skin is given twice, by skin and by membrane; leave one out")
-    tactor = tactor or known.tactor
+    tactor = tactor or model.tactor
     if skin is not None:
-        return replace_variables(Specimen(tactor, k_s=skin.k_s, c_s=skin.c_s), known.nonideal)
+        return replace_variables(Specimen(tactor, k_s=skin.k_s, c_s=skin.c_s), model.nonideal)
     if membrane is None and (elongation_m is not None or pre_stretch is not None):
-        membrane = known.membrane
-    own_damping = known.skin_damping(elongation_m) if elongation_m is not None else None
+        membrane = model.membrane
+    own_damping = model.skin_damping(elongation_m) if elongation_m is not None else None
     stretch = elongation_m / membrane.L_m if membrane and elongation_m is not None else pre_stretch or 0.0
-    return replace_variables(Specimen(tactor, membrane, stretch, c_s=own_damping), known.nonideal)
+    return replace_variables(Specimen(tactor, membrane, stretch, c_s=own_damping), model.nonideal)
 
 
-def _known_model(source: "Calibration | Identification") -> ActiveModel:
+def _model_of(source: "Calibration | Identification") -> ActiveModel:
     """Return values and errors of one specimen, from a calibration or an identification."""
     if isinstance(source, Calibration):
         return ActiveModel.from_estimates(source.tactor(), source.membrane(), source.estimates, source.covariance)
-    return ActiveModel.from_estimates(source.tactor, source.membrane, source.found.estimates, source.covariance)
+    return ActiveModel.from_estimates(source.tactor, source.membrane, source.result.estimates, source.covariance)
 
 
 def _bands(

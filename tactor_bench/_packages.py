@@ -9,10 +9,10 @@ PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware")
 
 
 def import_own_packages() -> None:
-    """Import the packages of this application, which are in the same folder, so that no others can replace them later.
+    """Import the packages of this application from this folder, so that no others can replace them later.
 
     Raises:
-        ImportError: something else has the name of one of them; the message names it and its place. It is not imported.
+        ImportError: another module has the name of a package; the message names it and its place. It is not imported.
     """
     home = Path(__file__).resolve().parent.parent
     for name in PACKAGES:
@@ -26,19 +26,19 @@ def import_own_packages() -> None:
             raise ImportError(
                 f"tactor_bench needs its own package '{name}', which is not in {home}; install Tactor Bench again"
             )
-        found = Path(origin or "an interactive session")
-        found = found.parent if found.name == "__init__.py" else found
-        if origin is None or found.resolve() != home / name:
-            raise ImportError(_shadowed(name, found, home, loaded is not None))
+        place = Path(origin or "an interactive session")
+        place = place.parent if place.name == "__init__.py" else place
+        if origin is None or place.resolve() != home / name:
+            raise ImportError(_shadowed(name, place, home, loaded is not None))
     for name in PACKAGES:
         importlib.import_module(name)
 
 
-def _shadowed(name: str, found: Path, home: Path, loaded: bool) -> str:
-    what = "the folder" if found.is_dir() else "the file" if found.is_file() else "the module of"
+def _shadowed(name: str, place: Path, home: Path, loaded: bool) -> str:
+    kind = "the folder" if place.is_dir() else "the file" if place.is_file() else "the module of"
     restart = ", then restart Python or the kernel" if loaded else ""
     state = "is imported already" if loaded else "is found before"
     return (
-        f"tactor_bench cannot be imported: {what} {found} has the name of a package of Tactor Bench, '{name}', and {state} "
+        f"tactor_bench cannot be imported: {kind} {place} has the name of a package of Tactor Bench, '{name}', and {state} "
         f"{'in place of ' if loaded else ''}{home / name}; rename it or work in another folder{restart}"
     )

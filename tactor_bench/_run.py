@@ -27,14 +27,14 @@ class Samples:
     """Samples of the card in SI units, converted from its raw counts.
 
     Attributes:
-        time_s: since the stream began, (N,).
+        time_s: time since the begin of the stream, (N,).
         drive_v: volts at the amplifier's input, (N,).
-        displacement_m: of the tactor's centre, as the sensor measures it, (N,).
+        displacement_m: displacement of the tactor's centre, measured by the sensor, (N,).
         rate_hz: scans per second.
         quality: flags of the recording; `Quality.GOOD` for a part of the trace.
         drive: the drive of the source, None for a part of the trace.
-        entry: the entry of the protocol's plan it was recorded for, None for a part of the trace.
-        sensor_delay_s: how late `displacement_m` is against `drive_v`.
+        entry: entry of the protocol's plan, None for a part of the trace.
+        sensor_delay_s: delay of `displacement_m` against `drive_v`.
         channels: further inputs by name in the unit of the bench file, (N,) each, for example `amplifier_voltage`.
     """
 
@@ -53,7 +53,7 @@ class Samples:
 
 
 class Fact(Generic[S, T]):
-    """An attribute that is read from another one, `source`, when it is needed."""
+    """An attribute read on demand from another one, `source`."""
 
     source: ClassVar[str]
 
@@ -62,7 +62,7 @@ class Fact(Generic[S, T]):
 
     def __get__(self, owner: object | None, kind: type | None = None) -> T:
         if owner is None:
-            return cast(T, self)  # of the class, as documentation reads it
+            return cast(T, self)  # attribute of the class, for documentation
         return self._read(getattr(owner, self.source))
 
 
@@ -71,25 +71,24 @@ class _Fact(Fact[RunRecord, T]):
 
 
 class MeasuredRun(Closeable):
-    """A run file, read when it is needed. The file is closed after every read, so there is nothing to close.
+    """A run file, read on demand. The file is closed after every read and needs no closing.
 
-    What was read is kept: open a run that is still being written again to see what came since. `with` is possible, and
-    only gives the kept arrays free.
+    Data are cached: open a growing run again to read its new data. `with` is possible, and only frees the cached arrays.
 
     Attributes:
         path: the file.
-        record: all facts of the run but its points, series, log and samples; the attributes below are some of them.
+        record: all facts of the run except points, series, log and samples; the following attributes are some of them.
         protocol: name of the protocol, for example `sine-dwell`.
-        title: protocol and specimen in words.
+        title: protocol and specimen as text.
         specimen: name of the specimen.
         status: `completed`, `stopped`, `failed`, `unsafe`, `running`, `crashed` or `imported`.
-        reason: how the run ended and why, in a sentence.
+        reason: kind and reason of the end, in a sentence.
         verdict: outcome, reasons and checks. Runs of earlier versions and imports are not judged.
         simulated: whether it was measured on the simulated bench.
-        start_time: when it began, with time zone.
+        start_time: begin of the run, with time zone.
         parameters: the protocol's parameters by name, SI.
-        configuration: the bench file's tables as they were.
-        software: versions of the programs that measured it, by name.
+        configuration: the bench file's tables at the time of the run.
+        software: versions of the measuring programs, by name.
         sample_rate_hz: scans per second of the card.
         duration_s: length of the sampled data.
     """
@@ -119,22 +118,22 @@ class MeasuredRun(Closeable):
 
     @property
     def _outcome(self) -> str:
-        """The verdict; for a run that is not judged, how it ended as well."""
+        """The verdict; for a run without one, also its end."""
         outcome = self.verdict.outcome
         return f"{self.status}, {outcome}" if outcome is Outcome.NOT_JUDGED else str(outcome)
 
     def judge(self, store: bool = False) -> Verdict:
         """Judge the run by its points and the checks of this version; `verdict` is the result afterwards.
 
-        For runs of earlier versions and imported runs, which are not judged until then. A calibration of the specimen in the
-        same folder is what a free tactor is compared with.
+        For runs of earlier versions and imported runs, which have no verdict yet. A free tactor is compared with a calibration of
+        the specimen in the same folder.
 
         Args:
             store: whether to store the verdict in `RUN.notes.json` beside the file, in place of an earlier one; the audit
                 trail of the folder, if there is one, has an entry of it.
 
         Raises:
-            RunReadError: the run is still being written, is damaged, or of a protocol that is not known here.
+            RunReadError: the run is still being written, is damaged, or of an unknown protocol.
             OSError: the verdict cannot be written.
 
         Example:
@@ -157,7 +156,7 @@ class MeasuredRun(Closeable):
         return verdict
 
     def close(self) -> None:
-        """Give the kept arrays free."""
+        """Free the cached arrays."""
         for name in ("points", "series", "estimates", "log"):
             self.__dict__.pop(name, None)
 
@@ -173,24 +172,24 @@ class MeasuredRun(Closeable):
 
     @cached_property
     def series(self) -> tuple[CurveTable, ...]:
-        """Curves of entries in addition to their points, for example frequency responses; empty until a run is finished."""
+        """Curves of entries in addition to their points, for example frequency responses; empty before the end of a run."""
         return self._read(lambda run: tuple(map(CurveTable, run.series())))
 
     @cached_property
     def log(self) -> tuple[LoggedEvent, ...]:
-        """Logged events in order: `time_s` since the run began, `kind`, and `fields` by name."""
+        """Logged events in order: `time_s` since the begin of the run, `kind`, and `fields` by name."""
         return self._read(lambda run: tuple(run.events()))
 
     @property
     def traces(self) -> "Traces":
-        """The recordings that the points were computed from: `run.traces[0].displacement_m`, read one at a time."""
+        """The recordings of the points: `run.traces[0].displacement_m`, read one at a time."""
         return Traces(self)
 
     def trace(self, start_s: float = 0.0, stop_s: float | None = None) -> Samples:
-        """Read everything that was sampled between two times, in seconds since the stream began; the end is left out.
+        """Read all samples between two times, in seconds since the begin of the stream; the end is excluded.
 
         Raises:
-            RunReadError: the file is damaged or gone.
+            RunReadError: the file is damaged or missing.
 
         Example:
             >>> samples = open_run("run.h5").trace(0.1, 0.2)  # doctest: +SKIP
@@ -258,7 +257,7 @@ class Traces(Sequence[Samples]):
 
 
 def open_run(path: str | Path) -> MeasuredRun:
-    """Open a run file: finished, still being written, or left by a crash.
+    """Open a run file: finished, growing or crashed.
 
     Raises:
         RunReadError: the file is missing, is not a run, is damaged, or comes from a newer version.

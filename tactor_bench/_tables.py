@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class _NamedItems(Mapping[str, T]):
-    """Items by name; an unknown name is answered with the known ones."""
+    """Items by name; the error for an unknown name lists the valid ones."""
 
     unknown: ClassVar[str]
 
@@ -59,7 +59,7 @@ class ColumnTable(_NamedItems[Array]):
         """Return the standard uncertainties of a column, in its unit and shape.
 
         Raises:
-            KeyError: the column has none.
+            KeyError: the column has no uncertainties.
         """
         return self[f"{name}_errors"]
 
@@ -85,7 +85,7 @@ class ColumnTable(_NamedItems[Array]):
 class Points(ColumnTable):
     """The points of a run.
 
-    Columns are named as in the run file: (N,) arrays of numbers, or (N, K) where a point has several. `<name>_errors`
+    Columns are named as in the run file: (N,) arrays of numbers, or (N, K) for several values per point. `<name>_errors`
     are standard uncertainties, `quality` holds flags (`Quality`), `entry` the entry of the protocol's plan.
 
     Example:
@@ -111,9 +111,9 @@ class CurveTable(ColumnTable):
 
     Attributes:
         name: for example `response`.
-        label: distinguishes it from the run's other curves of this name.
-        x, y: names of the columns to draw; `errors(y)` are the standard uncertainties of y, where known.
-        entry: the entry of the protocol's plan it belongs to.
+        label: distinguishes the curves of one name.
+        x, y: names of the plotted columns; `errors(y)` are the standard uncertainties of y, if available.
+        entry: entry of the protocol's plan.
     """
 
     def __init__(self, series: Series) -> None:

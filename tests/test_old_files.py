@@ -165,6 +165,8 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
             assert now.pop("standard_error") >= 0.9 * earlier.pop("standard_error")
         for name in set(answer) - set(before):  # new since that version
             del answer[name]
+        sources = [each.pop("source") for each in (*answer["limits"], *answer["merits"])]  # new since that version
+        assert (sources[:2], all(sources[2:])) == (["", "20190504T153000Z_T1_sine-dwell"], True)
     if command[0] == "identify":
         _check_estimates(before["parameters"], answer["parameters"])
         assert set(answer["runs"].pop("error_scale")) == {1.0}

@@ -12,6 +12,7 @@ from .exporting.export import FORMAT_NAMES as FORMAT_NAMES
 from .exporting.export import FORMATS as FORMATS
 from .exporting.export import Format as Format
 from .exporting.export import export_run as export_run
+from .exporting.export import raw_left_out as raw_left_out
 from .exporting.parts import PARTS as PARTS
 from .exporting.parts import ExportError as ExportError
 from .exporting.parts import Part as Part

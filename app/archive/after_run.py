@@ -1,6 +1,6 @@
-"""Actions after each finished run, on a thread of their own: backup of its file, a command of the user, plug-ins.
+"""Actions after each finished run, on a separate thread: backup of its file, a command of the user, plug-ins.
 
-None of them affects the run: it has ended, its file is closed, and what fails is reported.
+None of them affects the run: it has ended, its file is closed, and failures are reported.
 """
 
 import os
@@ -101,14 +101,14 @@ def _call_plug_in(point: EntryPoint, path: Path, ended: RunEnded) -> str:
 
 
 def _run_command(command: tuple[str, ...], path: Path, ended: RunEnded) -> str:
-    """Run the command; return what failed."""
-    words = [word.replace(RUN_PLACEHOLDER, str(path)) for word in command]
+    """Run the command; return the failure as text."""
+    arguments = [word.replace(RUN_PLACEHOLDER, str(path)) for word in command]
     if not any(RUN_PLACEHOLDER in word for word in command):
-        words.append(str(path))
+        arguments.append(str(path))
     environment = {"TACTOR_BENCH_RUN": str(path), "TACTOR_BENCH_OUTCOME": str(ended.verdict.outcome)}
     try:
         done = subprocess.run(  # noqa: S603 - the command of the user
-            words,
+            arguments,
             env={**os.environ, **environment},
             stdin=subprocess.DEVNULL,
             capture_output=True,

@@ -23,7 +23,7 @@ AUDITED_SUFFIXES = (".h5", ".calibrations.json", ".campaign.json", ".notes.json"
 
 @dataclass(frozen=True, slots=True)
 class AuditResult:
-    """Result of a verification: what is wrong, and the hash of the last line."""
+    """Result of a verification: faults, and the hash of the last line."""
 
     entries: tuple[AuditEntry, ...]
     problems: tuple[str, ...]
@@ -51,11 +51,11 @@ def begin_audit(folder: Path, progress: Progress = NO_PROGRESS) -> AuditEntry:
 
 
 def verify_audit(folder: Path, head: str = "", progress: Progress = NO_PROGRESS) -> AuditResult:
-    """Verify the chain of lines, that it holds a head hash known from elsewhere, and all files that it names.
+    """Verify the chain of lines, the presence of a head hash stored elsewhere, and all files that it names.
 
     Args:
         folder: of the audit trail.
-        head: hash of a line, or its beginning, as it was printed or copied; empty if none is known.
+        head: hash of a line, or its begin, as printed or copied; empty without one.
         progress: reports files.
 
     Raises:
@@ -81,11 +81,11 @@ def verify_audit(folder: Path, head: str = "", progress: Progress = NO_PROGRESS)
     return AuditResult(tuple(entries), tuple(problems), unrecorded)
 
 
-def _compare(expected: str, found: str) -> str:
+def _compare(expected: str, actual: str) -> str:
     """Return how a file differs from its record; empty if it does not."""
-    if expected == found:
+    if expected == actual:
         return ""
-    if not found:
+    if not actual:
         return "is missing"
     if not expected:
         return "is there again, although it was removed"
@@ -100,9 +100,9 @@ def _present_files(folder: Path, progress: Progress, named: Mapping[str, str] | 
         if path.name.endswith(AUDITED_SUFFIXES)
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     } | set(named or ())
-    found = {}
+    hashes = {}
     for done, name in enumerate(sorted(names), 1):
         progress.raise_if_cancelled()
-        found[name] = audited_hash(folder / name)
+        hashes[name] = audited_hash(folder / name)
         progress.update(done / len(names), f"hashing {done} of {len(names)}")
-    return found
+    return hashes

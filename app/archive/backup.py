@@ -21,11 +21,11 @@ FAT_TIME_STEP_S, TIME_STEP_S = 2.0, 1e-3
 
 @dataclass(frozen=True, slots=True)
 class CopyResult:
-    """Names of copied or restored files, by what became of each.
+    """Names of copied or restored files, by result.
 
     Attributes:
         copied: copied, and read back with an equal hash.
-        already_present: a file of this name was there already; of a backup and an archive, the same one.
+        already_present: a file of this name existed; in a backup or archive, an equal one.
         problems: a sentence for each file that was not copied, or whose copy differs.
     """
 
@@ -158,7 +158,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _check_folders(folder: Path, target: Path) -> None:
     if not folder.is_dir():
-        raise UsageError(f"there is no folder {folder}; name the one your runs are in")
+        raise UsageError(f"there is no folder {folder}; name the folder of your runs")
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -32,7 +32,7 @@ PAGE_BYTES, MAPPED_BYTES = 65_536, 200_000_000
 """Largest pages of SQLite and a mapped file: a list of ten thousand runs takes two thirds of the time."""
 
 STAMP_COLUMNS = ("path", "state", "modified_ns", "size", "notes_ns")
-"""What a scan compares. The whole summary is one column beside them: thirty columns take SQLite twice as long."""
+"""Columns compared by a scan. The whole summary is one further column: thirty columns take SQLite twice as long."""
 
 UNSETTLED, SETTLED_NS = -1, 2_000_000_000
 """Two changes within this time may give a folder the same modification time: some file systems store even seconds."""
@@ -43,7 +43,7 @@ FILES_PER_COMMIT = 100
 
 @dataclass(frozen=True, slots=True)
 class ScanResult:
-    """Result of a scan: how many entries changed, and what could not be read."""
+    """Result of a scan: number of changed entries, and unreadable files."""
 
     added: int = 0
     changed: int = 0
@@ -106,8 +106,8 @@ class Catalogue:
 
     def figure_entries(self) -> list[RunSummary]:
         """Return the indexed runs that have figures, and all of laboratories' protocols, oldest first."""
-        found = (e for e in self._summaries() if e.figures_json != "[]" or e.protocol not in BUILT_IN_PROTOCOLS)
-        return sorted(found, key=attrgetter("start_time", "path"))
+        entries = (e for e in self._summaries() if e.figures_json != "[]" or e.protocol not in BUILT_IN_PROTOCOLS)
+        return sorted(entries, key=attrgetter("start_time", "path"))
 
     def _summaries(self) -> list[RunSummary]:
         try:
@@ -123,7 +123,7 @@ class Catalogue:
         return [RunSummary._make(marshal.loads(row)) for (row,) in rows]  # noqa: S302 - only this user writes the index
 
     def scan(self, progress: Progress = NO_PROGRESS, exclude: Collection[Path] = ()) -> ScanResult:
-        """Update the index: read files that were added, changed or moved, remove those that were deleted.
+        """Update the index: read added, changed or moved files, remove deleted ones.
 
         Args:
             progress: the scan ends between two files if it is cancelled; only a long scan reports with a text.
@@ -134,18 +134,18 @@ class Catalogue:
         self._folder_times = walk.folder_times
         added = changed = 0
         with self._connection() as db:
-            known = {
+            indexed = {
                 path: (_FileStamp(*seen), state)
                 for path, state, *seen in db.execute(f"SELECT {', '.join(STAMP_COLUMNS)} FROM runs")  # noqa: S608
             }
-            gone = known.keys() - walk.runs.keys()
+            gone = indexed.keys() - walk.runs.keys()
             db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path in gone])
             due = []
             for path, stat in walk.runs.items():
                 notes = walk.notes_path_of(path)
                 seen = _FileStamp(stat.st_mtime_ns, stat.st_size, walk.notes.get(notes, 0))
                 # A file marked `running` does not change when its writer is killed.
-                if path not in known or known[path][0] != seen or known[path][1] == RunState.RUNNING:
+                if path not in indexed or indexed[path][0] != seen or indexed[path][1] == RunState.RUNNING:
                     due.append((path, notes, seen))
             # Newest first, as users look for recent runs: file names begin with the start time.
             due.sort(key=lambda item: item[0].rpartition("/")[2], reverse=True)
@@ -157,8 +157,8 @@ class Catalogue:
                     db.execute("DELETE FROM runs WHERE path = ?", (path,))
                 else:
                     _upsert(db, [entry])
-                    added += path not in known
-                    changed += path in known and known[path] != (seen, entry.state)
+                    added += path not in indexed
+                    changed += path in indexed and indexed[path] != (seen, entry.state)
                 text = f"reading {done} of {len(due)}" if len(due) > SHORT_SCAN_FILES else ""
                 progress.update(done / len(due), text)
                 if done % FILES_PER_COMMIT == 0:
@@ -167,17 +167,17 @@ class Catalogue:
 
     def has_changed_folder(self) -> bool:
         """Whether files were added, moved or deleted since the last scan, by the modification times of the folders."""
-        known = self._folder_times
-        return any(_modified_ns(self.folder / inside) != seen for inside, seen in known.items())
+        times = self._folder_times
+        return any(_modified_ns(self.folder / inside) != seen for inside, seen in times.items())
 
     def upsert(self, entries: Sequence[RunSummary]) -> None:
-        """Insert or replace entries unchecked; the next scan corrects those that do not match the files."""
+        """Insert or replace entries unchecked; the next scan corrects entries that do not match the files."""
         with self._connection() as db:
             _upsert(db, entries)
 
     def _read(self, path: str, notes: str, stamp: _FileStamp, excluded: Collection[str]) -> RunSummary | None:
         file = self.folder / path
-        if str(file.resolve()) in excluded:
+        if excluded and str(file.resolve()) in excluded:
             entry: RunSummary | None = summary_from_file_name(path, RunState.RUNNING, "being written by this program")
         else:
             entry = read_run_summary(file, path, self.folder / notes if notes else None)
@@ -240,7 +240,7 @@ def index_path(folder: Path) -> Path:
 
 
 def _own_temporary_folder() -> Path:
-    """Return a folder in the temporary directory into which only this user writes: what is in the index is trusted."""
+    """Return a folder in the temporary directory into which only this user writes, because the index is trusted."""
     if not hasattr(os, "getuid"):
         return Path(tempfile.gettempdir())
     place = Path(tempfile.gettempdir()) / f"tactor-bench-{os.getuid()}"
@@ -263,7 +263,7 @@ def _plain(value: str | float | None) -> str | float | None:
 
 
 def _list_file(walk: _FolderListing, folder: Path, path: str, item: os.DirEntry[str]) -> None:
-    """Add a run file or notes to the listing; one that cannot be looked at does not hide the others."""
+    """Add a run file or notes to the listing; an inaccessible one does not hide the others."""
     try:
         path.encode()
         stat = item.stat()

@@ -1,19 +1,18 @@
 """Description of a run file as text for a terminal and as a plain record for JSON."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict
+from types import SimpleNamespace
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from app.archive.figures import figures_and_fault
 from app.archive.notes import describe_check
 from app.archive.run_summary import instruments_text
 from app.common import format_bytes, format_duration, format_outcome, format_point
-from model import Array, format_quantity, format_value, format_with_uncertainty, quantity_label
+from model import format_quantity, format_value, quantity_label
 from protocols import PROTOCOLS, aspects_of, measured_points
-from protocols.base import InjectedFaultChanged, Outcome, Quality, RunConditions, RunStatus, to_jsonable
+from protocols.base import InjectedFaultChanged, Outcome, RunConditions, RunStatus, to_jsonable
 from protocols.runfile import NotesError, Run, RunReadError, RunRecord, notes_path, read_notes
 
 
@@ -74,42 +73,18 @@ def run_text(run: Run) -> str:
     return "\n".join([*lines, *_remark_lines(record)])
 
 
-DWELL_COLUMNS = ("frequency", "peak_to_peak", "fundamental", "fundamental_errors", "phase", "thd", "quality")
-"""Columns of points under a sine, which are listed as a table."""
-
-
 def _point_lines(run: Run) -> Iterator[str]:
-    """Yield the points: a table of those under a sine, a line of its protocol for each other one, or all its values."""
+    """Yield a line for each point."""
     points, kind = run.points(), PROTOCOLS.get(run.record.protocol)
     if not len(next(iter(points.values()), ())):
         yield "no points"
-    elif points.keys() >= set(DWELL_COLUMNS):
-        stretched = points.get("elongation")
-        mm = f"{'mm':>6} " if stretched is not None else ""
-        yield f"{mm}{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>18} {'phase/°':>8} {'THD/%':>6}  quality"
-        rows = zip(*(points[name] for name in DWELL_COLUMNS), strict=True)
-        for row, (f, p, a, u, phase, thd, q) in enumerate(rows):
-            mm = "" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free")
-            values = f"{f:9.3f} {1e6 * p:11.1f} {format_with_uncertainty(2e6 * a, 2e6 * u):>18} {np.degrees(phase):8.1f} {100 * thd:6.1f}"
-            yield f"{mm}{values.replace('nan', '  -')}  {Quality(int(q)).description}"
-    elif kind is not None and not run.record.imported and hasattr(kind.point_type, "summary"):
+    elif kind is not None and set(kind.axes) <= points.keys():
         yield from (format_point(point) for _, point in measured_points(run, kind.point_type))
     else:
-        yield from _value_lines(points, run.units())
-
-
-def _value_lines(points: dict[str, Array], units: Mapping[str, str]) -> Iterator[str]:
-    """Yield the finite values of each point with their standard errors."""
-    for row, quality in enumerate(points["quality"]):
-        values = [
-            f"{name.replace('_', ' ')} {format_quantity(column[row], _standard_error(points, name, row), units[name])}"
-            for name, column in points.items()
-            if column.ndim == 1
-            and name not in ("entry", "quality")
-            and not name.endswith("_errors")
-            and np.isfinite(column[row])
-        ]
-        yield f"{row + 1}: {', '.join(values)}; {Quality(int(quality)).description}"
+        units = run.units()
+        for row in zip(*points.values(), strict=True):
+            values = dict(zip(points, row, strict=True))
+            yield format_point(SimpleNamespace(**values | {"quality": int(values["quality"])}), units)
 
 
 def _remark_lines(record: RunRecord) -> Iterator[str]:
@@ -166,17 +141,17 @@ class InjectedFault(NamedTuple):
 
 def injected_faults(run: Run) -> list[InjectedFault]:
     """Return the faults injected during a run, in order."""
-    found: list[InjectedFault] = []
+    faults: list[InjectedFault] = []
     for event in () if run.record.imported else run.events():
         if event.kind != InjectedFaultChanged.kind:
             continue
         name, at_s = event.fields["fault"], event.time_s
-        last = next((i for i, b in enumerate(found) if b.fault == name and b.until_s is None), None)
+        last = next((i for i, b in enumerate(faults) if b.fault == name and b.until_s is None), None)
         if event.fields["broken"] and last is None:
-            found.append(InjectedFault(name, event.fields["words"], at_s, None))
+            faults.append(InjectedFault(name, event.fields["words"], at_s, None))
         elif not event.fields["broken"] and last is not None:
-            found[last] = found[last]._replace(until_s=at_s)
-    return found
+            faults[last] = faults[last]._replace(until_s=at_s)
+    return faults
 
 
 def _fault_lines(run: Run) -> list[str]:
@@ -198,10 +173,4 @@ def _import_text(record: RunRecord) -> str:
         if source["measured"]
         else f"imported {record.start_time[:10]}, measurement date not recorded"
     )
-    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in source["cautions"])])
-
-
-def _standard_error(points: dict[str, Any], name: str, row: int) -> float:
-    """Return the standard error of a column's value; 0 for a column without one."""
-    column = points.get(f"{name}_errors")
-    return float(column[row]) if column is not None else 0.0
+    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {caution}" for caution in source["cautions"])])

@@ -2,7 +2,7 @@
 
 import math
 
-from app.common import LENGTH_UNITS
+from model import LENGTH_UNITS
 from protocols import aspects_of
 from protocols.base import INTERFERENCE_AT_REST, RunFigure
 from protocols.runfile import RunReadError, RunRecord

@@ -46,7 +46,7 @@ def check_run(path: Path, name: str, remark: str = "") -> RunCheck:
 
 
 def describe_check(path: Path, check: RunCheck) -> str:
-    """Return a check as text, with whether the file is still the one that was checked."""
+    """Return a check as text, with a note if the file has changed since."""
     changed = "" if file_hash(path) == check.sha256 else "; the file has changed since"
     remark = f": {check.remark}" if check.remark else ""
     return f"checked by {check.name} on {check.time[:16].replace('T', ' ')} UTC{remark}{changed}"

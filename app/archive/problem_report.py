@@ -46,7 +46,7 @@ HEADER_FIELDS = (
 """Fields of a run's record without points, estimates, or the values of its verdict."""
 SECRET_KEYS = ("token", "password")
 MIN_REPLACED = 3
-"""Characters of a name from which on it is replaced: a shorter one is part of other words."""
+"""Smallest length of a replaced name: a shorter one is part of other words."""
 
 CONTENTS = (
     "versions of the program, Python, its libraries and the operating system",
@@ -55,16 +55,16 @@ CONTENTS = (
     "settings of the window, without the web page's token",
     "the bench file, and the parameters, instruments and state of the last run",
 )
-"""What a report has, for the person who sends it."""
+"""Contents of a report, for the person who sends it."""
 NOT_IN = "It has no samples, points or results. Home folder, login and computer name are replaced; the operator's name and names of specimens stay."
 
 
 @dataclass(frozen=True)
 class ProblemFacts:
-    """What only the front end knows.
+    """Facts of the front end.
 
     Attributes:
-        comment: what the user writes.
+        comment: comment of the user.
         log: lines of the window's log.
         settings: of the window, as texts.
         bench: path of the bench file, or name of a simulated bench.
@@ -149,10 +149,10 @@ def _bench_text(bench: str) -> str:
 
 def _newest_run(folder: Path) -> Path | None:
     try:
-        found = [(path.stat().st_mtime_ns, path) for path in folder.glob("*.h5")]
+        runs = [(path.stat().st_mtime_ns, path) for path in folder.glob("*.h5")]
     except OSError:
         return None
-    return max(found)[1] if found else None
+    return max(runs)[1] if runs else None
 
 
 def _run_header(path: Path | None) -> str:

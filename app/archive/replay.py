@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from app.common import ResultSummary, Severity, minmax_decimate, minmax_pairs, summarize_result
-from app.session import LogLine, describe_event, describe_point
-from model import Array, Mask, current_column
+from app.common import ResultSummary, Severity, format_point, minmax_decimate, minmax_pairs, summarize_result
+from app.session import LogLine, describe_event
+from model import Array, current_column
 from protocols import PROTOCOLS, measured_points
 from protocols.base import (
     EVENTS,
@@ -26,7 +26,15 @@ from protocols.base import (
     Series,
     usable_mask,
 )
-from protocols.runfile import LoggedEvent, Run, RunReadError, RunRecord, RunTrace, translate_read_errors
+from protocols.runfile import (
+    RESPONSE_COLUMNS,
+    LoggedEvent,
+    Run,
+    RunReadError,
+    RunRecord,
+    RunTrace,
+    translate_read_errors,
+)
 
 ROWS_PER_CHUNK = 1_000_000
 TRACE_COLUMNS = 2000
@@ -69,21 +77,28 @@ class LoadedRun:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredResponse:
-    """Frequency response points of a run, to be overlaid on model curves; arrays are (P,), SI."""
+    """Amplitudes of a run over frequency, to be overlaid on model curves, SI."""
 
     path: Path
     label: str
     simulated: bool
     peak_to_peak_v: float
     """Drive amplitude as recorded."""
-    frequency_hz: Array
-    peak_to_peak: Array
-    peak_to_peak_errors: Array
-    fundamental: Array
-    """Its peak amplitude."""
-    fundamental_errors: Array
-    phase: Array
-    usable: Mask
+    peak_to_peak: Series
+    """Max - min of the points in the order of their frequencies; NaN where not measured, as in the fundamental."""
+    fundamental: Series
+    """Peak amplitude of the fundamental, with its phase where every point has one."""
+
+    @property
+    def frequency_hz(self) -> Array:
+        """(P,)."""
+        return self.peak_to_peak.x
+
+    @property
+    def phase(self) -> Array:
+        """Phase of the fundamental, rad, unwrapped over the frequencies, (P,); NaN where not measured."""
+        angle = self.fundamental.phase
+        return np.full(self.frequency_hz.size, np.nan) if angle is None else np.unwrap(angle)
 
     @property
     def title(self) -> str:
@@ -144,22 +159,21 @@ def read_measured_response(path: Path) -> MeasuredResponse:
     """
     with Run(path) as run, translate_read_errors(path):
         points = run.points()
-        if not len(points.get("frequency", ())) or "fundamental" not in points:
+        if not (points.keys() >= RESPONSE_COLUMNS and points["frequency"].size):
             raise RunReadError(f"{path.name} has no points over frequency; take a finished sine dwell")
         order = np.argsort(points["frequency"], kind="stable")
         columns = {name: column[order] for name, column in points.items()}
+        f, usable = columns["frequency"], usable_mask(columns["quality"])
+        whole, size, phase = (columns[name] for name in ("peak_to_peak", "fundamental", "phase"))
+        if np.isfinite(phase[np.isfinite(size)]).all():
+            size = size * np.exp(1j * phase)
         return MeasuredResponse(
             path=path,
             label=f"{run.record.specimen} {run.record.start_time[:16].replace('T', ' ')}",
             simulated=run.record.simulated,
             peak_to_peak_v=2 * float(np.median(columns["drive_amplitude"])),
-            frequency_hz=columns["frequency"],
-            peak_to_peak=columns["peak_to_peak"],
-            peak_to_peak_errors=columns["peak_to_peak_errors"],
-            fundamental=columns["fundamental"],
-            fundamental_errors=columns["fundamental_errors"],
-            phase=np.unwrap(columns["phase"]),
-            usable=usable_mask(columns["quality"]),
+            peak_to_peak=Series(f, whole, columns["peak_to_peak_errors"], usable=usable),
+            fundamental=Series(f, size, columns["fundamental_errors"], usable=usable),
         )
 
 
@@ -211,11 +225,7 @@ def _load_hints(run: Run, kind: type[Protocol] | None, points: Sequence[Any]) ->
 
 def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:
     columns = run.points()
-    if (
-        kind is not None
-        and not has_response_columns(columns)
-        and {f.name for f in fields(kind.point_type)} <= columns.keys()
-    ):
+    if kind is not None and set(kind.axes) <= columns.keys():
         return [point for _, point in measured_points(run, kind.point_type)]
     rows = zip(*columns.values(), strict=True)
     points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
@@ -230,25 +240,17 @@ def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | 
     at = started + timedelta(seconds=event.time_s)
     try:
         if event.kind == PointMeasured.kind:
-            make = (
-                SimpleNamespace
-                if protocol is None or has_response_columns(event.fields["point"])
-                else protocol.point_type
-            )
             # A value that is not finite is stored as null.
             stored = event.fields["point"]
             values = {current_column(n, stored): math.nan if v is None else v for n, v in stored.items()}
-            return LogLine(at, Severity.INFO, describe_point(make(**values)))
+            whole = protocol is not None and values.keys() == {field.name for field in fields(protocol.point_type)}
+            make = protocol.point_type if protocol is not None and whole else SimpleNamespace
+            return LogLine(at, Severity.INFO, format_point(make(**values)))
         if event.kind == PromptShown.kind:
             return LogLine(at, Severity.WARNING, f"Asked: {event.fields['prompt']['text']}")
         if kind in (None, DriveStarted, RecordingFinished, BlockStored):
             return None
-        said = describe_event(kind(**event.fields))
+        message = describe_event(kind(**event.fields))
     except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: log its name
         return LogLine(at, Severity.INFO, event.kind)
-    return None if said is None else LogLine(at, *said)
-
-
-def has_response_columns(columns: Mapping[str, object]) -> bool:
-    """Return whether points are amplitudes over frequency, which are shown even if other columns are missing."""
-    return "frequency" in columns and "peak_to_peak" in columns
+    return None if message is None else LogLine(at, *message)

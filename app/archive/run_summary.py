@@ -79,8 +79,8 @@ class RunSummary(NamedTuple):
     verdict: str = str(Outcome.NOT_JUDGED)
     """The outcome of the verdict."""
     failed_checks: str = ""
-    """Names of the checks because of which the run did not pass."""
-    found: str = ""
+    """Names of the failed checks of a run that did not pass."""
+    estimates_text: str = ""
     """Estimates as text."""
     operator: str = ""
     instruments: str = ""
@@ -93,7 +93,7 @@ class RunSummary(NamedTuple):
     note: str = ""
     checked_by: str = ""
     """Second persons who checked it."""
-    words: str = ""
+    search_text: str = ""
     """Text that is searched, casefolded."""
     modified_ns: int = 0
     size: int = 0
@@ -101,7 +101,7 @@ class RunSummary(NamedTuple):
 
     @property
     def record(self) -> RunRecord:
-        """The record of the run; of a file that cannot be read, what its name and the error state."""
+        """The record of the run; for an unreadable file, the facts from its name and the error."""
         return decode_record(self.record_json)
 
     @property
@@ -142,7 +142,7 @@ class RunSummary(NamedTuple):
 
     @property
     def has_result(self) -> bool:
-        """Whether the run gave a result; one of an earlier version if it was completed and no check of it failed."""
+        """Whether the run gave a result; a run of an earlier version if it was completed without a failed check."""
         if self.outcome is Outcome.NOT_JUDGED:
             return self.state == RunState.COMPLETED and not self.failed_checks
         return self.outcome.has_result
@@ -234,7 +234,7 @@ def summarize_run(
         row.specimen,
         f"{begun:%Y-%m-%d %H:%M}" if begun else "",
         "simulated" if row.simulated else "",
-        row.found,
+        row.estimates_text,
         row.tags,
         row.note,
         row.operator,
@@ -244,7 +244,7 @@ def summarize_run(
         record.bench_name,
         row.instruments,
     )
-    return row._replace(words="\n".join(words).casefold())
+    return row._replace(search_text="\n".join(words).casefold())
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,13 +261,13 @@ class RunFilter:
     """A word of the verdict: `good`, `not judged`, `crashed`."""
     operator: str = ""
     checked_by: str = ""
-    """The person who checked the run; `nobody` selects runs that were not checked."""
+    """The person who checked the run; `nobody` selects runs without a check."""
     instrument: str = ""
     """Part of the identity of an instrument, such as a serial number."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
         """Return the selected entries in their order."""
-        words = self.search_text.casefold().split()
+        search_words = self.search_text.casefold().split()
         return [
             e
             for e in entries
@@ -279,7 +279,7 @@ class RunFilter:
             and (not self.operator or e.operator.casefold() == self.operator.casefold())
             and (not self.checked_by or _is_checked_by(e, self.checked_by.casefold()))
             and (not self.instrument or self.instrument.casefold() in e.instruments.casefold())
-            and all(word in e.words for word in words)
+            and all(word in e.search_text for word in search_words)
         ]
 
 
@@ -333,7 +333,7 @@ def read_run_summary(file: Path, path: str, notes_file: Path | None = None) -> R
 
 
 def _read_record(file: Path, notes: Notes) -> tuple[RunRecord, str, Sequence[str]]:
-    """Return the record of a run, from its sidecar where that has it, its JSON form if known, and the names of the failed checks.
+    """Return the record of a run, from its sidecar if possible, its JSON form if available, and the names of the failed checks.
 
     Raises:
         RunReadError: the file cannot be read.
@@ -369,7 +369,7 @@ def calibration_text(record: RunRecord) -> str:
 
 
 def _needs_points(run: RunRecord) -> bool:
-    """Whether the checks of a run are known from its points only; other protocols' checks cost a fit."""
+    """Whether the checks of a run need its points only; checks of other protocols need a fit."""
     kind = PROTOCOLS.get(run.protocol)
     ended = run.state in (RunState.COMPLETED, RunState.IMPORTED)
     return run.verdict.outcome is Outcome.NOT_JUDGED and ended and kind is not None and kind.passes_or_fails

@@ -99,7 +99,7 @@ def write_archive(
 def _check_runs(folder: Path, specimen: str, runs: Sequence[RunSummary]) -> None:
     if not runs:
         raise ArchiveError(
-            f"there are no runs of {specimen} in {folder}; 'tactor-bench runs {folder}' lists what there is"
+            f"there are no runs of {specimen} in {folder}; 'tactor-bench runs {folder}' lists the existing ones"
         )
     if running := [run.name for run in runs if run.state == RunState.RUNNING]:
         raise ArchiveError(f"{running[0]} is being written; wait until the run has ended")
@@ -109,7 +109,7 @@ def _check_runs(folder: Path, specimen: str, runs: Sequence[RunSummary]) -> None
 
 
 def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRESS) -> CopyResult:
-    """Put the files of an archive into a folder, each after its hash was found right. No file is replaced.
+    """Put the files of an archive into a folder, each after its hash was verified. No file is replaced.
 
     Raises:
         ArchiveError: it is not an archive of a specimen, is damaged, or the folder has another file of the same name.
@@ -138,8 +138,8 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
                     continue
                 with replacing(target) as working:
                     with file.open(info) as source, working.open("wb") as copy:
-                        found = copy_stream(source, copy, progress)
-                    if found != sha256:
+                        result = copy_stream(source, copy, progress)
+                    if result != sha256:
                         raise ArchiveError(
                             f"{archive}: {info.filename} is damaged, its SHA-256 is another; take another copy"
                         )
@@ -175,7 +175,7 @@ def _entries(archive: Path, file: zipfile.ZipFile) -> Iterator[tuple[zipfile.Zip
         name = PurePosixPath(identifier).name
         if info is None:
             raise ArchiveError(f"{archive}: {identifier} is listed and missing; take another copy")
-        # The name alone is used, so that no path leaves the folder; the rest is what Windows and terminals stumble over.
+        # Only the name is used, so that no path leaves the folder, without characters that Windows and terminals reject.
         if name in ("", ".", "..") or name in names or "\\" in name or ":" in name or name != visible_text(name):
             raise ArchiveError(f"{archive}: {visible_text(identifier)} has no usable name, or the name of another file")
         if info.file_size > MAX_PACKING_RATIO * max(info.compress_size, 1):
@@ -278,7 +278,7 @@ def _describe_run(run: RunSummary, values: list[dict[str, Any]]) -> dict[str, An
         "name": f"{mark}{run.protocol} of {run.specimen}, {run.start_time[:16].replace('T', ' ')}",
         "dateCreated": run.start_time,
         "description": f"{run.verdict_text}{f': {run.verdict_reasons}' if run.verdict_reasons else ''}",
-        "text": run.note or run.found,
+        "text": run.note or run.estimates_text,
         "keywords": ", ".join(keywords),
         "variableMeasured": identifiers,
     }

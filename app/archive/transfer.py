@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from app.archive.backup import CopyResult, copy_file
-from app.archive.exporting import Format, export_run
+from app.archive.exporting import Format, export_run, raw_left_out
 from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, record_audit
@@ -40,15 +40,17 @@ def export_runs(
     folder: Path,
     kind: Format,
     progress: Progress = NO_PROGRESS,
-) -> int:
-    """Export runs and return the number of files written."""
+) -> tuple[int, list[str]]:
+    """Export runs and return the number of files written, and why the raw samples of some runs are left out."""
     count = 0
+    left_out: list[str] = []
     for path, file_progress in zip(paths, progress.split_by_files(paths), strict=True):
         if progress.cancelled:
             break
         with Run(path) as run:
             count += len(export_run(run, folder, kind, progress=file_progress))
-    return count
+            left_out += filter(None, [raw_left_out(run, kind)])
+    return count, left_out
 
 
 def copy_runs_into(
@@ -111,7 +113,7 @@ def import_tables(
 
     options = ImportOptions(tuple(paths), folder, specimen=specimen or "unnamed")
     taken, written = import_files(options, amplifier, progress)
-    return len(written), [words for each in taken for words in each.warnings]
+    return len(written), [warning for each in taken for warning in each.warnings]
 
 
 def measured_responses(paths: Sequence[Path]) -> list[MeasuredResponse]:

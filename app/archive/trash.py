@@ -1,4 +1,4 @@
-"""Trash of a folder of runs: a hidden folder into which runs are moved with their notes, and out of which they are restored."""
+"""Trash of a folder of runs: a hidden folder for removed runs with their notes, from which they can be restored."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,7 +10,7 @@ from app.common import record_audit
 from protocols.runfile import RunReadError, notes_path
 
 TRASH_FOLDER = ".trash"
-"""Beside the run; hidden, so that neither list nor campaign finds what is in it."""
+"""Beside the run; hidden, so that lists and campaigns ignore its contents."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,11 @@ def restore_from_trash(moved: Sequence[TrashedRun]) -> int:
 
 
 def _move_notes(run: Path, moved_run: Path) -> None:
-    with suppress(OSError):  # a run without notes; notes that stay are found again when the run comes back
+    with suppress(OSError):  # a run without notes; remaining notes are valid again after its restoration
         notes_path(run).rename(notes_path(moved_run))
 
 
 def _free_name(path: Path) -> Path:
-    """Return the path, or one with a number, at which there are neither a run nor notes."""
+    """Return the path, or one with a number, without a run and notes."""
     numbered = (path.with_stem(f"{path.stem} ({at})") for at in range(2, 10_000))
     return next(free for free in chain((path,), numbered) if not free.exists() and not notes_path(free).exists())

@@ -1,8 +1,8 @@
 """Measurement campaign of one specimen: ordered items, their status and the next one.
 
-The status of an item is computed from the run files on every request; runs made outside the campaign count too. The campaign
-file holds only the plan and what each run was based on, so it cannot contradict the run files, and a killed program leaves
-nothing to repair.
+The status of an item is computed from the run files on every request; runs made outside the campaign count too. The campaign file
+holds only the plan and the basis of each run, so it cannot contradict the run files, and a killed program leaves nothing to
+repair.
 """
 
 import json
@@ -28,12 +28,7 @@ from app.campaign.plan import (
     write_record,
 )
 from app.campaign.series import evaluate_items
-from app.campaign.status import (
-    HAS_VALID_RUN,
-    CampaignRuns,
-    ItemState,
-    basis_of,
-)
+from app.campaign.status import HAS_VALID_RUN, CampaignRuns, ItemState, basis_of
 from app.common import record_audit
 from model import AmplifierMap
 from protocols import PROTOCOLS
@@ -155,7 +150,7 @@ class Campaign:
     def _make_protocol(self, item: CampaignItem, carried: Mapping[str, float]) -> Protocol:
         kind = PROTOCOLS.get(item.protocol)
         if kind is None:
-            raise CampaignError(f"{item.name} is a run of '{item.protocol}', a protocol that is not known here")
+            raise CampaignError(f"{item.name} is a run of '{item.protocol}', an unknown protocol")
         fits = {name: value for name, value in carried.items() if name in kind.model_fields}
         try:
             return kind(**{**fits, **item.settings})
@@ -196,7 +191,7 @@ class Campaign:
             self._save(item.name, {"added": item.protocol})
 
     def run_started(self, run: Path, name: str = "") -> None:
-        """Record a run that this program is writing and that must not be opened; of an item also what it is based on."""
+        """Record a run that this program is writing and that must not be opened; for an item also its basis."""
         with self._lock:
             self._active_run = (name, run)
             if name:
@@ -211,11 +206,11 @@ class Campaign:
             self._active_run = None
 
     def skip(self, name: str, reason: str = "left out on purpose") -> None:
-        """Skip an item; items that need it no longer wait for it. An empty reason restores it."""
+        """Skip an item; dependent items no longer wait for it. An empty reason restores it."""
         self._change(name, skipped=reason)
 
     def repeat(self, name: str) -> None:
-        """Require a new run of an item. What counts now counts until there is one, an accepted run until that is accepted."""
+        """Require a new run of an item. The present result counts until the new run, an accepted one until its acceptance."""
         self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
 
     def accept(self, name: str, run: str = "") -> None:
@@ -288,11 +283,11 @@ class Campaign:
     def _runs_of(self, item: CampaignItem, runs: Sequence[RunSummary]) -> list[RunSummary]:
         """Return the runs of an item, oldest first.
 
-        A run of a series is one of another item only if it has all of that item's parameters, also those that are not set.
+        A run of a series is a run of another item only if it has all of that item's parameters, including unset ones.
         """
         every = self._parameters(item)
         settings = {name: every[name] for name in item.settings}
-        found = [
+        runs = [
             run
             for run in runs
             if run.protocol == item.protocol
@@ -307,12 +302,10 @@ class Campaign:
             for step in other.steps
         ]
         if not series:
-            return found
+            return runs
         whole = {name: value for name, value in every.items() if name not in (*CARRIED_PARAMETERS, item.varied)}
         return [
-            run
-            for run in found
-            if _has_parameters(run, whole) or not any(_has_parameters(run, step) for step in series)
+            run for run in runs if _has_parameters(run, whole) or not any(_has_parameters(run, step) for step in series)
         ]
 
     def _parameters(self, item: CampaignItem, set_only: bool = False) -> dict[str, Any]:

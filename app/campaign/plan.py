@@ -40,10 +40,10 @@ def campaign_path(folder: Path, specimen: str) -> Path:
 def list_campaigns(folder: Path) -> list[Path]:
     """Return the campaign files of a folder, the last changed first."""
     try:
-        found = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
+        files = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
     except OSError:
         return []
-    return [path for _, path in sorted(found, reverse=True)]
+    return [path for _, path in sorted(files, reverse=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +53,15 @@ class CampaignItem:
     Attributes:
         name: name within the campaign.
         protocol: name of the protocol.
-        settings: parameters that differ from the protocol's defaults; runs with others are not runs of it.
-        needs: names of the items that must be done before.
+        settings: parameters that differ from the protocol's defaults; runs with other parameters do not belong to the item.
+        needs: names of the prerequisite items.
         prepare: setup prompts that the protocol itself does not show.
-        skipped: why it is skipped; empty if it is not.
-        since: when a new run was requested (ISO, UTC); earlier results count until there is one, earlier runs are not resumed.
+        skipped: reason for skipping it; empty if it is not skipped.
+        since: time of the request for a new run (ISO, UTC); earlier results count until there is one, earlier runs are not resumed.
         rejected: names of run files that do not count.
         accepted: names of run files whose results the operator has accepted; the last one counts.
-        varied: parameter that is varied, with one run for each of `values`; empty: a single run.
-        values: of the varied parameter, in the unit of its field.
+        varied: varied parameter, with one run for each of `values`; empty: a single run.
+        values: values of the varied parameter, in the unit of its field.
     """
 
     name: str
@@ -93,11 +93,11 @@ class CampaignItem:
     def from_record(cls, record: Mapping[str, Any]) -> "CampaignItem":
         """Restore an item from `as_record`. Raises TypeError or KeyError for other records."""
         lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted", "values") if name in record}
-        prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
+        prepare = tuple(Prompt(**{**prompt, "choices": tuple(prompt["choices"])}) for prompt in record["prepare"])
         settings, varied = record.get("settings", {}), record.get("varied", "")
         if settings or varied:  # files of earlier versions may have former names
-            known = PROTOCOLS[record["protocol"]].model_fields if record["protocol"] in PROTOCOLS else ()
-            present = {name: name if name in known else current_parameter(name, known) for name in (*settings, varied)}
+            names = PROTOCOLS[record["protocol"]].model_fields if record["protocol"] in PROTOCOLS else ()
+            present = {name: name if name in names else current_parameter(name, names) for name in (*settings, varied)}
             settings = {present[name]: value for name, value in settings.items()}
             varied = present[varied]
         return cls(**{**record, **lists, "prepare": prepare, "settings": settings, "varied": varied})
@@ -174,14 +174,14 @@ CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay_time"}
 def drop_unknown_protocols(
     items: Collection[CampaignItem], known_protocols: Collection[str]
 ) -> tuple[CampaignItem, ...]:
-    """Return the items with a known protocol; dependencies on dropped items pass to the dependencies of those."""
+    """Return the items with a known protocol; dependencies on dropped items pass to their dependencies."""
     lost = {item.name: item.needs for item in items if item.protocol not in known_protocols}
 
     def needs(names: Collection[str]) -> tuple[str, ...]:
-        found: dict[str, None] = {}
+        needs_of: dict[str, None] = {}
         for name in names:
-            found.update(dict.fromkeys(needs(lost[name]) if name in lost else (name,)))
-        return tuple(found)
+            needs_of.update(dict.fromkeys(needs(lost[name]) if name in lost else (name,)))
+        return tuple(needs_of)
 
     return tuple(replace(item, needs=needs(item.needs)) for item in items if item.name not in lost)
 
@@ -202,10 +202,10 @@ class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):
 
     def dependencies(self, item: CampaignItem) -> set[str]:
         """Return the names of all direct and indirect dependencies of an item."""
-        found: set[str] = set()
+        names: set[str] = set()
         for need in item.needs:
-            found |= {need} | self.dependencies(self.item(need))
-        return found
+            names |= {need} | self.dependencies(self.item(need))
+        return names
 
     def add(self, item: CampaignItem) -> None:
         """Add an item at the end.

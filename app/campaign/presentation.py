@@ -57,7 +57,7 @@ def next_action_reason(state: ItemState) -> str:
 
 
 def first_clause(reason: str) -> str:
-    """Return the first clause of a reason: what happened, without remedy and library messages."""
+    """Return the first clause of a reason: the event, without remedy and library messages."""
     return re.split(r"; |\. | \((?=NI )", reason, maxsplit=1)[0].rstrip(".")
 
 
@@ -104,8 +104,8 @@ def next_step(summary: CampaignSummary, running: str = "", busy: bool = False, q
     """
     if running or busy:
         return _running_step(summary, running, queue)
-    if (found := summary.awaiting_acceptance) is not None:
-        return _acceptance_step(summary, found)
+    if (item := summary.awaiting_acceptance) is not None:
+        return _acceptance_step(summary, item)
     if summary.refusal:
         return NextStep("The bench cannot run the remaining items", summary.refusal)
     if (row := summary.next_item) is not None:
@@ -115,12 +115,12 @@ def next_step(summary: CampaignSummary, running: str = "", busy: bool = False, q
 
 def format_progress(summary: CampaignSummary, running: str = "", run_left_s: float = 0.0) -> str:
     """`3 of 7 done, about 1 h 05 min and 42 prompts left`, in real time; `run_left_s` is bench time of the present run."""
-    words = f"{summary.done_count} of {summary.total_count} done"
+    text = f"{summary.done_count} of {summary.total_count} done"
     if not summary.remaining:
-        return words
+        return text
     left_s = summary.remaining_s(running) + summary.time_scale * run_left_s
     prompts = sum(rehearsal.prompts for rehearsal in summary.remaining)
-    return f"{words}, about {format_duration(left_s)} and {prompts} prompt{'s' * (prompts != 1)} left"
+    return f"{text}, about {format_duration(left_s)} and {prompts} prompt{'s' * (prompts != 1)} left"
 
 
 def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextStep:
@@ -142,16 +142,16 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     """Return the question whether to accept the estimates."""
     estimates = [format_named_estimate(estimate) for estimate in item.state.reviewed_estimates]
     if steps := item.state.steps:
-        found = f"{len(steps)} values of {varied_label(item.state.item)}: the results are curves over it, below."
+        result = f"{len(steps)} values of {varied_label(item.state.item)}: the results are curves over it, below."
     elif estimates:
         more = f" … and {len(estimates) - MAX_ESTIMATES} more" if len(estimates) > MAX_ESTIMATES else ""
-        found = ";  ".join(estimates[:MAX_ESTIMATES]) + more
+        result = ";  ".join(estimates[:MAX_ESTIMATES]) + more
     else:
-        found = "It determines no parameter; its points are in the run file."
+        result = "It determines no parameter; its points are in the run file."
     follows = () if summary.next_item is None else (CampaignAction.RUN,)
     actions = (CampaignAction.ACCEPT, CampaignAction.REJECT, *follows)
     why = f"{item.state.title}. {_dependents_text(summary, item)}"
-    return NextStep(f"Accept what {item.name} found?", why, found, actions, item.name)
+    return NextStep(f"Accept what {item.name} found?", why, result, actions, item.name)
 
 
 def _join_names(names: list[str]) -> str:
@@ -208,8 +208,8 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
             f"{name} = {_format_setting(value)}" for name, value in item.settings.items()
         ),
     }
-    found = (DetailSection(heading, tuple(lines)) for heading, lines in sections.items())
-    return tuple(section for section in found if section.lines)
+    details = (DetailSection(heading, tuple(lines)) for heading, lines in sections.items())
+    return tuple(section for section in details if section.lines)
 
 
 def _estimate_lines(estimates: CampaignEstimates | None) -> tuple[str, ...]:

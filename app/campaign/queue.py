@@ -61,7 +61,7 @@ class CampaignRunner:
         session.run(request)
 
     def start(self, session: RunStarter, state: ItemState) -> None:
-        """Prepare and submit an item's run; raises what `prepare` raises."""
+        """Prepare and submit an item's run; raises the errors of `prepare`."""
         self.submit(session, self.prepare(state))
 
     def __call__(self, event: SessionEvent) -> None:
@@ -104,8 +104,8 @@ def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, res
                 "no item was interrupted, so there is nothing to resume; 'campaign run' measures the next item"
             )
         line = broken[0]
-    elif (found := campaign.next_item(hands_free)) is not None:
-        line = found
+    elif (item := campaign.next_item(hands_free)) is not None:
+        line = item
     else:
         left = [line.item.name for line in campaign.item_states() if line.next_action is not NextAction.NONE]
         hands = f"without hands; left: {', '.join(left)}" if left else "any more"
@@ -127,13 +127,13 @@ def next_item_after(campaign: Campaign, previous: ItemState, hands_free: bool) -
 
 
 def next_value(state: ItemState) -> ItemState | None:
-    """Return the state of a series that has a value that was never measured; None of one that has none, and of a single run."""
+    """Return the state of a series with an unmeasured value; None for a complete series, and for a single run."""
     return state if state.step is not None and state.next_action is NextAction.RUN else None
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignRehearsal:
-    """Rehearsals of the items of a campaign, with totals of those that the bench can measure."""
+    """Rehearsals of the items of a campaign, with totals of the measurable ones."""
 
     items: tuple[tuple[CampaignItem, Rehearsal], ...]
     refusals: tuple[tuple[CampaignItem, str], ...]

@@ -81,22 +81,22 @@ def review_rows(
     run: LoadedRun, earlier: RunSummary | None, others: Sequence[RunSummary], paper: Mapping[str, float]
 ) -> tuple[ReviewRow, ...]:
     """Return a row for every estimate, and one for every check that is not of an estimate; failed checks come first."""
-    known = {} if earlier is None else {e.name: e for e in earlier.record.estimates}
+    earlier_estimates = {} if earlier is None else {e.name: e for e in earlier.record.estimates}
     checks = {current_name(check.name): check for check in run.record.verdict.checks}
     rows = []
     for estimate in run.record.estimates:
         row = ReviewRow(
             quantity_label(estimate.name),
             format_value(estimate),
-            before=_compare(estimate, known.get(estimate.name)),
+            before=_compare(estimate, earlier_estimates.get(estimate.name)),
             paper=_paper_text(estimate, paper),
             others=_others_text(estimate, others),
         )
         check = checks.pop(estimate.name, None)
         rows.append(row if check is None else _with_limits(row, check_row(check)))
     rows += [
-        _with_limits(ReviewRow(found.name, f"{found.figure} {found.unit}".strip()), found)
-        for found in map(check_row, checks.values())
+        _with_limits(ReviewRow(check.name, f"{check.figure} {check.unit}".strip()), check)
+        for check in map(check_row, checks.values())
     ]
     return tuple(sorted(rows, key=lambda row: row.passed))
 
@@ -111,20 +111,20 @@ def quality_indicators(run: LoadedRun) -> tuple[QualityIndicator, ...]:
     flags = [Quality(point.quality) for point in run.points]
     usable = sum(flag.usable for flag in flags)
     severity = Severity.SUCCESS if usable == len(flags) else Severity.WARNING if usable else Severity.ERROR
-    found = [QualityIndicator(f"{usable} of {pluralize(len(flags), 'point')} usable", severity)] if flags else []
+    indicators = [QualityIndicator(f"{usable} of {pluralize(len(flags), 'point')} usable", severity)] if flags else []
     facts = Quality.SIMULATED | Quality.IMPORTED
     counts = Counter((one.name or "").lower().replace("_", " ") for flag in flags for one in flag & ~facts)
-    found += [QualityIndicator(f"{count} {name}", Severity.WARNING) for name, count in counts.items()]
+    indicators += [QualityIndicator(f"{count} {name}", Severity.WARNING) for name, count in counts.items()]
     if checks := run.record.verdict.checks:
         passed = len(checks) - len(run.record.verdict.failed_checks)
         severity = Severity.SUCCESS if passed == len(checks) else Severity.ERROR
-        found.append(QualityIndicator(f"{passed} of {pluralize(len(checks), 'check')} passed", severity))
+        indicators.append(QualityIndicator(f"{passed} of {pluralize(len(checks), 'check')} passed", severity))
     coherence = [
         float(p.coherence) for p, flag in zip(run.points, flags, strict=True) if flag.usable and hasattr(p, "coherence")
     ]
     if coherence:
-        found.append(QualityIndicator(f"lowest coherence {min(coherence):.3f}", Severity.INFO))
-    return tuple(found)
+        indicators.append(QualityIndicator(f"lowest coherence {min(coherence):.3f}", Severity.INFO))
+    return tuple(indicators)
 
 
 def paper_values(amplifier: AmplifierMap) -> dict[str, float]:

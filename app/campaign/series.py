@@ -9,12 +9,7 @@ import numpy as np
 from app.archive import RunSummary
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
-from app.common import (
-    UnitError,
-    field_label,
-    read_numbers,
-    unit_of,
-)
+from app.common import UnitError, field_label, read_numbers, unit_of
 from model import shown_unit
 from protocols import PROTOCOLS
 from protocols.base import EstimatedQuantity, Protocol, RunFigure, Series, SeriesAxis
@@ -93,14 +88,14 @@ def series_curves(state: ItemState) -> tuple[Series, ...]:
 
     Values without a result, and figures of fewer than two values, are left out.
     """
-    item, found = state.item, dict[tuple[str, str], list[tuple[float, RunFigure]]]()
+    item, figures = state.item, dict[tuple[str, str], list[tuple[float, RunFigure]]]()
     for step in state.steps:
         summary = next((run for run in step.results if step.run is not None and run.name == step.run.name), None)
         if step.status in HAS_VALID_RUN and summary is not None:
             for figure in summary.figures:
-                found.setdefault((figure.name, figure.unit), []).append((_value_of(item, step), figure))
+                figures.setdefault((figure.name, figure.unit), []).append((_value_of(item, step), figure))
     curves = []
-    for (name, unit), pairs in found.items():
+    for (name, unit), pairs in figures.items():
         if len(pairs) < 2:
             continue
         pairs.sort(key=lambda pair: pair[0])
@@ -137,11 +132,11 @@ def read_series_values(
     Raises:
         UnitError: the text cannot be read, or has fewer than two different values.
     """
-    found = read_numbers(text, unit_of(kind, name) or "1", shown)
-    if len(found) < 2 or len(set(found)) < len(found):
+    values = read_numbers(text, unit_of(kind, name) or "1", shown)
+    if len(values) < 2 or len(set(values)) < len(values):
         raise UnitError("give at least two values, each once")
     whole = kind.model_fields[name].annotation is int
-    return tuple(int(value) if whole and value.is_integer() else value for value in found)
+    return tuple(int(value) if whole and value.is_integer() else value for value in values)
 
 
 def value_text(item: CampaignItem, value: float) -> str:
@@ -184,9 +179,9 @@ def evaluate_items(
         runs: of each item by its name, oldest first.
         based_on: basis of each run by file name; none for runs made outside the campaign.
     """
-    found: dict[str, ItemState] = {}
+    states: dict[str, ItemState] = {}
     for item in items:
         title = titles.get(item.protocol, item.protocol)
         evaluate = evaluate_series if item.varied else evaluate_item
-        found[item.name] = evaluate(folder, item, title, runs.get(item.name, ()), found, based_on)
-    return tuple(found.values())
+        states[item.name] = evaluate(folder, item, title, runs.get(item.name, ()), states, based_on)
+    return tuple(states.values())

@@ -24,10 +24,10 @@ def with_specimen_mass(prompts: Iterable[Prompt], folder: Path, specimen: str) -
 
 def _adapted(prompts: Iterable[Prompt], folder: Path, specimen: str) -> Iterator[Prompt]:
     for prompt in prompts:
-        found = None
+        mass = None
         if prompt.action == FIX_PAPER_MASS.action and prompt.values.get("mass_kg") == PAPER_MASS_KG:
-            found = _mass_of(folder, specimen)
-        yield prompt if found is None else replace(prompt, text=found[1], values={"mass_kg": found[0]})
+            mass = _mass_of(folder, specimen)
+        yield prompt if mass is None else replace(prompt, text=mass[1], values={"mass_kg": mass[0]})
 
 
 def _mass_of(folder: Path, specimen: str) -> tuple[float, str] | None:

@@ -1,4 +1,4 @@
-"""Status of campaign items, computed from run summaries and from what each run was based on."""
+"""Status of campaign items, computed from run summaries and the basis of each run."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -34,20 +34,24 @@ class CampaignRuns:
         stamp = since.translate({ord(c): None for c in "-:"})[:15]  # 20261121T091502, as file names begin
         files = self.folder.glob("*.h5") if self.folder.is_dir() else ()
         runs = [self._summary(path) for path in files if path != exclude and path.name[: len(stamp)] >= stamp]
-        found = [run for run in runs if run is not None and run.readable and run.start_time >= since]
-        return sorted(found, key=lambda run: (run.start_time, run.name))
+        recent = [run for run in runs if run is not None and run.readable and run.start_time >= since]
+        return sorted(recent, key=lambda run: (run.start_time, run.name))
 
     def _summary(self, path: Path) -> RunSummary | None:
         try:
             stat = path.stat()
         except OSError:
             return None
-        known = self._cache.get(path)
+        summary = self._cache.get(path)
         # A file marked `running` does not change when its writer is killed.
-        if known is None or known.running or (known.modified_ns, known.size) != (stat.st_mtime_ns, stat.st_size):
-            known = read_run_summary(path, path.name) or RunSummary(path.name, RunState.DAMAGED)
-            self._cache[path] = known._replace(modified_ns=stat.st_mtime_ns, size=stat.st_size)
-        return known
+        if (
+            summary is None
+            or summary.running
+            or (summary.modified_ns, summary.size) != (stat.st_mtime_ns, stat.st_size)
+        ):
+            summary = read_run_summary(path, path.name) or RunSummary(path.name, RunState.DAMAGED)
+            self._cache[path] = summary._replace(modified_ns=stat.st_mtime_ns, size=stat.st_size)
+        return summary
 
 
 REPEAT_REASON = "it is to be measured again; this result counts until then"
@@ -103,7 +107,7 @@ class ItemState:
     started_at: str = ""
     """Start time of that run, ISO, UTC."""
     estimates: tuple[EstimatedQuantity, ...] = ()
-    """Estimates of the valid run, on which later items are based."""
+    """Estimates of the valid run, the basis of later items."""
     resumed_run: Path | None = None
     """The run that `NextAction.RESUME` continues."""
     candidate: RunSummary | None = None
@@ -233,12 +237,9 @@ def _state_without_result(
 
 
 def _valid_run(
-    item: CampaignItem,
-    results: Sequence[RunSummary],
-    previous: Mapping[str, ItemState],
-    based_on: Mapping[str, Basis],
+    item: CampaignItem, results: Sequence[RunSummary], previous: Mapping[str, ItemState], based_on: Mapping[str, Basis]
 ) -> RunSummary | None:
-    """Return the run that counts: the one accepted last, while what it rests on has not changed; otherwise the newest."""
+    """Return the valid run: the last accepted one while its basis is unchanged; otherwise the newest."""
     valid = {run.name: run for run in results if run.name not in item.rejected}
     accepted = next((valid[name] for name in reversed(item.accepted) if name in valid), None)
     if accepted is not None and not _stale_reason(item, accepted, previous, based_on.get(accepted.name)):
@@ -252,7 +253,7 @@ def _result_text(run: RunSummary) -> str:
 
 
 def _later_text(run: RunSummary) -> str:
-    """Return what became of a run without a result, as a predicate."""
+    """Return the end of a run without a result, as a predicate."""
     if run.outcome is Outcome.NO_RESULT:
         return "has no result"
     return str(run.verdict) if run.outcome is Outcome.DID_NOT_PASS else f"is {run.state}"

@@ -165,10 +165,12 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
 
 def estimate_campaign(campaign: Campaign, amplifier: AmplifierMap) -> CampaignEstimates:
     """Fit the valid runs jointly: the same estimates, with total uncertainties, as by `identify`."""
-    found = identify_campaign_runs(campaign, amplifier)
-    if isinstance(found, str):
-        return CampaignEstimates((), problem=found)
-    return CampaignEstimates(found.identified, verdict_line(found), "; ".join(found.unidentified))
+    identification = identify_campaign_runs(campaign, amplifier)
+    if isinstance(identification, str):
+        return CampaignEstimates((), problem=identification)
+    return CampaignEstimates(
+        identification.identified, verdict_line(identification), "; ".join(identification.unidentified)
+    )
 
 
 def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = None) -> IdentificationResult | str:
@@ -179,15 +181,15 @@ def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = 
     runs, why = campaign.valid_runs(), "no run of this campaign counts yet"
     for last in range(len(runs), 0, -1):
         try:
-            found = identify(runs[:last], options=FitOptions(amplifier=amplifier or amplifier_of(runs[:1])))
+            identification = identify(runs[:last], options=FitOptions(amplifier=amplifier or amplifier_of(runs[:1])))
         except (RunReadError, ObservationError, IdentificationError, ParameterError, SheetError) as error:
             why = str(error)
         else:
-            return found if last == len(runs) else replace(found, notes=(*found.notes, why))
+            return identification if last == len(runs) else replace(identification, notes=(*identification.notes, why))
     return why
 
 
 def identified_tactor(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Tactor:
     """Return the specimen with identified parameters, and the paper's Table I for the rest."""
-    found = identify_campaign_runs(campaign, amplifier)
-    return Tactor() if isinstance(found, str) else found.tactor
+    identification = identify_campaign_runs(campaign, amplifier)
+    return Tactor() if isinstance(identification, str) else identification.tactor

@@ -48,8 +48,8 @@ INSTRUMENT_ROLES = ("generator", "supply", "card")
 
 @command("example: tactor-bench check --bench bench1.toml --set level_v='50 mV'")
 class CheckCommand(ProtocolOptions):
-    """The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with its limits.
-    Exit code 0 all passed, 1 something did not or the run failed, 3 UNSAFE, 4 no result.
+    """Check the wiring with small voltages: rest, a tenth of a volt to either side, a small sine. Prints every figure with
+    its limits. Exit code 0 all checks passed, 1 a check or the run failed, 3 UNSAFE, 4 no result.
     """
 
     faults: Sequence[str] = FAULTS
@@ -103,7 +103,7 @@ def _rest_check(events: Sequence[Any]) -> Iterator[CheckResult]:
     rest = next((event for event in events if isinstance(event, RestMeasured)), None)
     measured_v = rest.measured_v if rest is not None and rest.confirmed else math.nan
     low, high = point.drive - REST_REPEATABILITY_V, point.drive + REST_REPEATABILITY_V
-    remedy = "see the run's own sentence above"
+    remedy = "see the sentence of the run above"
     yield CheckResult("rest confirmed at the end", measured_v, "V", low, high, remedy, Outcome.DID_NOT_PASS)
 
 
@@ -116,7 +116,7 @@ def _table(title: str, *heads: str, overflow: OverflowMethod = "fold") -> Table:
 
 
 def _check_table(checks: Sequence[CheckResult]) -> Table:
-    table = _table("Wiring check", "", "what", "figure", "limits", "unit", overflow="ellipsis")
+    table = _table("Wiring check", "", "check", "figure", "limits", "unit", overflow="ellipsis")
     for check in checks:
         row = check_row(check)
         word = Text("pass", "green") if row.passed else Text("FAIL", "bold red")
@@ -126,9 +126,9 @@ def _check_table(checks: Sequence[CheckResult]) -> Table:
 
 @command("example: tactor-bench commission --bench bench1.toml")
 class CommissionCommand(BenchSelection):
-    """Commission the source: with high voltage off, exercise what the driver assumes of this instrument and measure
-    it at the amplifier's input. Prints pass, differs or dangerous for each property and stores a record by make,
-    model, serial number and firmware. Exit code 0 all passed, 1 something differs, 2 it could not be set up.
+    """Commission the source: with high voltage off, exercise the instrument's properties that the driver assumes, and
+    measure them at the amplifier's input. Prints pass, differs or dangerous for each property and stores a record by
+    make, model, serial number and firmware. Exit code 0 all passed, 1 a property differs, 2 set-up failed.
     """
 
     picture: Path | None = option("also draw the recorded outputs into this file", metavar="PNG")
@@ -178,9 +178,7 @@ def _wait_for_high_voltage_off() -> None:
         "Press Enter when high voltage is off; Ctrl-C ends this here"
     )
     if not sys.stdin.readline():
-        raise UsageError(
-            "standard input has ended, so nobody has confirmed that high voltage is off; nothing was moved"
-        )
+        raise UsageError("standard input has ended without confirmation that high voltage is off; nothing was moved")
 
 
 TIMES = {
@@ -236,53 +234,55 @@ class DiscoveryOptions:
 
 @command("example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763")
 class DevicesCommand(DiscoveryOptions):
-    """Connected devices: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC server, serial
-    ports. A raw LAN socket cannot be discovered, only queried: give its host.
+    """List the connected devices: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC server,
+    serial ports. A raw LAN socket cannot be discovered, only queried: give its host.
     """
 
     json: bool = JSON_PLAIN
 
     def execute(self) -> int:
-        found, notes = find_devices(self.hosts, self.server)
+        devices, notes = find_devices(self.hosts, self.server)
         if self.json:
-            print_json({"found": [asdict(one) for one in found], "notes": notes})
+            print_json({"found": [asdict(one) for one in devices], "notes": notes})
             return ExitCode.DONE
-        table = _table("Connected", "what", "where", "who")
-        for one in found:
+        table = _table("Connected", "role", "address", "identity")
+        for one in devices:
             table.add_row(one.role, one.where, one.identity)
-        Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
+        Console(markup=False, highlight=False).print(table if devices else "Nothing was found.")
         for note in notes:
             print_message(note)
-        if any(one.role in INSTRUMENT_ROLES for one in found):
-            asked = "".join(f" --host {host}" for host in self.hosts) + (f" --server {self.server}" * bool(self.server))
+        if any(one.role in INSTRUMENT_ROLES for one in devices):
+            options = "".join(f" --host {host}" for host in self.hosts) + (
+                f" --server {self.server}" * bool(self.server)
+            )
             print_message(
-                f"Next: tactor-bench bench new bench1.toml{asked}, then tactor-bench commission --bench bench1.toml"
+                f"Next: tactor-bench bench new bench1.toml{options}, then tactor-bench commission --bench bench1.toml"
             )
         return ExitCode.DONE
 
 
 @command("bench1.toml --host 192.0.2.7")
 class NewBenchCommand(DiscoveryOptions):
-    """Write a first, commented bench file from what 'tactor-bench devices' finds; never overwrites one."""
+    """Write a first, commented bench file with the devices that 'tactor-bench devices' lists; never overwrites a file."""
 
-    file: Path = argument("the file to write", metavar="FILE")
+    file: Path = argument("bench file to write", metavar="FILE")
 
     def execute(self) -> int:
         if self.file.exists():  # before the search, which takes seconds
             raise UsageError(f"{self.file} is there already and is not overwritten; give another name")
-        found, notes = find_devices(self.hosts, self.server)
+        devices, notes = find_devices(self.hosts, self.server)
         try:
             with self.file.open("x", encoding="utf-8") as file:
-                file.write(bench_template(found, self.server))
+                file.write(bench_template(devices, self.server))
         except FileExistsError:
             raise UsageError(f"{self.file} is there already and is not overwritten; give another name") from None
         except OSError as error:
             raise UsageError(f"{self.file} cannot be written: {error.strerror or error}") from None
         for note in notes:
             print_message(note)
-        have = [f"{one.role} {one.identity}" for one in found if one.role in INSTRUMENT_ROLES]
+        have = [f"{one.role} {one.identity}" for one in devices if one.role in INSTRUMENT_ROLES]
         print_message(
-            f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it"
+            f"{self.file}: {', '.join(have) or 'nothing was devices, the addresses are examples'}. Go through it"
         )
         print_message(f"Next: tactor-bench commission --bench {self.file}, with high voltage off")
         return ExitCode.DONE
@@ -290,7 +290,7 @@ class NewBenchCommand(DiscoveryOptions):
 
 @command("example: tactor-bench run sine-dwell --speed max --fault scpi-dropped@3")
 class FaultsCommand:
-    """The faults of a simulated bench, for 'tactor-bench run ... --fault NAME@SECONDS'."""
+    """List the faults of a simulated bench, for 'tactor-bench run ... --fault NAME@SECONDS'."""
 
     json: bool = JSON_PLAIN
 
@@ -301,9 +301,5 @@ class FaultsCommand:
 
 
 VERBS = CommandGroup(
-    "Bench files.",
-    "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
-    {
-        "new": NewBenchCommand,
-    },
+    "Bench files.", "example: tactor-bench bench new bench1.toml --host 192.0.2.7", {"new": NewBenchCommand}
 )

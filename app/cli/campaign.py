@@ -69,9 +69,9 @@ class CampaignCommand(BenchOptions):
             return _print_campaign(Campaign.create(folder, specimen, select_bench(self).config.simulated), self.json)
         return self.apply(Campaign.open(folder, specimen))
 
-    def apply(self, known: Campaign) -> int:
+    def apply(self, opened: Campaign) -> int:
         """Execute a subcommand on an existing campaign; return the exit code."""
-        return _rehearse(known, self) if self.verb == "rehearse" else _print_campaign(known, self.json)
+        return _rehearse(opened, self) if self.verb == "rehearse" else _print_campaign(opened, self.json)
 
 
 @command("dwell --specimen T7")
@@ -80,12 +80,12 @@ class ItemCommand(CampaignCommand):
 
     item: str = argument("name of the item, as in 'status'")
 
-    def apply(self, known: Campaign) -> int:
-        self.change(known)
-        return _print_campaign(known, self.json)
+    def apply(self, opened: Campaign) -> int:
+        self.change(opened)
+        return _print_campaign(opened, self.json)
 
-    def change(self, known: Campaign) -> None:
-        {"accept": known.accept, "repeat": known.repeat, "reject": known.reject}[self.verb](self.item)
+    def change(self, opened: Campaign) -> None:
+        {"accept": opened.accept, "repeat": opened.repeat, "reject": opened.reject}[self.verb](self.item)
 
 
 @command("dwell --specimen T7")
@@ -94,8 +94,8 @@ class SkipCommand(ItemCommand):
 
     reason: str = option("reason, stored in the campaign; '' includes the item again", "skipped")
 
-    def change(self, known: Campaign) -> None:
-        known.skip(self.item, self.reason)
+    def change(self, opened: Campaign) -> None:
+        opened.skip(self.item, self.reason)
 
 
 @command("sag --before dwell --specimen T7")
@@ -104,8 +104,8 @@ class MoveCommand(ItemCommand):
 
     before: str = option("the item before which it is inserted", required=True, metavar="ITEM")
 
-    def change(self, known: Campaign) -> None:
-        known.move(self.item, self.before)
+    def change(self, opened: Campaign) -> None:
+        opened.move(self.item, self.before)
 
 
 @command(
@@ -123,17 +123,17 @@ class AddCommand(CampaignCommand):
     settings: Sequence[str] = option(
         "another parameter of the protocol; may be repeated", flag="--set", metavar="NAME=VALUE"
     )
-    needs: Sequence[str] = option("item that must be done before; may be repeated", metavar="ITEM")
+    needs: Sequence[str] = option("prerequisite item; may be repeated", metavar="ITEM")
 
-    def apply(self, known: Campaign) -> int:
+    def apply(self, opened: Campaign) -> int:
         protocol = make_protocol(self.protocol, self.settings)
         given = {setting.partition("=")[0].strip() for setting in self.settings}
         settings = protocol.model_dump(mode="json", include=given)
         varied, values = _read_values(type(protocol), self.vary) if self.vary else ("", ())
         if varied in given:
             raise UsageError(f"{varied} is varied, and is set to one value with --set; leave one of them out")
-        known.add(CampaignItem(self.item, protocol.name, settings, tuple(self.needs), varied=varied, values=values))
-        return _print_campaign(known, self.json)
+        opened.add(CampaignItem(self.item, protocol.name, settings, tuple(self.needs), varied=varied, values=values))
+        return _print_campaign(opened, self.json)
 
 
 def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...]]:
@@ -153,15 +153,15 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
 
 @command("levels --picture levels.png --specimen T7")
 class CurveCommand(CampaignCommand):
-    """The results of a series over its parameter: table, CSV and picture."""
+    """Show the results of a series over its parameter: table, CSV and picture."""
 
     item: str = argument("name of the series, as in 'status'")
     files: FileOptions = group(FileOptions, "the results of the series")
 
-    def apply(self, known: Campaign) -> int:
+    def apply(self, opened: Campaign) -> int:
         from model.studies import PaperFigure
 
-        state = known.item_state(self.item)
+        state = opened.item_state(self.item)
         if not state.steps:
             raise UsageError(f"{self.item} is a single run; a series is added with: campaign add NAME --vary ...")
         curves = series_curves(state)
@@ -179,16 +179,16 @@ class CurveCommand(CampaignCommand):
                     Column(f"{y.name}_errors", y.unit, curve.errors, "± noise", shown, ".2g"),
                     Column(f"{y.name}_total_uncertainty", y.unit, curve.total_errors, "± total", shown, ".2g"),
                 ]
-        table = Table("series", f"{self.item} of {known.specimen}: {state.reason}", tuple(columns))
+        table = Table("series", f"{self.item} of {opened.specimen}: {state.reason}", tuple(columns))
         y, lines = main.y_axis, (Series(main.x, main.plotted, label=self.item),)
-        caption = f"{y.name} of {known.specimen} over {x.name}."
+        caption = f"{y.name} of {opened.specimen} over {x.name}."
         result = CommandResult(
             "campaign curve",
             {},
             (table,),
             figures=(PaperFigure("series", x.name, x.unit, y.name, y.unit, lines, caption),),
-            heading=("SIMULATED",) if known.simulated else (),
-            extra={"simulated": known.simulated},
+            heading=("SIMULATED",) if opened.simulated else (),
+            extra={"simulated": opened.simulated},
         )
         return render(result, self.json, self.files)
 
@@ -199,34 +199,34 @@ class RunItemCommand(CampaignCommand):
 
     item: str = argument("name of the item, as in 'status'", nargs="?")
     all: bool = option("continue with the next items until all are done")
-    hands_free: bool = option("like --all, but only items for which nobody must touch the specimen")
+    hands_free: bool = option("like --all, but only items without manual actions at the specimen")
     faults: Sequence[str] = FAULTS
 
-    def apply(self, known: Campaign) -> int:
+    def apply(self, opened: Campaign) -> int:
         bench = select_bench(self)
-        check_bench_kind(known, bench.config.simulated)
-        line: ItemState | None = first_item(known, self.item, self.hands_free, self.verb == "resume")
-        runner, go_on = CampaignRunner(known), self.all or self.hands_free
+        check_bench_kind(opened, bench.config.simulated)
+        line: ItemState | None = first_item(opened, self.item, self.hands_free, self.verb == "resume")
+        runner, continues = CampaignRunner(opened), self.all or self.hands_free
         folder = None
         if line is not None:
             request = runner.prepare(line)
             refuse_unreachable_operator(bench, request.protocol, request.prepare)
             folder = request.folder
-        with headless_session(bench, self.json, [runner], self.faults, folder) as front:
+        with headless_session(bench, self.json, [runner], self.faults, folder) as session:
             while line is not None:
                 if not self.json:
                     action = ACTION_LABELS[line.next_action].lower()
-                    print_message(f"campaign of {known.specimen}: {action} {line.item.name} ({line.title})")
+                    print_message(f"campaign of {opened.specimen}: {action} {line.item.name} ({line.title})")
                 request = runner.prepare(line)
                 refuse_unreachable_operator(bench, request.protocol, request.prepare)
-                runner.submit(front.session, request)
-                front.wait()
-                if front.exit_code != ExitCode.DONE or front.interrupted.is_set() or not go_on:
+                runner.submit(session.session, request)
+                session.wait()
+                if session.exit_code != ExitCode.DONE or session.interrupted.is_set() or not continues:
                     break
-                line = next_item_after(known, line, self.hands_free)
+                line = next_item_after(opened, line, self.hands_free)
         if not self.json:
-            _print_campaign(known, as_json=False)
-        return front.exit_code
+            _print_campaign(opened, as_json=False)
+        return session.exit_code
 
 
 @usage_errors(BenchError)
@@ -265,9 +265,9 @@ def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
 def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     from app.campaign import identify_campaign_runs
 
-    lines, found = campaign_.item_states(), identify_campaign_runs(campaign_)
-    estimates = () if isinstance(found, str) else found.identified
-    verdict = "" if isinstance(found, str) else verdict_line(found)
+    lines, identification = campaign_.item_states(), identify_campaign_runs(campaign_)
+    estimates = () if isinstance(identification, str) else identification.identified
+    verdict = "" if isinstance(identification, str) else verdict_line(identification)
     record = {
         "specimen": campaign_.specimen,
         "simulated": campaign_.simulated,
@@ -311,22 +311,22 @@ def _item_text(state: ItemState) -> str:
 
 
 VERBS = CommandGroup(
-    "All measurements of one specimen, each after what it is based on. Their status is read from the run "
+    "Plan and run all measurements of one specimen, each after its prerequisites. Their status is read from the run "
     "files; a campaign can be stopped, killed and resumed at any time.",
     "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
     {
         "new": (CampaignCommand, "Create a campaign of a specimen: the paper's measurements in their order."),
-        "status": (CampaignCommand, "Items that are done, stale, missing or failed, and the next step."),
+        "status": (CampaignCommand, "List done, stale, missing and failed items, and the next step."),
         "rehearse": (
             CampaignCommand,
             "Rehearse the remaining items without driving anything: time, prompts, volts, bytes.",
         ),
-        "run": (RunItemCommand, "Measure the next item, or the one that is named."),
-        "resume": (RunItemCommand, "Resume the item that was interrupted."),
+        "run": (RunItemCommand, "Measure the next item, or the named one."),
+        "resume": (RunItemCommand, "Resume an interrupted item."),
         "skip": SkipCommand,
         "repeat": (
             ItemCommand,
-            "Measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted.",
+            "Measure an item again. The present result counts until there is a new one, an accepted result until the new one is accepted.",
         ),
         "accept": (ItemCommand, "Accept the result of an item's run after reviewing it."),
         "reject": (ItemCommand, "Reject the present run of an item."),

@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 from app.cli.options import JSON_OBJECT, argument, command
 from app.cli.output import CommandResult, render
 from app.common import Column, Table, UsageError, usage_errors
+from model import shown_unit
 from model.identification import format_p_value
 from protocols.base import Protocol, usable_mask
 from protocols.runfile import Run, RunReadError, translate_read_errors
@@ -23,7 +24,7 @@ Point = dict[str, float]
 
 @command("example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5")
 class CompareCommand:
-    """Points of two runs side by side: values, difference, and the difference in standard errors."""
+    """Compare the points of two runs: values, differences, and differences in standard errors."""
 
     first: Path = argument()
     second: Path = argument()
@@ -46,7 +47,7 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
     changes = [two[y] - one[y] for one, two in pairs]
     errors = [math.hypot(one.get(f"{y}_errors", 0.0), two.get(f"{y}_errors", 0.0)) for one, two in pairs]
     deviations = [change / error if error > 0 else None for change, error in zip(changes, errors, strict=True)]
-    shown = {"m": "µm"}.get(units[y], "")
+    shown = shown_unit(units[y], y).unit
     columns = [
         *_setting_columns(pairs, x, units),
         Column(x, units[x].removesuffix("1"), [one[x] for one, _ in pairs]),
@@ -55,15 +56,15 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
         Column("difference", units[y], changes, display_unit=shown, format_spec="+.3g"),
     ]
     notes = [f"{len(pairs)} points in common, of {len(left)} and {len(right)} usable ones"]
-    if known := [deviation for deviation in deviations if deviation is not None]:
+    if finite := [deviation for deviation in deviations if deviation is not None]:
         columns.append(Column("standard errors", "", deviations, format_spec="+.1f"))
-        chi = sum(deviation**2 for deviation in known)
-        p_value = format_p_value(float(chdtrc(len(known), chi)), 2)
+        chi = sum(deviation**2 for deviation in finite)
+        p_value = format_p_value(float(chdtrc(len(finite), chi)), 2)
         notes[0] += (
-            f"; chi-square of the differences {chi:.1f} for {len(known)} points ({p_value}), statistical errors only"
+            f"; chi-square of the differences {chi:.1f} for {len(finite)} points ({p_value}), statistical errors only"
         )
-    if len(known) < len(pairs):
-        notes.append(f"of {len(pairs) - len(known)} points no uncertainty is given")
+    if len(finite) < len(pairs):
+        notes.append(f"{len(pairs) - len(finite)} points have no uncertainty")
     notes += _drive_differences(a, b, left, right)
     title = f"{kind.title}: {b.path.name} less {a.path.name}"
     return CommandResult("compare", {}, (Table("points", title, tuple(columns)),), tuple(notes))
@@ -73,7 +74,7 @@ def _common_protocol(a: Run, b: Run) -> type[Protocol]:
     """Return the protocol of both runs.
 
     Raises:
-        UsageError: they are of two protocols, or of one that is not known here.
+        UsageError: they are of two protocols, or of an unknown one.
     """
     from protocols import PROTOCOLS
 
@@ -84,7 +85,7 @@ def _common_protocol(a: Run, b: Run) -> type[Protocol]:
         )
     kind = PROTOCOLS.get(protocols[0])
     if kind is None:
-        raise UsageError(f"{a.path.name} is a run of '{protocols[0]}', a protocol that is not known here")
+        raise UsageError(f"{a.path.name} is a run of '{protocols[0]}', an unknown protocol")
     return kind
 
 
@@ -97,21 +98,21 @@ def _setting_columns(pairs: Sequence[tuple[Point, Point]], x: str, units: Mappin
 
 
 def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:
-    """Pair points at the same setting, whatever their position in the plans; several at one setting in their order."""
+    """Pair points of equal settings, independent of their position in the plans; several of one setting in order."""
     named = [
         n for n in MATCH_COLUMNS if left and right and all(math.isfinite(p.get(n, math.nan)) for p in (*left, *right))
     ]
     named += [n for n in ("elongation",) if n in (left[0] if left else {})]
 
     def by_setting(points: Sequence[Point]) -> dict[tuple[str, ...], Point]:
-        found: dict[tuple[str, ...], Point] = {}
+        matched: dict[tuple[str, ...], Point] = {}
         counts: Counter[tuple[str, ...]] = Counter()
         for point in points:
             setting = tuple(f"{point[name]:.4g}" for name in (x, *named))
             number = counts[setting]
             counts[setting] += 1
-            found[*setting, str(number)] = point
-        return found
+            matched[*setting, str(number)] = point
+        return matched
 
     others = by_setting(right)
     return [(point, others[key]) for key, point in by_setting(left).items() if key in others]

@@ -144,10 +144,10 @@ def run_headless(
     """
     check_planned_faults(bench, planned_faults)
     refuse_unreachable_operator(bench, request.protocol, request.prepare)
-    with headless_session(bench, as_json, observers, planned_faults, request.folder) as front:
-        front.session.run(request)
-        front.wait()
-    return front.exit_code, front.session.path if front.session.outcome else None
+    with headless_session(bench, as_json, observers, planned_faults, request.folder) as session:
+        session.session.run(request)
+        session.wait()
+    return session.exit_code, session.session.path if session.session.outcome else None
 
 
 def _ask_operator(bench: SelectedBench) -> None:
@@ -155,7 +155,7 @@ def _ask_operator(bench: SelectedBench) -> None:
     if bench.config.simulated or not operator_reachable() or remembered_conditions().operator:
         return
     print_message(
-        f"Who measures today? Type a name and Enter; Enter alone: {current_conditions().operator or 'nobody'}"
+        f"Name of today's operator? Type it and press Enter; Enter alone: {current_conditions().operator or 'nobody'}"
     )
     remember_conditions(sys.stdin.readline().strip() or current_conditions().operator)
 
@@ -187,7 +187,7 @@ def headless_session(
 ) -> Iterator[HeadlessSession]:
     """Open a bench as a session with the terminal as its front end; at the end it is closed at rest.
 
-    What the watchdog wrote into `folder` since the last start is printed first.
+    New lines of the watchdog's log in `folder` are printed first.
 
     Raises:
         UsageError: faults were planned for a real bench.
@@ -213,20 +213,17 @@ def headless_session(
     with observer:
         opener = plan.wrap(
             lambda: connect(
-                bench.config,
-                bench.speed,
-                UNATTENDED_BLOCK_S,
-                without_commissioning=bench.without_commissioning,
+                bench.config, bench.speed, UNATTENDED_BLOCK_S, without_commissioning=bench.without_commissioning
             )
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
-        front = HeadlessSession(
+        session = HeadlessSession(
             Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
         )
-        plan.on_switched = front.session.inject_event
-        with closing(after_run), handling_stop_signals(front.stop), operator.listening(front.session):
-            front.session.start()
+        plan.on_switched = session.session.inject_event
+        with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
+            session.session.start()
             try:
-                yield front
+                yield session
             finally:
-                front.session.close()
+                session.session.close()

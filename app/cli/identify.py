@@ -41,7 +41,7 @@ from app.identification import (
     amplifier_of,
     describe_correction,
     identify,
-    known_tables,
+    prior_tables,
     read_calibrations,
     write_calibrations,
 )
@@ -52,10 +52,10 @@ from protocols.runfile import Run, RunReadError
 T = TypeVar("T")
 
 INADEQUATE_MODEL_HINT = (
-    "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
+    "next best: find the cause of the discrepancies; further runs would only make a wrong model more certain"
 )
 USUAL_EVALUATIONS = 30
-"""Evaluations at which the bar of a fit is half full; how many a fit needs is unknown."""
+"""Number of evaluations at which the bar of a fit is half full; the total is unknown in advance."""
 SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
@@ -76,18 +76,18 @@ class AcceptCommand:
     )
     fixed: Sequence[str] = option("a fixed value, in SI units or with a unit", flag="--fix", metavar="NAME=VALUE")
     priors: Sequence[str] = option(
-        "what ruler, caliper or scale say of a parameter that is held otherwise, with its standard uncertainty, e.g. "
-        "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; it becomes free within that, and its uncertainty is in all errors",
+        "value and standard uncertainty of a parameter by ruler, caliper or scale, e.g. "
+        "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; frees the parameter within its uncertainty, which enters all errors",
         flag="--prior",
         metavar="NAME=VALUE+-ERROR",
     )
     sheet: str = option(
-        "the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
+        "specimen sheet with dimensions and masses (default: the sheet beside the runs, else Table I with the uncertainties of "
         "ruler and caliper); 'none' holds them at Table I as exact values, as --plain does with nonidealities",
         metavar="FILE|none",
     )
     profile: Sequence[str] = option(
-        "an interval by profile likelihood for this parameter, where a standard error does not suffice; may be repeated",
+        "add an interval by profile likelihood for this parameter, where a standard error does not suffice; may be repeated",
         metavar="NAME",
     )
     coverage: float = option("coverage of profile intervals (default: 0.95)", 0.95)
@@ -103,7 +103,7 @@ class AcceptCommand:
         metavar="NAME",
     )
     bench: str | None = option(
-        "a bench file with the corrected calibration of sensor or amplifier, with which raw samples are reduced again",
+        "bench file with the corrected calibration of sensor or amplifier; raw samples are reduced again with it",
         metavar="FILE",
     )
     shapes: int | None = option(
@@ -111,13 +111,12 @@ class AcceptCommand:
     )
     robust: bool = option("a Cauchy loss, which is robust against outliers, instead of least squares")
     protocols: Sequence[str] = option(
-        "the file of a lab's own protocol that runs are of; may be repeated", flag="--protocol", metavar="FILE.py"
+        "file of a lab's own protocol, for its runs; may be repeated", flag="--protocol", metavar="FILE.py"
     )
-    by: str = option("name of the person who accepts it", metavar="NAME")
-    note: str = option("a note stored with it")
+    by: str = option("name of the person who accepts the result", metavar="NAME")
+    note: str = option("note stored with the result")
     reason: str = option(
-        "why a result that is not adequate, or was not tested, is accepted all the same; kept and printed with it",
-        metavar="TEXT",
+        "reason for accepting an inadequate or untested result; stored and printed with it", metavar="TEXT"
     )
     json: bool = JSON_OBJECT
     accept: bool = True
@@ -133,7 +132,7 @@ class AcceptCommand:
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
         amplifier = corrected.amplifier if corrected else None
         with ExitStack() as bars:
-            found = identify(
+            identification = identify(
                 self.runs,
                 self.method,
                 replace(setting, amplifier=amplifier.amplifier_map if amplifier else amplifier_of(self.runs)),
@@ -144,13 +143,13 @@ class AcceptCommand:
                 plain=self.plain,
                 progress=_show_progress(bars, self.json),
             )
-        result = identification_command_result(found)
-        if found.joint_fit is not None:
-            result = _add_proposals(result, found, found.joint_fit, self)
-        simulated = SIMULATED_SHAPES_NOTE if found.observations.simulated else ""
-        notes.append(f"fitted with {found.shapes} shape functions{simulated}")
+        result = identification_command_result(identification)
+        if identification.joint_fit is not None:
+            result = _add_proposals(result, identification, identification.joint_fit, self)
+        simulated = SIMULATED_SHAPES_NOTE if identification.observations.simulated else ""
+        notes.append(f"fitted with {identification.shapes} shape functions{simulated}")
         if self.accept:
-            notes.append(_accept(found, self, corrected))
+            notes.append(_accept(identification, self, corrected))
         return render(replace(result, notes=(*result.notes, *notes)), self.json, FileOptions(picture=self.picture))
 
     def _check(self) -> None:
@@ -165,7 +164,7 @@ class AcceptCommand:
             return
         if self.free or self.also or self.fixed or self.priors or self.robust:
             raise UsageError(
-                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
+                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain has fixed steps"
             )
         if self.profile or self.next is not None or self.posterior:
             raise UsageError(
@@ -192,10 +191,10 @@ class AcceptCommand:
 
 @command("example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'")
 class IdentifyCommand(AcceptCommand):
-    """Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or step by
-    step as the paper did. Creep, hysteresis and what else a real specimen does are fitted with them; where the runs
-    still do not follow the model, the likeliest causes are added in turn and listed. Parameters that the runs do not
-    determine are named instead of guessed.
+    """Identify the parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or
+    step by step as in the paper. Creep, hysteresis and other usual nonidealities are fitted with them; where runs and
+    model still differ, the likeliest causes are added in turn and listed. Parameters that the runs do not determine
+    are named instead of guessed.
     """
 
     accept: bool = option("store the result as the specimen's calibration")
@@ -225,7 +224,7 @@ def _correction(options: AcceptCommand) -> Correction | None:
 def _add_proposals(
     result: CommandResult, identification: IdentificationResult, fit: JointFit, options: AcceptCommand
 ) -> CommandResult:
-    """Return the result with profiles and proposals of a joint fit, and a note on what to measure next."""
+    """Return the result with profiles and proposals of a joint fit, and a note on the next measurement."""
     tables, notes = list(result.tables), list(result.notes)
     if options.profile:
         tables.append(profile_table(fit, options.profile, options.coverage))
@@ -265,7 +264,7 @@ def _accept(identification: IdentificationResult, options: AcceptCommand, correc
 
 @command("T7")
 class ShowCalibrationCommand:
-    """One version, the active one by default."""
+    """Show one version, the active one by default."""
 
     specimen: str = argument()
     version: int | None = option()
@@ -276,8 +275,8 @@ class ShowCalibrationCommand:
         with usage_errors(CalibrationError, about=f"specimen {self.specimen} in {self.folder}"):
             return render(self.result(read_calibrations(self.folder, self.specimen)), self.json)
 
-    def result(self, known: Calibrations) -> CommandResult:
-        return _version_result(known.get(self.version), known)
+    def result(self, calibrations: Calibrations) -> CommandResult:
+        return _version_result(calibrations.get(self.version), calibrations)
 
 
 @command("T7 1")
@@ -286,22 +285,22 @@ class UseCalibrationCommand(ShowCalibrationCommand):
 
     version: int = argument()
 
-    def result(self, known: Calibrations) -> CommandResult:
-        known = replace(known, active=known.get(self.version).version)
-        write_calibrations(self.folder, self.specimen, known)
-        return super().result(known)
+    def result(self, calibrations: Calibrations) -> CommandResult:
+        calibrations = replace(calibrations, active=calibrations.get(self.version).version)
+        write_calibrations(self.folder, self.specimen, calibrations)
+        return super().result(calibrations)
 
 
 @command("T7 1 2")
 class DiffCalibrationCommand(ShowCalibrationCommand):
-    """Changes between two versions."""
+    """Show the changes between two versions."""
 
     version: None = None
     first: int = argument()
     second: int = argument()
 
-    def result(self, known: Calibrations) -> CommandResult:
-        return _difference_result(known.get(self.first), known.get(self.second))
+    def result(self, calibrations: Calibrations) -> CommandResult:
+        return _difference_result(calibrations.get(self.first), calibrations.get(self.second))
 
 
 def _version_result(version: Calibration, calibrations: Calibrations) -> CommandResult:
@@ -311,7 +310,7 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
     return CommandResult(
         "calibration show",
         {name: value for name, value in version.fixed.items() if value is not None},
-        (estimate_table(title, identified, version.statistical), *known_tables(version.known, version.estimates)),
+        (estimate_table(title, identified, version.statistical), *prior_tables(version.known, version.estimates)),
         (
             *filter(None, (version.decision, version.dimensions)),
             f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or '(name not given)'}, program {version.code}",
@@ -352,7 +351,7 @@ def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
 
 
 VERBS = CommandGroup(
-    "Accepted estimates of a specimen: consecutive versions, one of them active.",
+    "Manage the accepted estimates of a specimen: consecutive versions, one of them active.",
     "example: tactor-bench calibration show T7",
     {
         "accept": AcceptCommand,

@@ -45,26 +45,32 @@ from model.identification import (
 from protocols.base import to_jsonable
 
 FAR_SIGMAS = 2.0
-"""Difference between chain and joint fit, in total uncertainties, from which on it is stated in a sentence."""
+"""Smallest difference between chain and joint fit, in total uncertainties, that a sentence states."""
 MAX_FINDINGS = 10
 """Findings that are displayed."""
 
 
 def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
     """Yield the tables of causes of a misfit, and of the first discrepancies between runs and model, if there are any."""
-    if adequacy.diagnosis is not None and (found := adequacy.diagnosis.explanations):
+    if adequacy.diagnosis is not None and (explanations := adequacy.diagnosis.explanations):
         likeliest = adequacy.diagnosis.likeliest
         yield Table(
             "causes",
-            f"What may be the cause: {adequacy.diagnosis.tried} were compared",
+            f"Possible causes: {adequacy.diagnosis.tried} were compared",
             (
-                Column("cause", "", [e.cause.title for e in found]),
-                Column("words", "", [e.cause_words for e in found], "meaning"),
-                Column("chi_square", "", [e.chi_square for e in found], "chi-square with it", format_spec=".5g"),
-                Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in found], "degrees of freedom"),
-                Column("log_odds", "", [e.log_odds for e in found], "ln odds", format_spec=".3g"),
-                Column("check", "", [e.check for e in found], "what would show it"),
-                Column("likely", "", ["yes" if e in likeliest else "no" for e in found], "likely"),
+                Column("cause", "", [e.cause.title for e in explanations]),
+                Column("words", "", [e.cause_text for e in explanations], "meaning"),
+                Column(
+                    "chi_square",
+                    "",
+                    [e.chi_square for e in explanations],
+                    "chi-square with the cause",
+                    format_spec=".5g",
+                ),
+                Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in explanations], "degrees of freedom"),
+                Column("log_odds", "", [e.log_odds for e in explanations], "ln odds", format_spec=".3g"),
+                Column("check", "", [e.check for e in explanations], "decisive check"),
+                Column("likely", "", ["yes" if e in likeliest else "no" for e in explanations], "likely"),
             ),
         )
     if not adequacy.findings:
@@ -72,11 +78,11 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
     first, more = adequacy.findings[:MAX_FINDINGS], len(adequacy.findings) - MAX_FINDINGS
     yield Table(
         "findings",
-        "How the runs depart from the model"
+        "Discrepancies between runs and model"
         + (f" (the first {MAX_FINDINGS}; {more} more with --json)" if more > 0 else ""),
         (
             Column("kind", "", [f.kind for f in first]),
-            Column("words", "", [f.words for f in first], "what is seen"),
+            Column("words", "", [f.text for f in first], "discrepancy"),
             Column("probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"),
         ),
     )
@@ -87,7 +93,7 @@ def also_hint(likeliest: Sequence[Explanation]) -> str:
     first = likeliest[0].cause
     if not first.proposable:
         return ""
-    return f"the fit with it: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
+    return f"fit with the first cause: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
 
 
 def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
@@ -106,7 +112,7 @@ def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
         (
             Column("step", "", list(range(len(fits)))),
             Column("added", "", ["", *(step.name for step in steps)]),
-            Column("words", "", ["", *(step.explanation.cause_words for step in steps)], "meaning"),
+            Column("words", "", ["", *(step.explanation.cause_text for step in steps)], "meaning"),
             Column("chi_square", "", [fit.chi_square for fit in fits], "chi-square", format_spec=".5g"),
             Column("degrees_of_freedom", "", [fit.degrees_of_freedom for fit in fits], "degrees of freedom"),
             Column("adequate", "", ["no", *(ADEQUACY_TEXT[step.adequacy.adequate] for step in steps)]),
@@ -148,7 +154,7 @@ def proposals_table(proposals: Sequence[Proposal]) -> Table:
     best = proposals[0]
     return Table(
         "next",
-        f"What to measure next for {best.parameter}, the most a minute first",
+        f"Next measurements for {best.parameter}, in order of the gain per minute",
         (
             Column("run", "", [p.candidate.run.label for p in proposals]),
             Column("minutes", "min", [p.candidate.minutes for p in proposals], format_spec=".3g"),
@@ -158,7 +164,7 @@ def proposals_table(proposals: Sequence[Proposal]) -> Table:
                 "less",
                 "%",
                 [100 * (1 - (p.error_after / p.error_before) ** (1 / p.candidate.minutes)) for p in proposals],
-                "less a minute",
+                "gain per minute",
                 format_spec=".2g",
             ),
         ),
@@ -178,25 +184,25 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Table
     for name in names:
         if name not in fit.free_parameters:
             raise ParameterError(
-                f"--profile {name}: it was not free in this fit; choose from {', '.join(fit.free_parameters)}"
+                f"--profile {name}: this parameter was not free in the fit; choose from {', '.join(fit.free_parameters)}"
             )
-    found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
+    intervals: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
     errors = dict(zip(fit.names, (fit.enlarged_covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     return Table(
         "profiles",
-        f"{100 * coverage:g} % intervals by profile: how far each can move while all others give way",
+        f"{100 * coverage:g} % intervals by profile likelihood, all other parameters fitted anew",
         (
-            Column("name", "", [p.name for p in found], "parameter"),
-            Column("low", "", [_format_limit(p.low) for p in found], "from"),
-            Column("value", "", [values[p.name] for p in found], format_spec=".6g"),
-            Column("high", "", [_format_limit(p.high) for p in found], "to"),
-            Column("unit", "", [parameter_spec(p.name, fit.observations).unit for p in found]),
+            Column("name", "", [p.name for p in intervals], "parameter"),
+            Column("low", "", [_format_limit(p.low) for p in intervals], "from"),
+            Column("value", "", [values[p.name] for p in intervals], format_spec=".6g"),
+            Column("high", "", [_format_limit(p.high) for p in intervals], "to"),
+            Column("unit", "", [parameter_spec(p.name, fit.observations).unit for p in intervals]),
             Column(
                 "lopsided",
                 "",
-                [_format_arms(p, values[p.name], errors[p.name]) for p in found],
-                "against the standard error",
+                [_format_arms(p, values[p.name], errors[p.name]) for p in intervals],
+                "ratio to the standard error",
             ),
         ),
     )
@@ -310,7 +316,7 @@ def _identification_notes(identification: IdentificationResult) -> Iterator[str]
     if adequacy is not None:
         if adequacy.diagnosis is not None and (likeliest := adequacy.diagnosis.likeliest) and also_hint(likeliest):
             yield also_hint(likeliest)
-        yield from (f"{error.words}." for error in adequacy.undecidable)
+        yield from (f"{error.text}." for error in adequacy.undecidable)
     for d in identification.joint_differences:
         if abs(d.sigmas) > FAR_SIGMAS:
             yield f"{d.name} of the chain is {100 * d.share:+.2g} % off the joint fit, {abs(d.sigmas):.2g} of its total uncertainties: {d.reasons}."
@@ -336,7 +342,7 @@ def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[st
     Args:
         title: of the table.
         estimates: the parameters.
-        statistical: by name, the part of the uncertainty by the scatter of the points; None or {} where it is not known.
+        statistical: part of the uncertainty by the scatter of the points, by name; None or {} if unknown.
     """
     relative_errors = [abs(e.standard_error / e.value) if e.value else None for e in estimates]
     parts = [(statistical or {}).get(e.name) for e in estimates]

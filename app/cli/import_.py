@@ -24,27 +24,27 @@ from app.config import ConfigError, load_bench
     "--uncertainty 'peak_to_peak=1 %'"
 )
 class ImportCommand:
-    """Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time
-    series under a sine or a sweep, as run files that are listed, identified, exported and reported like measured
-    ones. Each states that it was imported, from which file and which columns, and has no raw samples. Units are in
+    """Import tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time
+    series under a sine or a sweep as run files, which are listed, identified, exported and reported like measured
+    ones. Each states its source file and columns, and has no raw samples. Units are in
     the header ('frequency [Hz]', 'amplitude_um', 'Load (g)') or in --unit.
     """
 
     files: Sequence[Path] = argument(
-        "CSV (any delimiter, decimal comma or point) or MAT files", nargs="+", metavar="FILE"
+        "CSV (any delimiter, decimal comma or point), MATLAB, TDMS or Universal File", nargs="+", metavar="FILE"
     )
     kind: str | None = option(
-        "sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency or a sweep), another protocol, or "
+        "sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, one file per frequency or sweep), another protocol, or "
         "the file of a lab's own (default: by the columns)",
         flag="--as",
         metavar="KIND",
     )
     column: Sequence[str] = option(
-        "the column of a quantity, e.g. peak_to_peak=A, where its name is ambiguous; may be repeated",
+        "column of a quantity, e.g. peak_to_peak=A, where its name is ambiguous; may be repeated",
         metavar="QUANTITY=HEAD",
     )
     unit: Sequence[str] = option(
-        "the unit of a column, e.g. A=um, instead of the one in its header; may be repeated", metavar="COLUMN=UNIT"
+        "unit of a column, e.g. A=um, instead of the unit in its header; may be repeated", metavar="COLUMN=UNIT"
     )
     uncertainty: Sequence[str] = option(
         "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'; may be repeated",
@@ -60,22 +60,23 @@ class ImportCommand:
         "elongation of the membrane, e.g. '1.27 mm'; without it the tactor is free", metavar="LENGTH"
     )
     sensor: str = option(
-        "the displacement sensor's name and serial number; runs of one sensor share its gain's error", metavar="NAME"
+        "name and serial number of the displacement sensor; runs of one sensor share the error of its gain",
+        metavar="NAME",
     )
     gain_error: str | None = option(
         "standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'", metavar="SHARE"
     )
     sensor_delay: str | None = option("delay of the sensor's output, e.g. '100 us'; for time series", metavar="TIME")
     bench: str = option(
-        "bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)", metavar="FILE"
+        "bench file with the amplifier of the measurement (default: AMT2012-CE3, 2.5 V is rest)", metavar="FILE"
     )
     measured: str | None = option(
-        "when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run states that the date is not recorded)",
+        "date of the measurement: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run states that the date is not recorded)",
         metavar="WHEN",
     )
-    simulated: bool = option("these values come from a simulation, which the run states")
+    simulated: bool = option("mark the run as simulated, for values from a simulation")
     out: Path = option("folder for the run files (default: runs)", Path("runs"), metavar="FOLDER")
-    dry_run: bool = option("print what would be imported, and write nothing")
+    dry_run: bool = option("print the run that would be imported, and write nothing")
     json: bool = JSON_OBJECT
 
     @usage_errors(ConfigError)

@@ -21,14 +21,14 @@ from app.common import ExitCode, UsageError, print_message, truncate_text
 PROGRAM = "tactor-bench"
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "run": ("run:RunCommand", "run a protocol without a window"),
-    "window": ("run:WindowCommand", "open the window (also what happens without a command)"),
+    "window": ("run:WindowCommand", "open the window (default without a command)"),
     "demo": (
         "run:DemoCommand",
-        "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
+        "demonstrate a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
     ),
     "show": ("run:ShowCommand", "show the contents of a run file"),
-    "judge": ("run_files:JudgeCommand", "verdict on runs from their points: for runs of earlier versions and imports"),
-    "check": ("bench:CheckCommand", "check the wiring with small voltages: a table of pass and fail"),
+    "judge": ("run_files:JudgeCommand", "judge runs of earlier versions and imported runs by their points"),
+    "check": ("bench:CheckCommand", "check the wiring with small voltages; table of passed and failed checks"),
     "commission": (
         "bench:CommissionCommand",
         "measure the properties that the driver assumes of the source, with high voltage off",
@@ -36,61 +36,67 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "devices": ("bench:DevicesCommand", "list the connected VISA instruments, NI cards and serial ports"),
     "bench": ("bench:VERBS", "write a first bench file"),
     "faults": ("bench:FaultsCommand", "list the faults that can be injected into a simulated bench"),
-    "campaign": ("campaign:VERBS", "the measurements of one specimen in their order: new, status, run, resume ..."),
+    "campaign": ("campaign:VERBS", "plan and run all measurements of a specimen: new, status, run, resume ..."),
     "model": (
         "model:VERBS",
         "compute model quantities: parameters, modes, statics, frequency response, step, membrane, convergence",
     ),
-    "study": ("study:StudyCommand", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
+    "study": (
+        "study:StudyCommand",
+        "study the response over parameter values: curves, HDF5 and CSV files, sensitivity",
+    ),
     "figures": (
         "study:FiguresCommand",
-        "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
+        "draw the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
     ),
     "runs": ("runs:RunsCommand", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
     "operator": (
         "laboratory.people:OperatorCommand",
-        "who measures today, and temperature and humidity: stored in every run",
+        "set today's operator, temperature and humidity, stored in every run",
     ),
-    "checked": ("laboratory.people:CheckedCommand", "store that a second person checked runs"),
+    "checked": ("laboratory.people:CheckedCommand", "record the check of runs by a second person"),
     "fleet": (
         "laboratory.fleet:FleetCommand",
-        "many specimens in one table: mean, spread, outliers, Cpk, trends; by batch, bench or month",
+        "compare many specimens: mean, spread, outliers, Cpk, trends; by batch, bench or month",
     ),
     "control-chart": (
         "laboratory.fleet:ControlChartCommand",
-        "a golden specimen over time: drift of the bench, or of the specimen",
+        "chart a golden specimen over time: drift of the bench, or of the specimen",
     ),
     "certificate": (
         "laboratory.certificates:VERBS",
-        "calibration certificates of the instruments and when each is due: add, list, show",
+        "manage calibration certificates of instruments and their due dates: add, list, show",
     ),
-    "audit": ("laboratory.audit:VERBS", "audit trail of a folder, detects any later change: start, verify, show, head"),
+    "audit": (
+        "laboratory.audit:VERBS",
+        "keep an audit trail of a folder, which detects any later change: start, verify, show, head",
+    ),
     "backup": (
         "laboratory.backup:BackupCommand",
         "copy new and changed runs to a second folder, verified by their hashes",
     ),
-    "export": ("runs:ExportCommand", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
+    "export": ("runs:ExportCommand", "export runs for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "archive": (
         "specimen.archive:ArchiveCommand",
-        "a specimen with all its runs as one file for a lab notebook or another computer",
+        "archive a specimen with all its runs as one file for a lab notebook or another computer",
     ),
-    "restore": ("specimen.archive:RestoreCommand", "bring the files of an archive back, each with its hash verified"),
-    "verify": (
-        "run_files:VerifyCommand",
-        "verify run files by their checksums; repair files that a killed program left",
-    ),
+    "restore": ("specimen.archive:RestoreCommand", "restore the files of an archive, each with its hash verified"),
+    "verify": ("run_files:VerifyCommand", "verify run files by their checksums; repair files of a killed program"),
     "import": (
         "import_:ImportCommand",
         "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files",
     ),
     "protocols": ("run:ProtocolsCommand", "list the protocols and their parameters"),
-    "resume": ("run:ResumeCommand", "resume a run that was stopped or crashed, or measure some of its points again"),
-    "identify": ("identify:IdentifyCommand", "parameters of a specimen from its runs, with errors"),
+    "resume": ("run:ResumeCommand", "resume a stopped or crashed run, or measure some of its points again"),
+    "identify": ("identify:IdentifyCommand", "identify the parameters of a specimen from its runs, with errors"),
     "compare": ("compare:CompareCommand", "compare the points of two runs of one protocol"),
-    "calibration": ("identify:VERBS", "the accepted estimates of a specimen: accept, show, diff, use another version"),
-    "specimen": ("specimen.commands:VERBS", "the sheet of a specimen, dimensions and masses: new, set, show, check"),
-    "label": ("specimen.label:LabelCommand", "labels of specimens to print, with a QR code for a barcode scanner"),
-    "report": ("report:ReportCommand", "the report of a specimen: PDF and HTML"),
+    "calibration": (
+        "identify:VERBS",
+        "manage the accepted estimates of a specimen: accept, show, diff, use another version",
+    ),
+    "specimen": ("specimen.commands:VERBS", "edit the specimen sheet (dimensions and masses): new, set, show, check"),
+    "label": ("specimen.label:LabelCommand", "make labels of specimens to print, with a QR code for a barcode scanner"),
+    "report": ("report:ReportCommand", "write the report of a specimen as PDF and HTML"),
 }
 """Module and class or group of each command, and one line of help. A module is imported only for its own commands."""
 
@@ -171,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def prepare_console() -> None:
-    """Print `?` for what the console's encoding lacks: a pipe on Windows is cp1252, which has no check mark."""
+    """Print `?` for characters missing in the console's encoding: a pipe on Windows is cp1252, which has no check mark."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -207,7 +213,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Drive, measure, model and identify macro-fiber-composite tactors.",
         epilog=f"Without a command the window opens. Exit codes: {EXIT_CODE_HELP}.",
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="the program's version")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version of the program and exit")
     add_options(parser, BenchOptions)
     parser.set_defaults(command=_open_window)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", action=_Commands, parser_class=_Parser)

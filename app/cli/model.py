@@ -42,16 +42,16 @@ CURVE_POINTS = 201
 
 @command("--set 'E_Al=69 GPa' --elongation '1.27 mm'")
 class ParametersTopic(Topic):
-    """Every parameter with value, unit, limits and meaning, and what follows from them."""
+    """List every parameter with value, unit, limits and meaning, and the derived values."""
 
     def compute(self) -> CommandResult:
         specimen = read_specimen(self, on_membrane=True)
         t, values = specimen.tactor, specimen_record(specimen)
-        known = variable_specs()
+        specs = variable_specs()
 
         def listed(name: str, title: str, names: list[str]) -> Table:
             facts = (
-                Column(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
+                Column(n, specs[n].unit, [values[n]], description=f"{specs[n].description}; {specs[n].limits}")
                 for n in names
             )
             return Table(name, title, tuple(facts), vertical=True)
@@ -98,7 +98,7 @@ def _format_table_one(name: str) -> str:
 
 @command("--set m_add=0 --pre-stretch 0.0075 --picture modes.png")
 class ModesTopic(Topic):
-    """Natural frequencies, poles and damping ratios, free and on the membrane."""
+    """Compute natural frequencies, poles and damping ratios, free and on the membrane."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     count: int = option("number of modes (default: %(default)s)", 3)
@@ -156,7 +156,7 @@ class ModesTopic(Topic):
 
 @command("--load '200 g' --voltage '1500 V' --csv shape.csv")
 class StaticTopic(Topic):
-    """Deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape."""
+    """Compute the deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape."""
 
     load: str = option("force at the centre, or a mass for its weight (default: %(default)s)", "1 N")
     voltage: str = option("voltage on the specimen (default: %(default)s)", "1500 V")
@@ -197,7 +197,7 @@ class StaticTopic(Topic):
 
 @command("--shapes 3,5,7,10,20,40 --frequencies 1:500:500")
 class ConvergenceTopic(Topic):
-    """Error of n shape functions against the closed form."""
+    """Compute the error of n shape functions against the closed form."""
 
     shapes: str = option("values of n (default: %(default)s)", "3,5,7,10,14,20,28,40", metavar="LIST")
     frequencies: str = option("(default: %(default)s)", "1:500:500", metavar="LIST")
@@ -237,7 +237,7 @@ class ConvergenceTopic(Topic):
 
 
 VERBS = CommandGroup(
-    "Quantities of the model, for any parameters.",
+    "Compute quantities of the model, for any parameters.",
     "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
     {
         "parameters": ParametersTopic,

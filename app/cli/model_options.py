@@ -138,10 +138,10 @@ class SpecimenOptions(ParameterOptions):
     """Parameters and pre-stretch of a specimen."""
 
     pre_stretch: str | None = option(
-        "of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane", metavar="DELTA"
+        "pre-stretch of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane", metavar="DELTA"
     )
     elongation: str | None = option(
-        "of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane", metavar="LENGTH"
+        "elongation of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane", metavar="LENGTH"
     )
 
     @property
@@ -191,8 +191,8 @@ class Topic(SpecimenOptions, ABC):
 class DriveOptions:
     """The drive at the amplifier's input."""
 
-    peak_to_peak: str = option("at the amplifier's input (default: 5 V)", "5 V", metavar="VOLTS")
-    offset: str = option("at the amplifier's input (default: 2.5 V)", "2.5 V", metavar="VOLTS")
+    peak_to_peak: str = option("drive at the amplifier's input, peak to peak (default: 5 V)", "5 V", metavar="VOLTS")
+    offset: str = option("mean of the drive at the amplifier's input (default: 2.5 V)", "2.5 V", metavar="VOLTS")
 
     def read(self) -> tuple[float, float]:
         """Return amplitude and offset in volts.
@@ -231,7 +231,7 @@ class ShapeOptions:
 
     n: int | None = option("number of shape functions, 3 to 300 (default: as many as --accuracy needs)", flag="-n")
     accuracy: str = option(
-        "of the complex response against the closed form, up to 500 Hz (default: 0.1 %%)",
+        "largest relative error of the complex response up to 500 Hz, against the closed form (default: 0.1 %%)",
         f"{100 * DEFAULT_ACCURACY:g} %",
         metavar="SHARE",
     )
@@ -262,7 +262,7 @@ def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: Act
 
 
 def describe_specimen(specimen: Specimen) -> str:
-    """Describe how the specimen vibrates: free, or on which skin."""
+    """Describe the support of the specimen: free, or its skin."""
     skin = specimen.skin
     if specimen.membrane is None and skin.k_s == 0 and skin.c_s == 0:
         return "vibrating freely"
@@ -288,15 +288,15 @@ def _expand_setting(text: str) -> list[str]:
     try:
         record = parse_json_object(text) if text.lstrip().startswith("{") else parse_toml(text)
     except ValueError as error:
-        raise UsageError(f"--set: neither a JSON object nor TOML lines of NAME = VALUE: {error}") from None
+        raise UsageError(f"--set: no JSON object and no TOML lines of NAME = VALUE: {error}") from None
     return [f"{name}={value}" for name, value in record.items()]
 
 
 def _variable_spec(name: str) -> ParameterSpec:
-    known = variable_specs()
-    if name not in known:
-        raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(known)}")
-    return known[name]
+    specs = variable_specs()
+    if name not in specs:
+        raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(specs)}")
+    return specs[name]
 
 
 def _apply_shared_unit(items: Sequence[str]) -> list[str]:

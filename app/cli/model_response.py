@@ -78,18 +78,18 @@ RUNS_FOLDER = Path("runs")
 
 @command("--frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv")
 class FrequencyResponseTopic(Topic):
-    """Amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min."""
+    """Compute amplitude against frequency under the drive that the amplifier delivers: 2 x fundamental and max - min."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
     frequencies: str | None = option(
-        "e.g. '25,50,75 Hz', '1:500:500' or '1:1000:100:log' (default: the paper's 18 from 25 to 250 Hz; "
+        "frequencies, e.g. '25,50,75 Hz', '1:500:500' or '1:1000:100:log' (default: the paper's 18 from 25 to 250 Hz; "
         "1:250:250 where a file is written)",
         metavar="LIST",
     )
     waveform: Waveform = option("drive (default: %(default)s)", "sine")
     at: str | None = option("distance from the clamp, e.g. '8 mm' (default: the centre)", metavar="X")
-    exact: bool = option("also the closed-form solution, to compare with the n shape functions")
+    exact: bool = option("add the closed-form solution, to compare with the n shape functions")
     threshold: str | None = THRESHOLD
     files: FileOptions = group(FileOptions, "the response")
 
@@ -131,15 +131,15 @@ class FrequencyResponseTopic(Topic):
 
 @command("--voltage '1500 V' --frequency '160 Hz' --picture step.png")
 class StepTopic(Topic):
-    """Latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling."""
+    """Compute the latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
     voltage: str = option("step on the specimen (default: %(default)s)", "1500 V")
-    frequency: str = option("of the sine that begins (default: %(default)s)", "160 Hz")
+    frequency: str = option("frequency of the sine (default: %(default)s)", "160 Hz")
     threshold: str = option("perception threshold (default: %(default)s)", "50 um")
     tolerance: str = option("settling band (default: %(default)s)", "2 %")
-    duration: str | None = option("of the curves (default: until both have settled)")
+    duration: str | None = option("duration of the curves (default: until both have settled)")
     files: FileOptions = group(FileOptions, "both curves")
 
     def compute(self) -> CommandResult:
@@ -165,11 +165,7 @@ class StepTopic(Topic):
         V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
         w = step_response(t, time, volts, skin, n)
         onset = onset_response(tactor_modal_form(t, skin, n), time, hz, V).real
-        curve = Table(
-            "time",
-            "",
-            (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)),
-        )
+        curve = Table("time", "", (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)))
         lines = (Series(time, w, label=f"step of {volts:g} V"), Series(time, onset, label=f"onset of {hz:g} Hz"))
         figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
         return CommandResult(
@@ -208,8 +204,8 @@ def _describe_felt_bands(
     if not bands:
         return f"{peak}Nowhere felt: below the threshold, {threshold.description}.", bands
     listed = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in bands)
-    looked_at = f"of the {rising[0]:g} to {rising[-1]:g} Hz looked at"
-    text = f"{peak}Felt {listed}, {looked_at}: above the threshold, {threshold.description}."
+    computed = f"of the {rising[0]:g} to {rising[-1]:g} Hz computed"
+    text = f"{peak}Felt {listed}, {computed}: above the threshold, {threshold.description}."
     if bands[-1][1] > UNCOMFORTABLE_HZ[0]:
         text += f" Above it tends to be uncomfortable ({UNCOMFORTABLE_SOURCE})."
     return text, bands
@@ -233,12 +229,14 @@ ELONGATION_CURVE = "0:6.35 mm:64"
 
 @command("--elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'")
 class MembraneTopic(Topic):
-    """Sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch."""
+    """Compute the sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch."""
 
-    pre_stretch: str | None = option("of the membrane, e.g. 0.0075 or '0.75 %%', one or a list", metavar="DELTA")
-    elongation: str | None = option("of the membrane, e.g. '1.27 mm', one or a list", metavar="LENGTH")
-    density: str = option("of the membrane, kg/m^3 (default: %(default)s)", "1000")
-    load: str | None = option("weight per length in its place, e.g. '0.906 N/m'")
+    pre_stretch: str | None = option(
+        "pre-stretch of the membrane, e.g. 0.0075 or '0.75 %%', one or a list", metavar="DELTA"
+    )
+    elongation: str | None = option("elongation of the membrane, e.g. '1.27 mm', one or a list", metavar="LENGTH")
+    density: str = option("density of the membrane, kg/m^3 (default: %(default)s)", "1000")
+    load: str | None = option("weight per length, e.g. '0.906 N/m'; instead of --density")
     files: FileOptions = group(FileOptions, "the table")
 
     def compute(self) -> CommandResult:

@@ -192,17 +192,17 @@ def split_setting(text: str, flag: str, example: str) -> tuple[str, str]:
 
 JSON_OBJECT = option("one JSON object on standard output, SI units")
 JSON_EVENTS = option("one JSON object per event on standard output, SI units")
-JSON_PLAIN = option("as one JSON object on standard output")
-FOLDER = option("of the runs (default: runs)", Path("runs"))
+JSON_PLAIN = option("one JSON object on standard output")
+FOLDER = option("folder of the runs (default: runs)", Path("runs"))
 RUN_FILES = argument("run files", nargs="+", metavar="RUN")
 FAULTS = option(
-    "simulated bench only: inject a fault this many bench seconds after the run began (default 0); may be given "
-    "often. 'tactor-bench faults' lists them",
+    "simulated bench only: inject a fault this many bench seconds after the begin of the run (default 0); may be "
+    "repeated. 'tactor-bench faults' lists them",
     flag="--fault",
     metavar="NAME[@SECONDS]",
 )
 THRESHOLD = option(
-    "of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
+    "threshold of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
     "and a threshold in µm per line (default: from laboratory.toml beside the runs, or abdomen, the paper's 50 um)",
     metavar="SITE",
 )
@@ -234,17 +234,21 @@ class BenchOptions(BenchSelection):
         inherited=True,
         metavar="REASON",
     )
-    out: Path | None = option("folder for run files (default: runs; the window: the one used last)", inherited=True)
+    out: Path | None = option("folder for run files (default: runs; in the window the last one used)", inherited=True)
     specimen: str | None = option(
-        "name of the specimen (default: unnamed; the window: the one used last)", inherited=True, type=specimen_argument
+        "name of the specimen (default: unnamed; in the window the last one used)",
+        inherited=True,
+        type=specimen_argument,
     )
     operator: str | None = option(
-        "who measures; remembered for today (default: who was named today, or the login of the computer)",
+        "name of the operator, remembered for today (default: today's operator, or the login of the computer)",
         inherited=True,
         metavar="NAME",
     )
-    temperature: str | None = option("of the air, e.g. '23.4 °C'; remembered for today", inherited=True, metavar="T")
-    humidity: str | None = option("of the air, e.g. '45 %%'; remembered for today", inherited=True, metavar="RH")
+    temperature: str | None = option(
+        "air temperature, e.g. '23.4 °C'; remembered for today", inherited=True, metavar="T"
+    )
+    humidity: str | None = option("air humidity, e.g. '45 %%'; remembered for today", inherited=True, metavar="RH")
     after_run: str = option(
         "program to start after each run with its file, such as an upload to a lab notebook; {run} is the file, "
         "by default the last argument",

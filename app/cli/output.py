@@ -8,9 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.table import Table as RichTable
-
 from app.cli.options import FileOptions
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message
 from protocols.base import to_jsonable, visible_text
@@ -108,6 +105,9 @@ def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
 
 def print_table(table: Table) -> None:
     """Print a table on standard output."""
+    from rich.console import Console  # answers of lines and JSON need it not
+    from rich.table import Table as RichTable
+
     if table.vertical:
         shown = RichTable(show_header=False, box=None, padding=(0, 2))
         for column, value in zip(table.columns, table.rows[0], strict=True):

@@ -38,38 +38,37 @@ MAX_LOGO_BYTES = 2_000_000
 
 @command("example: tactor-bench report T7 --limits limits.toml --out reports")
 class ReportCommand:
-    """One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters
-    with errors compared with the paper's, margin over the skin's threshold, latency, quality of the points,
-    instruments, hashes of the run files, every run. With limits also pass or fail: exit code 1 where a limit is not
-    met, or cannot be decided. The same files give the same bytes.
+    """Write the report of a specimen: one page to sign, and an appendix with the paper's figures from this specimen with
+    bands and residuals, parameters with errors compared with the paper's values, margin over the skin's threshold,
+    latency, quality of the points, instruments, hashes of the run files, every run. With limits also pass or fail:
+    exit code 1 if a limit is not met or cannot be decided. The same files give the same bytes.
     """
 
     specimen: str | None = argument(nargs="?")
     folder: Path = FOLDER
     out: Path = option("folder for the report (default: the working directory)", Path(), metavar="FOLDER")
     limits: Path | None = option(
-        "limits to be met (default: limits.toml in the folder of the runs, if it exists)", metavar="FILE"
+        "file of limits (default: limits.toml in the folder of the runs, if it exists)", metavar="FILE"
     )
-    golden: str | None = option("the specimen that the limits compare with", metavar="SPECIMEN")
-    new_limits: Path | None = option("only write a commented example of limits into this file", metavar="FILE")
+    golden: str | None = option("golden specimen, for limits that compare with it", metavar="SPECIMEN")
+    new_limits: Path | None = option(
+        "write a commented example of limits into this file, and no report", metavar="FILE"
+    )
     new_laboratory: Path | None = option(
-        "only write a commented example of laboratory.toml into this file: name, logo, threshold and template of the reports",
+        "write a commented example of laboratory.toml into this file, and no report: name, logo, threshold and template of reports",
         metavar="FILE",
     )
     threshold: str | None = THRESHOLD
-    full: bool = option("with the appendix: every figure, table, hash and run, a page each")
+    full: bool = option("write the full appendix: every figure, table, hash and run, a page each")
     laboratory: str = option(
         "name of the laboratory, on the first page (default: from laboratory.toml beside the runs)", metavar="NAME"
     )
     logo: Path | None = option(
-        "picture of the laboratory (PNG), at the top of the first page (default: from laboratory.toml)",
-        metavar="FILE",
+        "picture of the laboratory (PNG), at the top of the first page (default: from laboratory.toml)", metavar="FILE"
     )
-    sign: Path | None = option(
-        "SSH key with which PDF and HTML are signed (FILE.sig beside each); with --by", metavar="KEY"
-    )
-    by: str = option("who signs, on the first page", metavar="NAME")
-    json: bool = option("its numbers as one JSON object, SI units")
+    sign: Path | None = option("SSH key that signs PDF and HTML (FILE.sig beside each); needs --by", metavar="KEY")
+    by: str = option("name of the person who signs, on the first page", metavar="NAME")
+    json: bool = option("numbers of the report as one JSON object, SI units")
 
     @usage_errors(ReportError, LimitsError, RunReadError, SheetError, ParameterError)
     def execute(self) -> int:
@@ -82,7 +81,7 @@ class ReportCommand:
             raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
         check_folder(self.folder)
         if self.sign is not None and not self.by.strip():
-            raise UsageError("--sign needs the name of who signs: --by NAME")
+            raise UsageError("--sign needs the name of the person who signs: --by NAME")
         return self._write(self.specimen)
 
     def _write(self, specimen_name: str) -> int:
@@ -141,10 +140,10 @@ def write_report(
 
 
 def _read_limits(options: ReportCommand) -> Limits | None:
-    """Return the limits of the option, or those in the folder of the runs; None if there are none.
+    """Return the limits of the option, or of the folder of the runs; None without limits.
 
     Raises:
-        LimitsError, UsageError: they are invalid, or compare with a golden unit that is not named.
+        LimitsError, UsageError: they are invalid, or compare with an unnamed golden unit.
     """
     beside = options.folder / LIMITS_FILE_NAME
     path = options.limits or (beside if beside.exists() else None)
@@ -152,16 +151,16 @@ def _read_limits(options: ReportCommand) -> Limits | None:
         if options.golden:
             raise UsageError("--golden needs limits to compare by: 'tactor-bench report --new-limits limits.toml'")
         return None
-    found = read_limits(path)
+    limits = read_limits(path)
     if options.golden:
-        found = replace(found, golden=options.golden)
-    compared = [name for name, limit in found.limits.items() if limit.within_golden is not None]
-    if compared and not found.golden:
+        limits = replace(limits, golden=options.golden)
+    compared = [name for name, limit in limits.limits.items() if limit.within_golden is not None]
+    if compared and not limits.golden:
         raise UsageError(
             f'{path} compares {", ".join(compared)} with a golden unit, but names none; write golden = "T0" there, or '
             "give --golden T0"
         )
-    return found
+    return limits
 
 
 def _read_logo(path: Path | None) -> bytes:

@@ -75,11 +75,11 @@ class WindowCommand(ProtocolOptions):
 
 @command("example: tactor-bench demo --out runs")
 class DemoCommand(BenchOptions):
-    """The main job on the simulated bench: the window running a sine dwell; where no window can be opened, the same
-    run with a progress bar, leaving the run file and a picture.
+    """Demonstrate a sine dwell on the simulated bench: in the window or, where no window can be opened, with a progress
+    bar, a run file and a picture.
     """
 
-    no_window: bool = option("no window, even where there is a display")
+    no_window: bool = option("run on the terminal even if there is a display")
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
@@ -91,7 +91,7 @@ class DemoCommand(BenchOptions):
         why = "--no-window was given" if self.no_window else window_unavailable_reason()
         if not why:
             return _open_window(bench, self, protocol, autostart=True)
-        print_message(f"No window: {why}. The same job follows without one.")
+        print_message(f"No window: {why}. The same run follows without a window.")
         code, path = run_headless(bench, run_request(self, protocol))
         if path is not None and path.exists():
             _draw_run(path, path.with_suffix(".png"))
@@ -100,11 +100,11 @@ class DemoCommand(BenchOptions):
 
 @command("example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png")
 class ShowCommand:
-    """Contents of a run file: how the run ended, its points and estimates."""
+    """Show the contents of a run file: end of the run, points and estimates."""
 
     run: Path = argument("a run file")
     json: bool = JSON_OBJECT
-    picture: Path | None = option("also draw it into this PNG file", metavar="PNG")
+    picture: Path | None = option("draw the run into this PNG file", metavar="PNG")
 
     def execute(self) -> int:
         from app.archive import run_record, run_text
@@ -123,14 +123,12 @@ class ShowCommand:
 
 @command("example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160")
 class ResumeCommand(BenchOptions):
-    """Resume a run that was stopped, failed or crashed; or, with --again, measure some of its points again. The
-    result is a new file that contains the earlier points and links to their raw data.
-    """
+    """Resume a stopped, failed or crashed run; or, with --again, measure some of its points again. The result is a new file that contains the earlier points and links to their raw data."""
 
     run: Path = argument("a run file", metavar="RUN")
     again: str = option("entries by their values, e.g. 155,160 for frequencies; or 'flagged'", metavar="WHICH")
     protocol_file: str = option(
-        "the protocol's file, for a run of a lab's own protocol", flag="--protocol", metavar="FILE.py"
+        "file of the protocol, for a run of a lab's own protocol", flag="--protocol", metavar="FILE.py"
     )
     json: bool = JSON_EVENTS
 
@@ -153,11 +151,7 @@ class ResumeCommand(BenchOptions):
 
 
 def _open_window(
-    selected: "SelectedBench",
-    options: BenchOptions,
-    protocol: "Protocol",
-    autostart: bool,
-    bench_given: bool = True,
+    selected: "SelectedBench", options: BenchOptions, protocol: "Protocol", autostart: bool, bench_given: bool = True
 ) -> int:
     from app.config import load_bench
     from app.gui import InitialForm, OpenedBench, open_window
@@ -200,7 +194,7 @@ def _draw_run(run_file: Path, picture: Path) -> int:
 
 @command("example: tactor-bench protocols sine-dwell")
 class ProtocolsCommand:
-    """The protocols of this program and of installed packages; with a name or a file, its parameters."""
+    """List the protocols of this program and of installed packages; with a name or a file, the parameters of the protocol."""
 
     protocol: str | None = argument("a protocol, or a lab's own file: ./my_protocol.py", nargs="?")
     json: bool = JSON_PLAIN

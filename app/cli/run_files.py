@@ -20,13 +20,13 @@ from protocols.runfile import (
 
 @command("example: tactor-bench judge runs/*_T7_*.h5 --store")
 class JudgeCommand:
-    """Verdict on runs from their points by the checks of this version: for runs of earlier versions and imported
-    ones, which are not judged until then. No run file is changed.
+    """Judge runs by their points with the checks of this version: for runs of earlier versions and imported runs, which
+    have no verdict yet. No run file is changed.
     """
 
     runs: Sequence[Path] = RUN_FILES
     store: bool = option("store the verdicts in the files RUN.notes.json beside the runs, in place of earlier ones")
-    json: bool = option("as one JSON list on standard output")
+    json: bool = option("one JSON list on standard output")
 
     def execute(self) -> int:
         from app.cli.headless import exit_code_of, load_all_protocols
@@ -71,38 +71,38 @@ WORST = (ExitCode.DONE, ExitCode.NO_RESULT, ExitCode.FAILED, ExitCode.UNSAFE)
 
 @command("example: tactor-bench verify runs --repair")
 class VerifyCommand:
-    """Every run file is read completely and compared with its checksums: 'good'; 'damaged', with what and where; or
-    'not checkable', where it is of an older version, still being written, or left by a program that was killed: then
-    what can be checked is good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is not a run, 4 if one is
-    not checkable.
+    """Read every run file completely and compare it with its checksums: 'good'; 'damaged', with kind and place of the
+    damage; or 'not checkable', for a file of an older version, of a running measurement or of a killed program whose
+    checkable parts are good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is not a run, 4 if one is not
+    checkable.
     """
 
     paths: Sequence[Path] = argument("run files, or folders", nargs="+", metavar="FILE|FOLDER")
-    repair: bool = option("repair files that a killed program left, before they are verified")
+    repair: bool = option("repair files of a killed program before they are verified")
     json: bool = option("one JSON list on standard output")
 
     def execute(self) -> int:
         from app.cli.output import print_json
 
-        found: list[Verification] = []
+        verifications: list[Verification] = []
         for path, named in _run_files(self.paths):
             if self.repair:
                 _repair(path)
             result = verify_run(path)
             if result.state is FileState.NO_RUN and not named:
                 continue  # a folder may hold other files
-            found.append(result)
+            verifications.append(result)
             if not self.json:
                 print_line(f"{result.state}: {path}")
                 for finding in result.findings:
                     print_line(f"  {finding}")
         if self.json:
-            print_json([{"path": r.path, "state": r.state, "findings": r.findings} for r in found])
+            print_json([{"path": r.path, "state": r.state, "findings": r.findings} for r in verifications])
         else:
-            counts = {state: sum(result.state is state for result in found) for state in FileState}
+            counts = {state: sum(result.state is state for result in verifications) for state in FileState}
             named_counts = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
-            print_line(f"{len(found)} files: {named_counts}" if found else "there are no run files")
-        states = {result.state for result in found}
+            print_line(f"{len(verifications)} files: {named_counts}" if verifications else "there are no run files")
+        states = {result.state for result in verifications}
         if FileState.DAMAGED in states:
             return ExitCode.FAILED
         if FileState.NO_RUN in states:

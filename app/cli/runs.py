@@ -18,6 +18,7 @@ from app.archive import (
     RunState,
     RunSummary,
     export_run,
+    raw_left_out,
     read_since,
 )
 from app.cli.options import RUN_FILES, argument, command, option
@@ -45,7 +46,7 @@ EXPLAINED = (Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.
 def check_folder(folder: Path) -> None:
     """Raise UsageError if there is no folder of runs."""
     if not folder.is_dir():
-        raise UsageError(f"there is no folder {folder}; name the one your runs are in")
+        raise UsageError(f"there is no folder {folder}; name the folder of your runs")
 
 
 @contextmanager
@@ -72,20 +73,26 @@ def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) 
 
 @command("example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'")
 class RunsCommand:
-    """The runs in a folder and below, newest first. An index in the user's cache speeds this up; the files are
+    """List the runs in a folder and below, newest first. An index in the user's cache speeds this up; the files are
     authoritative; moved, added or deleted files are detected.
     """
 
     folder: Path = argument("(default: runs)", Path("runs"), nargs="?")
     specimen: str = option("runs of this specimen")
     protocol: str = option("runs of this protocol, e.g. sine-dwell")
-    status: str = option("completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged")
-    verdict: str = option("good, doubtful, 'no result', 'did not pass', stopped, failed, unsafe or 'not judged'")
+    status: str = option(
+        "runs with this status: completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged"
+    )
+    verdict: str = option(
+        "runs with this verdict: good, doubtful, 'no result', 'did not pass', stopped, failed, unsafe or 'not judged'"
+    )
     since: str = option("begun since 2026-11-21, 2026-11, today, 12h or 7d", metavar="WHEN")
-    operator: str = option("runs that this person measured", metavar="NAME")
-    checked_by: str = option("runs that this second person checked; 'nobody': not checked", metavar="NAME")
-    instrument: str = option("with this in an instrument's identity, e.g. a serial number", metavar="TEXT")
-    search: str = option("with all these words in names, reasons, results, tags or notes", metavar="WORDS")
+    operator: str = option("runs of this operator", metavar="NAME")
+    checked_by: str = option("runs checked by this second person; 'nobody': runs without check", metavar="NAME")
+    instrument: str = option(
+        "runs with this text in the identity of an instrument, e.g. a serial number", metavar="TEXT"
+    )
+    search: str = option("runs with all these words in names, reasons, results, tags or notes", metavar="WORDS")
     all: bool = option("all of them, not only the newest 40")
     rebuild: bool = option("delete the index and read every file again")
     json: bool = option("one JSON list on standard output, SI units")
@@ -95,32 +102,33 @@ class RunsCommand:
         run_filter = _run_filter(self)
         with scanned_catalogue(self.folder, self.json, self.rebuild) as catalogue:
             entries = catalogue.entries()
-        found = run_filter.apply(entries)
+        summaries = run_filter.apply(entries)
         if self.json:
-            print_line(json.dumps([_run_record(self.folder, entry) for entry in found]))
+            print_line(json.dumps([_run_record(self.folder, entry) for entry in summaries]))
         else:
-            _print_runs(found, len(entries), self.all)
+            _print_runs(summaries, len(entries), self.all)
         return ExitCode.DONE
 
 
 @command("example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets")
 class ExportCommand:
-    """Points, estimates, events and raw samples with their times, SI units in every header. Files from a simulated
+    """Export points, estimates, events and raw samples with their times, SI units in every header. Files from a simulated
     bench have SIMULATED in their names. uff: series as a Universal File (data sets 151, 164, 58) for
     modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.
     """
 
     runs: Sequence[Path] = RUN_FILES
-    format: Format = option("(default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
+    format: Format = option("format of the files (default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
     out: Path | None = option("folder for the files (default: the run's folder)", metavar="FOLDER")
     parts: Sequence[str] = option(
-        "only this part: about, points, series, estimates, events or raw; may be repeated (default: all)",
+        "part to export: about, points, series, estimates, events or raw; may be repeated (default: all that the format "
+        "holds)",
         flag="--part",
         metavar="PART",
     )
 
     def execute(self) -> int:
-        parts: Sequence[Part] = tuple(p for p in PARTS if p in self.parts) if self.parts else PARTS
+        parts: Sequence[Part] | None = tuple(p for p in PARTS if p in self.parts) if self.parts else None
         if unknown := [p for p in self.parts if p not in PARTS]:
             raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
         failed = False
@@ -128,12 +136,15 @@ class ExportCommand:
             try:
                 with Run(run_path) as run, terminal_progress(run_path.name) as progress:
                     written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
+                    left_out = "" if parts else raw_left_out(run, self.format)
             except (RunReadError, ExportError) as error:
                 failed = True
                 print_message(str(error))
             else:
                 for file in written:
                     print_line(str(file))
+                if left_out:
+                    print_message(f"{left_out}: the raw data are left out; csv and parquet hold them")
         return ExitCode.FAILED if failed else ExitCode.DONE
 
 
@@ -208,7 +219,7 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
         "points": summary.points,
         "duration_s": summary.seconds,
         "size_bytes": summary.size,
-        "found": summary.found,
+        "found": summary.estimates_text,
         "tags": [tag for tag in summary.tags.split(", ") if tag],
         "note": summary.note,
         "operator": summary.operator,

@@ -156,7 +156,7 @@ MAX_NUMBERS = 50_000_000
     negative_values=True,
 )
 class StudyCommand:
-    """The response for every combination of the values given, or one of the paper's studies."""
+    """Compute the response for every combination of the given values, or one of the paper's studies."""
 
     preset: str | None = argument("fig10, fig11 or fig12: a study of the paper", nargs="?", metavar="PRESET")
     vary: Sequence[str] = option(
@@ -165,7 +165,7 @@ class StudyCommand:
     )
     frequencies: str | None = option("(default: 1:250:250)", metavar="LIST")
     quantity: Measure | None = option(
-        "twice the fundamental (default), max - min, or the complex deflection per volt on the specimen"
+        "result: twice the fundamental (default), max - min, or the complex deflection per volt on the specimen"
     )
     drive: DriveOptions = group(DriveOptions)
     shapes: ShapeOptions = group(ShapeOptions)
@@ -173,10 +173,10 @@ class StudyCommand:
     out: Path | None = option("HDF5 (NeXus) file to write", inherited=True, metavar="FILE.h5")
     files: FileOptions = group(FileOptions, "the result")
     sensitivity: bool = option(
-        "Sobol indices instead: the share of the variance that each parameter explains between its lowest and highest value"
+        "compute Sobol indices instead: share of the variance that each parameter explains between its lowest and highest value"
     )
-    samples: int = option("for the indices, a power of two (default: %(default)s)", 1024)
-    seed: int = option("for the indices (default: 1)", 1, inherited=True)
+    samples: int = option("sample size of the indices, a power of two (default: %(default)s)", 1024)
+    seed: int = option("seed of the indices (default: 1)", 1, inherited=True)
     cluster: str | None = option(
         "compute on all cores of this computer (local), or on a Dask cluster", metavar="ADDRESS|local"
     )
@@ -356,7 +356,7 @@ def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
             for v, i in zip(sobol.variables, indices.T, strict=True)
         ]
     title = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
-    note = "first: share of the variance the parameter explains alone; total: share that would vanish if it were known."
+    note = "first: share of the variance the parameter explains alone; total: share that would vanish with a known parameter."
     return CommandResult(
         "study --sensitivity",
         request.fixed,
@@ -367,12 +367,12 @@ def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
 
 @command("example: tactor-bench figures --out figures --only fig9 --pdf", negative_values=True)
 class FiguresCommand:
-    """The theory curves of the paper's figures. Where the text's claim and the equations differ, the caption in the
-    picture states it.
+    """Draw the theory curves of the paper's figures. Where the claim of the text and the equations differ, the caption
+    states it.
     """
 
     out: Path = option("folder to write to (default: figures)", Path("figures"), inherited=True)
-    only: Sequence[str] = option("one of them, e.g. fig9; may be repeated", metavar="FIG")
+    only: Sequence[str] = option("figure to draw, e.g. fig9; may be repeated", metavar="FIG")
     pdf: bool = option("PDF in addition to PNG")
     parameters: ParameterOptions = group(ParameterOptions)
 
@@ -387,7 +387,7 @@ class FiguresCommand:
             specimen = read_specimen(SpecimenOptions(settings), on_membrane=True)
             if own := [name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(settings)]:
                 raise UsageError(
-                    f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'"
+                    f"--set {own[0]}: the figures define their own skin; vary it with 'tactor-bench study'"
                 )
             everything = paper_figures(specimen.tactor, specimen.membrane)
         chosen = _select_panels(everything, self.only)
@@ -413,11 +413,11 @@ def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> d
     groups = {name: list(panels) for name, panels in groupby(all_panels, lambda figure: figure.name.rstrip("abcdef"))}
     if not names:
         return groups
-    known = groups | {figure.name: [figure] for figure in all_panels}
+    available = groups | {figure.name: [figure] for figure in all_panels}
     for name in names:
-        if name not in known:
-            raise UsageError(f"there is no figure '{name}'; there are: {', '.join(known)}")
-    return {name: known[name] for name in names}
+        if name not in available:
+            raise UsageError(f"there is no figure '{name}'; there are: {', '.join(available)}")
+    return {name: available[name] for name in names}
 
 
 def curves_table(panels: Sequence[PaperFigure]) -> Table:

@@ -10,6 +10,7 @@ from .errors import ExitCode as ExitCode
 from .errors import UsageError as UsageError
 from .errors import usage_errors as usage_errors
 from .formatting import SUPERSCRIPTS as SUPERSCRIPTS
+from .formatting import axis_name as axis_name
 from .formatting import format_bytes as format_bytes
 from .formatting import format_duration as format_duration
 from .formatting import format_outcome as format_outcome
@@ -46,10 +47,8 @@ from .progress import Progress as Progress
 from .progress import terminal_progress as terminal_progress
 from .progress import track as track
 from .recent_errors import RecentErrors as RecentErrors
-from .result_summary import LENGTH_UNITS as LENGTH_UNITS
 from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultSummary as ResultSummary
-from .result_summary import axis_name as axis_name
 from .result_summary import summarize_result as summarize_result
 from .terminal import print_line as print_line
 from .terminal import print_message as print_message

@@ -25,7 +25,7 @@ LOCK_TIMEOUT_S = 30.0
 FIRST = "0" * 64
 """In place of the hash of a line before the first."""
 MIN_HEAD_LENGTH = 12
-"""Digits of a head hash by which it is found."""
+"""Smallest number of digits of a head hash."""
 MAX_LEVELS = 8
 """Folders above a file in which its audit trail is looked for."""
 
@@ -42,11 +42,11 @@ class AuditEntry:
 
     Attributes:
         number: from 1 on.
-        by: who did it: operator, login and computer.
-        action: what was done, e.g. `run`, `accept`, `delete`.
+        by: operator, login and computer.
+        action: kind of action, e.g. `run`, `accept`, `delete`.
         subject: specimen, file or item.
-        files: SHA-256 of each file afterwards, by its path from the folder; empty for a file that is gone.
-        details: what else belongs to it.
+        files: SHA-256 of each file afterwards, by its path from the folder; empty for a deleted file.
+        details: further values.
         previous: hash of the line before.
         hash: of this line.
     """
@@ -72,8 +72,8 @@ def record_audit(action: str, *paths: Path, subject: str = "", **details: Any) -
     """Append an entry on changed files to the audit trail that covers them, if any. Errors are logged, not raised.
 
     Args:
-        action: what was done.
-        paths: files that were written or removed.
+        action: kind of action.
+        paths: written or removed files.
         subject: specimen or item; default is the name of the first file.
         details: plain values.
     """
@@ -109,7 +109,7 @@ def append_entry(
         with FileLock(folder / LOCK_NAME, LOCK_TIMEOUT_S):
             last, torn, unended = _last_line(path)
             number, previous = (0, FIRST) if last is None else (last.number, last.hash)
-            if torn:  # what a power cut left stays in the file, and its hash in the chain
+            if torn:  # a line cut by a power failure stays in the file, and its hash in the chain
                 details = {**details, "torn_line": hashlib.sha256(torn).hexdigest()}
             record: dict[str, Any] = {
                 "number": number + 1,

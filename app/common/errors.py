@@ -18,12 +18,12 @@ class ExitCode(IntEnum):
 
 
 class UsageError(Exception):
-    """A command cannot use what it was given; the message names the value and the remedy."""
+    """An argument of a command is invalid; the message names the value and the remedy."""
 
 
 @contextmanager
 def usage_errors(*kinds: type[Exception], about: str = "") -> Iterator[None]:
-    """Raise UsageError with the message of an error of these kinds, behind what it is `about`; also a decorator."""
+    """Raise UsageError with the message of an error of these kinds, prefixed with `about`; also a decorator."""
     try:
         yield
     except kinds as error:

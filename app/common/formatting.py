@@ -1,9 +1,13 @@
 """Formatting of durations, sizes, quantities with uncertainty, curves and points for operators."""
 
+import math
 import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import is_dataclass
 from typing import Any
 
-from model import format_quantity, format_with_uncertainty, shown_unit
+from model import ERRORS, format_quantity, quantity_label, shown_unit
 from protocols.base import Quality, Series
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -67,13 +71,37 @@ def format_series(curve: Series) -> str:
     return f"{curve.title}: {y.size} lines, {low} to {high} {unit}, highest {height} at {at} {unit}"
 
 
-def format_point(point: Any) -> str:
-    """Format a point as one line: its own summary if it has one, otherwise the columns of a sine dwell."""
-    flags = Quality(point.quality) & ~Quality.SIMULATED
-    if summary := getattr(point, "summary", ""):
-        return summary + (f"  {flags.description}" if flags else "")
-    return (
-        f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "
-        f"2 x fund. {format_with_uncertainty(2e6 * point.fundamental, 2e6 * point.fundamental_errors):>16} µm  "
-        f"{point.phase * 57.29578:6.1f}°" + (f"  {flags.description}" if flags else "")
-    )
+def format_point(point: Any, units: Mapping[str, str] | None = None) -> str:
+    """Format a point as one line with its quality flags.
+
+    The line is the point's own summary. Without one, if it raises, and for an imported point, which lacks columns, the line has
+    the finite values with their standard errors. `units` are the SI units of a point without a type.
+    """
+    quality = Quality(point.quality)
+    flags, text = quality & ~Quality.SIMULATED, ""
+    with suppress(ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # of a laboratory's own summary
+        text = point.summary
+    if not text or Quality.IMPORTED in quality:
+        text = ", ".join(_format_values(point, units or {}))
+    return f"{text}; {'' if quality.usable else 'not usable: '}{flags.description}" if flags else text
+
+
+def _format_values(point: Any, units: Mapping[str, str]) -> Iterator[str]:
+    from protocols.runfile import ENTRY_COLUMN, point_columns
+
+    if is_dataclass(point):
+        columns = point_columns(type(point))
+        values, units = {name: getattr(point, name) for name in columns}, {name: of[0] for name, of in columns.items()}
+    else:
+        values = vars(point)
+    for name, value in values.items():
+        if name in (ENTRY_COLUMN, "quality") or name.endswith(ERRORS) or not isinstance(value, float | int):
+            continue
+        if math.isfinite(value):
+            error = values.get(name + ERRORS, math.nan)
+            yield f"{axis_name(name)} {format_quantity(value, error, units.get(name, '1'), name)}"
+
+
+def axis_name(column: str) -> str:
+    """Return the name of a column on an axis, or at the head of a table."""
+    return quantity_label(column).replace("_", " ")

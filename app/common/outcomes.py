@@ -53,7 +53,7 @@ SEVERITY_STYLES = {
 
 
 def outcome_severity(outcome: Outcome) -> Severity:
-    """Return the severity with which an outcome is shown."""
+    """Return the severity of an outcome for its display."""
     return SEVERITIES.get(outcome, Severity.ERROR)
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from app.common.errors import UsageError
 from app.common.inputs import truncate_text
 from drivers import BenchError
-from drivers.sensors import HIGHEST_C, LOWEST_C
 from protocols.base import RunConditions, read_json_file, write_atomic
 
 if TYPE_CHECKING:
@@ -73,26 +72,28 @@ def remember_conditions(
         UsageError: the name cannot be used, or the file cannot be written.
     """
     now = now or datetime.now()
-    found = remembered_conditions(now)
+    conditions = remembered_conditions(now)
     if operator is not None:
         name = check_operator(operator)
-        found = replace(found, operator=name, operator_origin=GIVEN if name else "")
+        conditions = replace(conditions, operator=name, operator_origin=GIVEN if name else "")
     if temperature_c is not None or humidity is not None:
-        found = replace(found, temperature_c=temperature_c, humidity=humidity, origin=f"typed {now:%Y-%m-%d %H:%M}")
-    record = {"day": f"{now:%Y-%m-%d}", **{name: getattr(found, name) for name in REMEMBERED}}
+        conditions = replace(
+            conditions, temperature_c=temperature_c, humidity=humidity, origin=f"typed {now:%Y-%m-%d %H:%M}"
+        )
+    record = {"day": f"{now:%Y-%m-%d}", **{name: getattr(conditions, name) for name in REMEMBERED}}
     path = operator_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, json.dumps(record, ensure_ascii=False, indent=1) + "\n")
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; free space there") from None
-    return found
+    return conditions
 
 
 def current_conditions() -> RunConditions:
     """Return the conditions stated today; the operator defaults to the computer's login name."""
-    found = remembered_conditions()
-    return found if found.operator else replace(found, operator=login_name(), operator_origin=LOGIN)
+    conditions = remembered_conditions()
+    return conditions if conditions.operator else replace(conditions, operator=login_name(), operator_origin=LOGIN)
 
 
 def with_sensor(conditions: RunConditions, sensor: "EnvironmentSensor | None") -> RunConditions:
@@ -138,10 +139,12 @@ def read_temperature(text: str) -> float:
     Raises:
         UsageError: it has none of these forms, or is no temperature of a laboratory.
     """
-    found = NUMBER_WITH_UNIT.fullmatch(text.strip())
-    if found is None or found[2] not in ("", "C", "°C", "degC", "K"):
+    from drivers.sensors import HIGHEST_C, LOWEST_C
+
+    match = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    if match is None or match[2] not in ("", "C", "°C", "degC", "K"):
         raise UsageError(f"'{truncate_text(text)}' is no temperature; write for example 23.4 °C")
-    celsius = float(found[1]) - (KELVIN_OF_ZERO_C if found[2] == "K" else 0.0)
+    celsius = float(match[1]) - (KELVIN_OF_ZERO_C if match[2] == "K" else 0.0)
     if not LOWEST_C <= celsius <= HIGHEST_C:
         raise UsageError(f"{celsius:g} °C is no temperature of a laboratory; from {LOWEST_C:g} to {HIGHEST_C:g} °C")
     return round(celsius, 6)
@@ -153,9 +156,9 @@ def read_humidity(text: str) -> float:
     Raises:
         UsageError: it has none of these forms, or is not from 1 to 100 %.
     """
-    found = NUMBER_WITH_UNIT.fullmatch(text.strip())
-    if found is None or found[2] not in ("", "%", "%RH"):
+    match = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    if match is None or match[2] not in ("", "%", "%RH"):
         raise UsageError(f"'{truncate_text(text)}' is no humidity; write for example 45 %")
-    if not 1 <= float(found[1]) <= 100:
-        raise UsageError(f"a relative humidity of {found[1]} % is not from 1 to 100 %; write for example 45 %")
-    return float(found[1]) / 100
+    if not 1 <= float(match[1]) <= 100:
+        raise UsageError(f"a relative humidity of {match[1]} % is not from 1 to 100 %; write for example 45 %")
+    return float(match[1]) / 100

@@ -29,7 +29,7 @@ class Progress:
         return False
 
     def update(self, fraction: float, text: str = "") -> None:
-        """Report the fraction that is done, 0 to 1, and optionally what is being done now."""
+        """Report the completed fraction, 0 to 1, and optionally the present activity."""
 
     def raise_if_cancelled(self) -> None:
         """Raise OperationCancelled if the operation is cancelled."""

@@ -40,10 +40,10 @@ class RecentErrors:
             hook(kind, error, trace)
             on_error()
 
-        def note_of_thread(found: threading.ExceptHookArgs) -> None:
-            if found.exc_value is not None:
-                self.note(found.exc_value, found.thread.name if found.thread is not None else "")
-            thread_hook(found)
+        def note_of_thread(arguments: threading.ExceptHookArgs) -> None:
+            if arguments.exc_value is not None:
+                self.note(arguments.exc_value, arguments.thread.name if arguments.thread is not None else "")
+            thread_hook(arguments)
             on_error()
 
         logging.getLogger().addHandler(handler)

@@ -5,13 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.common.formatting import typeset
-from model import format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
+from app.common.formatting import axis_name, typeset
+from model import LENGTH_UNITS, format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
 from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, Verdict
 from protocols.runfile import point_columns
-
-LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
-"""Units of the quantities that scale with the gain of the displacement sensor."""
 
 MAX_POINT_ROWS = 12
 """Points that are listed; the file has all."""
@@ -22,13 +19,14 @@ class ResultSummary:
     """Contents of the result card of a run.
 
     Attributes:
-        reason: how the run ended, for the reasons of the verdict.
+        reason: end of the run, for the reasons of the verdict.
         quantities: the protocol's own results: name and value with its standard error, in display units.
-        totals: standard uncertainty of each quantity, with the uncertainty of the sensor's gain, as text; empty where the gain has no effect.
-        others: what every run estimates beside them, likewise.
+        totals: standard uncertainty of each quantity, with the uncertainty of the sensor's gain, as text; empty if the gain has
+            no effect.
+        others: further estimates of every run, likewise.
         point_names: names of the two axes; of the columns of `points`.
-        points: where nothing was identified, the usable points: value on either axis, with its error.
-        hints: the protocol's warnings about the points: what to change next time.
+        points: the usable points of a run without identified quantities: values on both axes, with errors.
+        hints: the protocol's warnings about the points, for the next run.
         planned: number of planned points; 0 if unknown.
     """
 
@@ -44,11 +42,6 @@ class ResultSummary:
     planned: int = 0
     others: tuple[tuple[str, str], ...] = ()
     totals: tuple[str, ...] = ()
-
-
-def axis_name(column: str) -> str:
-    """Return the name of a column on an axis, or at the head of a table."""
-    return quantity_label(column).replace("_", " ")
 
 
 def summarize_result(

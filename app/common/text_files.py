@@ -22,8 +22,8 @@ def read_toml_text(
     Args:
         path: of the file.
         name: of the file in messages.
-        kind: what such a file is, in messages.
-        error_of: makes the exception of a message; it is raised for a file that cannot be read, or is too long.
+        kind: kind of file, in messages.
+        error_of: function that makes the exception of a message, raised for an unreadable or too long file.
         missing: text in place of a file that does not exist; None: its absence is an error.
     """
     try:

@@ -113,7 +113,7 @@ class Table:
 
 
 FORMULA_STARTS = tuple("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
-"""Characters with which a spreadsheet takes a cell for a formula, or which it drops before it does."""
+"""First characters of cells that a spreadsheet interprets as a formula, or drops before it does."""
 
 
 def sheet_text(value: CellValue) -> CellValue:

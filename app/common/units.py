@@ -53,9 +53,9 @@ def to_number(text: str, unit: str) -> float:
 
     registry = _registry()
     try:
-        quantity, wanted = registry.Quantity(text), registry.Unit("dimensionless" if unit == "1" else unit)
-        number = float(quantity.to(wanted).magnitude)
-        cycles = _cycle_exponent(quantity.units, wanted)
+        quantity, target = registry.Quantity(text), registry.Unit("dimensionless" if unit == "1" else unit)
+        number = float(quantity.to(target).magnitude)
+        cycles = _cycle_exponent(quantity.units, target)
     except pint.DimensionalityError as error:
         raise UnitError(f"'{text}' is not a quantity in {unit}: {error}") from None
     except Exception:  # noqa: BLE001 - pint raises exceptions of any type from its tokenizer
@@ -66,13 +66,13 @@ def to_number(text: str, unit: str) -> float:
     return float(number * tau**cycles)
 
 
-def _cycle_exponent(given: Any, wanted: Any) -> int | None:
+def _cycle_exponent(given: Any, target: Any) -> int | None:
     """Return the power of 2 pi that the unit library leaves out of a conversion; None where angles do not match.
 
     The library takes radian, cycle and count as pure numbers, and Hz as 1/s. Here 1 Hz is one cycle, 2 pi radian, a
     second; 1/s without an angle is taken as Hz.
     """
-    (have, have_hertz), (want, want_hertz) = _angle_units(given), _angle_units(wanted)
+    (have, have_hertz), (want, want_hertz) = _angle_units(given), _angle_units(target)
     if have == want:
         return have_hertz - want_hertz
     return 0 if not have and want == {"radian": 1} and want_hertz == 1 else None
@@ -207,8 +207,8 @@ def _split(text: str) -> list[str]:
     """Split at commas, or plain numbers at spaces: `100 Hz` is one number."""
     if "," in text:
         return [item.strip() for item in text.split(",") if item.strip()]
-    words = text.split()
-    return words if all(PLAIN_NUMBER.fullmatch(word) for word in words) else [text.strip()]
+    parts = text.split()
+    return parts if all(PLAIN_NUMBER.fullmatch(word) for word in parts) else [text.strip()]
 
 
 @cache

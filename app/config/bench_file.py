@@ -34,7 +34,7 @@ SIMULATED_BENCHES = {"sim": "realistic.toml", "ideal": "ideal.toml", "realistic"
 """Files in `sim_hardware` of the simulated benches that come with the program, by name; `realistic` is an earlier name of `sim`."""
 
 MAX_SPEED = 20.0
-"""Most times real speed at which the simulated bench keeps up on its real wires."""
+"""Largest speed of the simulated bench on its real connections, in multiples of real time."""
 
 
 class ConfigError(Exception):
@@ -142,7 +142,7 @@ def bench_text(name: str) -> str:
         Path(name),
         f"bench file {truncate_text(name)!r}",
         "bench file",
-        lambda words: ConfigError(f"{words}; give a bench file or 'sim'"),
+        lambda message: ConfigError(f"{message}; give a bench file or 'sim'"),
     )
 
 
@@ -156,7 +156,7 @@ def read_bench(text: str, where: str) -> BenchConfig:
 
 
 def _with_fresh_noise(config: BenchConfig) -> BenchConfig:
-    """Return the bench with a seed of its noise drawn, where a simulated one asks for it and has none."""
+    """Return the bench with a drawn seed of its noise, for a simulated bench with fresh noise and no seed."""
     simulation = config.simulation or {}
     if not simulation.get("fresh_noise") or simulation.keys() & {"seed", "noise_seed"}:
         return config

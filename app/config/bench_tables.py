@@ -121,7 +121,7 @@ class SensorTable(ConfigTable):
     ] = ()
     serial: str = ""
     calibrated: Annotated[str, "date of calibration, YYYY-MM-DD"] = ""
-    expires: Annotated[str, "last day on which the calibration holds, YYYY-MM-DD; later every run is flagged"] = ""
+    expires: Annotated[str, "last day of the calibration's validity, YYYY-MM-DD; later runs are flagged"] = ""
 
     @field_validator("calibrated", "expires", mode="before")
     @classmethod
@@ -316,33 +316,33 @@ class SpecimenTable(ConfigTable):
 class LevelsTable(ConfigTable):
     """Abort levels, evaluated in every block. Actions: off, warning (points are flagged), ask (at rest), rest (the run ends)."""
 
-    stroke: Annotated[LevelAction, "what happens where the displacement from rest exceeds stroke_m"] = DEFAULTS.stroke
+    stroke: Annotated[LevelAction, "action if the displacement from rest exceeds stroke_m"] = DEFAULTS.stroke
     stroke_m: Annotated[
         float, Unit("m"), Interval(ge=0, le=0.1), "largest displacement from rest; 0 is gap_m of [specimen]"
     ] = DEFAULTS.stroke_m
-    rate: Annotated[LevelAction, "what happens where the displacement rate exceeds rate_m_per_s"] = DEFAULTS.rate
+    rate: Annotated[LevelAction, "action if the displacement rate exceeds rate_m_per_s"] = DEFAULTS.rate
     rate_m_per_s: Annotated[
         float, Unit("m/s"), Interval(gt=0, le=1000), "largest displacement rate; 5 Vpp at resonance reach 0.6 m/s"
     ] = DEFAULTS.rate_m_per_s
-    laser_lost: Annotated[LevelAction, "what happens where the sensor is out of range for longer than laser_lost_s"] = (
+    laser_lost: Annotated[LevelAction, "action if the sensor is out of range for longer than laser_lost_s"] = (
         DEFAULTS.laser_lost
     )
     laser_lost_s: Annotated[
         float, Unit("s"), Interval(ge=0.001, le=60), "longest time out of the sensor's range under a drive"
     ] = DEFAULTS.laser_lost_s
-    drive: Annotated[LevelAction, "what happens where the drive read back is not the commanded one"] = DEFAULTS.drive
+    drive: Annotated[LevelAction, "action if the recorded drive differs from the commanded one"] = DEFAULTS.drive
     drive_tolerance: Annotated[
         float, Unit("1"), Interval(ge=0.02, le=1), "largest deviation of the drive, relative to its amplitude"
     ] = DEFAULTS.drive_tolerance
-    voltage: Annotated[LevelAction, "what happens where a voltage monitor exceeds voltage_v"] = DEFAULTS.voltage
+    voltage: Annotated[LevelAction, "action if a voltage monitor exceeds voltage_v"] = DEFAULTS.voltage
     voltage_v: Annotated[
         float, Unit("V"), Interval(gt=0, le=100_000), "largest magnitude at the specimen; the amplifier gives +1500 V"
     ] = DEFAULTS.voltage_v
-    current: Annotated[LevelAction, "what happens where a current monitor exceeds current_a"] = DEFAULTS.current
+    current: Annotated[LevelAction, "action if a current monitor exceeds current_a"] = DEFAULTS.current
     current_a: Annotated[float, Unit("A"), Interval(gt=0, le=100), "largest magnitude of the amplifier's current"] = (
         DEFAULTS.current_a
     )
-    no_response: Annotated[LevelAction, "what happens after no_response_points points without response"] = (
+    no_response: Annotated[LevelAction, "action after no_response_points points without response"] = (
         DEFAULTS.no_response
     )
     no_response_points: Annotated[int, Unit("1"), Interval(ge=1, le=1000), "points in succession without response"] = (

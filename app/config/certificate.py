@@ -20,7 +20,7 @@ FOLDER = "certificates"
 SUFFIX = ".certificate.json"
 ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
 WARNING_DAYS = 30
-"""Days before the due date from which on every run warns."""
+"""Days before the due date in which every run warns."""
 
 
 class CertificateError(ValueError):
@@ -42,12 +42,12 @@ class Certificate:
     """A calibration certificate.
 
     Attributes:
-        number: as the laboratory gave it.
+        number: number by the laboratory.
         date: of the calibration, ISO 8601.
-        due: last day on which the calibration holds, ISO 8601; empty if it is not stated.
+        due: last day of the calibration's validity, ISO 8601; empty if not stated.
         role: of the instrument at a bench.
         item: maker and model.
-        serial: serial number, by which the instruments of a run are matched.
+        serial: serial number, which identifies the instrument in a run.
         columns: table of points.
         files: names of the attached files with their SHA-256.
     """
@@ -75,7 +75,7 @@ class Certificate:
 
     @property
     def name(self) -> str:
-        """What it is of, as text."""
+        """Calibrated instrument as text."""
         return " ".join(filter(None, (self.role, self.item, self.serial and f"#{self.serial}")))
 
     def days_left(self, today: Day) -> int | None:
@@ -133,13 +133,13 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
 
 def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
     """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
-    found, problems = list[Certificate](), list[str]()
+    certificates, problems = list[Certificate](), list[str]()
     for path in sorted((folder / FOLDER).glob(f"*{SUFFIX}")):
         try:
-            found.append(_from_record(visible_values(read_json_file(path))))
+            certificates.append(_from_record(visible_values(read_json_file(path))))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             problems.append(f"the certificate {path} cannot be read ({error}); restore it from a copy, or add it again")
-    return sorted(found, key=lambda each: (not each.due, each.due, each.number)), problems
+    return sorted(certificates, key=lambda each: (not each.due, each.due, each.number)), problems
 
 
 def certificates_of_bench(
@@ -164,15 +164,17 @@ def bench_warnings(folder: Path, configuration: Mapping[str, Any], protocol: str
         configuration: tables of the bench file, with the identities that the instruments answered.
         protocol: name of the protocol.
     """
-    found, problems = read_certificates(folder)
-    if not (found or problems):
+    certificates, problems = read_certificates(folder)
+    if not (certificates or problems):
         return "", ()
     tables = [each for each in configuration.values() if isinstance(each, Mapping)]
     serials = {str(table.get("serial", "")) for table in tables}
     identities = configuration.get("identities", {})
     serials |= {str(identity).rpartition("#")[2] for identity in identities.values() if "#" in str(identity)}
     today = datetime.now(UTC).date()
-    states = [(each.state(today), each.warning(today)) for each in certificates_of_bench(found, serials, protocol)]
+    states = [
+        (each.state(today), each.warning(today)) for each in certificates_of_bench(certificates, serials, protocol)
+    ]
     expired = ". ".join(warning for state, warning in states if state == "expired")
     return expired, (*(warning for state, warning in states if state == "due soon"), *problems)
 

@@ -1,6 +1,7 @@
 """Digital calibration certificates (DCC, XML version 3 of the PTB): number, laboratory, dates, item and tables with uncertainties.
 
-Schemas: ptb.de/dcc/v3.3.0/dcc.xsd, and ptb.de/si (D-SI) for the values; elements are found by their names, whatever else is around them.
+Schemas: ptb.de/dcc/v3.3.0/dcc.xsd, and ptb.de/si (D-SI) for the values; elements are found by their names, independent of other
+elements.
 """
 
 import math
@@ -88,8 +89,8 @@ def _serial(item: ElementTree.Element | None) -> str:
     """Return the manufacturer's identification of the item: its serial number."""
     if item is None:
         return ""
-    found = item.findall(f"{DCC}identifications/{DCC}identification")
-    chosen = [each for each in found if _text(each.find(f"{DCC}issuer")) == "manufacturer"] or found
+    identifications = item.findall(f"{DCC}identifications/{DCC}identification")
+    chosen = [each for each in identifications if _text(each.find(f"{DCC}issuer")) == "manufacturer"] or identifications
     named = [
         each for each in chosen if "serial" in _name(each).casefold() or each.get("refType") == "basic_serialNumber"
     ]
@@ -155,8 +156,8 @@ def _column(name: str, element: ElementTree.Element) -> CertificateColumn:
 
 def _numbers(element: ElementTree.Element, tags: tuple[str, ...], direct: bool = False) -> list[float]:
     names = {f"{SI}{tag}" for tag in tags}
-    found = next((each for each in (element if direct else element.iter()) if each.tag in names), None)
-    texts = (found.text or "").split() if found is not None else []
+    values = next((each for each in (element if direct else element.iter()) if each.tag in names), None)
+    texts = (values.text or "").split() if values is not None else []
     if len(texts) > MAX_VALUES:
         raise ValueError(f"it has more than {MAX_VALUES} values")
     numbers = [float(text) for text in texts]

@@ -9,7 +9,7 @@ from app.config.driver_registry import SOURCES, built_in_names, load_driver, sup
 from drivers import SUPPLY_DIALECTS, BenchError, Identity, reason_unsuitable
 
 LAN_PORTS = (5025, 5555)
-"""Ports on which function generators take messages."""
+"""Ports of function generators for messages."""
 
 QUERY_TIMEOUT_S = 1.0
 
@@ -34,26 +34,26 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
     for host in hosts:
         name, _, port = host.partition(":")
         names += [f"TCPIP::{name}::{p}::SOCKET" for p in ([port] if port else LAN_PORTS)]
-    found = []
+    devices = []
     for resource in names:
         if resource.startswith("ASRL"):
             continue  # a query at the wrong baud rate can disturb the device; the ports are listed below
         try:
             device, warning = _query_instrument(resource)
-            found.append(device)
+            devices.append(device)
             notes += [warning] if warning else []
         except BenchError as error:
             notes.append(str(error))
     try:
-        found += [FoundDevice("card", name, str(seen), seen.serial) for name, seen in list_devices(server or None)]
+        devices += [FoundDevice("card", name, str(seen), seen.serial) for name, seen in list_devices(server or None)]
     except BenchError as error:
         notes.append(str(error))
-    found += [FoundDevice("serial port", name, description) for name, description in list_serial_ports()]
-    return found, notes
+    devices += [FoundDevice("serial port", name, description) for name, description in list_serial_ports()]
+    return devices, notes
 
 
 def _query_instrument(resource: str) -> tuple[FoundDevice, str]:
-    """Return the instrument, and a warning if it is one that is advised against."""
+    """Return the instrument, and a warning if it is advised against."""
     from drivers import ScpiSession, VisaLink
 
     with closing(VisaLink(resource, QUERY_TIMEOUT_S)) as link:

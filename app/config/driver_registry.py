@@ -13,18 +13,8 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from drivers import (
-    BenchError,
-    Clock,
-    Digitizer,
-    EnvironmentSensor,
-    InstrumentError,
-    Link,
-    ScpiSession,
-    Source,
-    generator_families,
-    reason_unsuitable,
-)
+import drivers
+from drivers import BenchError, Clock, InstrumentError, Link, ScpiSession, Source, generator_families
 
 AUTO = "auto"
 SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
@@ -37,7 +27,7 @@ BUILT_IN = {
 """Drivers that are not of generators; digitizers are called like `drivers.nidaq.analog_input.NiDigitizer`, environment sensors with
 (port, request), and generators with (link, clock, *, step_v)."""
 
-INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer, ENVIRONMENT_SENSORS: EnvironmentSensor}
+INTERFACES = {SOURCES: "Source", DIGITIZERS: "Digitizer", ENVIRONMENT_SENSORS: "EnvironmentSensor"}
 
 log = logging.getLogger(__name__)
 
@@ -52,12 +42,12 @@ class PlugIn:
 
 
 def built_in_names(group: str) -> tuple[str, ...]:
-    """Return the names of the drivers of this program; nothing is imported for it."""
+    """Return the names of the drivers of this program, without imports."""
     return tuple(generator_families() if group == SOURCES else BUILT_IN[group])
 
 
 def driver_names(group: str) -> list[str]:
-    """Return the names that a bench file may choose; nothing is imported for it."""
+    """Return the valid driver names of a bench file, without imports."""
     chosen = [AUTO] if group == SOURCES else []
     return [*chosen, *built_in_names(group), *(point.name for point in _entry_points(group))]
 
@@ -94,8 +84,8 @@ def load_driver(group: str, name: str) -> Callable[..., Any]:
             plug_in = _load_plug_in(point)
             if plug_in.problem:
                 raise BenchError(plug_in.problem)
-            found: Callable[..., Any] = plug_in.driver
-            return found
+            driver: Callable[..., Any] = plug_in.driver
+            return driver
     raise BenchError(f"there is no driver '{name}'; choose from {', '.join(driver_names(group))}")
 
 
@@ -125,7 +115,7 @@ def _detect_driver(link: Link) -> Callable[..., Source]:
     for candidate in _source_drivers():
         if supports_model(candidate, seen.model):
             return candidate
-    if why := reason_unsuitable(seen):
+    if why := drivers.reason_unsuitable(seen):
         raise InstrumentError(f"{link.name} answered as '{seen}'; {why}")
     raise InstrumentError(
         f"{link.name} answered as '{seen}', a model for which there is no driver; name one in the bench file "
@@ -163,25 +153,25 @@ def _entry_points(group: str) -> Sequence[EntryPoint]:
 
 def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
     package = f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else "an unknown package"
-    begin, found, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
-    interface = INTERFACES[entry_point.group]
+    begin, driver, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
+    interface: type = getattr(drivers, INTERFACES[entry_point.group])
     try:
-        found = entry_point.load()
+        driver = entry_point.load()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
         reason = f"{type(error).__name__}: {error}".strip(": ")
         problem = f"{begin} cannot be loaded: {reason}. Update or remove the package {package}"
     else:
-        if inspect.isclass(found):
-            if missing := _missing_methods(found, interface):
+        if inspect.isclass(driver):
+            if missing := _missing_methods(driver, interface):
                 problem = f"{begin} is not a {interface.__name__}: it lacks {', '.join(missing)}"
-        elif not callable(found):
+        elif not callable(driver):
             problem = f"{begin} is not a driver: {entry_point.value} cannot be called"
-    return PlugIn(entry_point.name, None if problem else found, problem)
+    return PlugIn(entry_point.name, None if problem else driver, problem)
 
 
 def _missing_methods(driver_class: type, interface: type) -> list[str]:
     """Return the methods of the interface that the class lacks."""
-    wanted = [n for n, member in vars(interface).items() if inspect.isfunction(member) and not n.startswith("_")]
-    return [f"{name}()" for name in wanted if not callable(getattr(driver_class, name, None))]
+    names = [n for n, member in vars(interface).items() if inspect.isfunction(member) and not n.startswith("_")]
+    return [f"{name}()" for name in names if not callable(getattr(driver_class, name, None))]

@@ -84,7 +84,7 @@ def read_laboratory(folder: Path) -> Laboratory:
     """Return the settings in the laboratory file of a folder of runs; without such a file they are empty.
 
     Raises:
-        UsageError: the file cannot be read, or has faults, all of which are listed.
+        UsageError: the file cannot be read, or has faults, which are all listed.
     """
     path = folder / LABORATORY_FILE_NAME
     text = read_toml_text(path, str(path), "laboratory file", UsageError, missing="")

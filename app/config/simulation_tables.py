@@ -47,7 +47,7 @@ class SimulationTable(ConfigTable):
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "SimulationTable":
-        """Return the table of a part of a bench file; what it leaves out has its default."""
+        """Return the table of a part of a bench file; missing keys have their defaults."""
         return cls.model_validate({name: cls.shown(name, record[name]) for name in cls.model_fields if name in record})
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Template of a first bench file, filled in with the devices that were found."""
+"""Template of a first bench file, filled in with the discovered devices."""
 
 import json
 from collections.abc import Sequence
@@ -89,7 +89,7 @@ server = {server}  # host:port of NI's gRPC device server; "" where the card is 
 
 
 def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
-    """Return the text of a bench file for the devices that were found."""
+    """Return the text of a bench file for the discovered devices."""
     generator = next((f for f in devices if f.role == "generator"), None)
     supply = next((f for f in devices if f.role == "supply"), None)
     card = next((f for f in devices if f.role == "card"), None)

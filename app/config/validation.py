@@ -42,7 +42,7 @@ def read_toml(kind: type[Model], text: str, where: str, error_of: Callable[[str]
 def validation_messages(
     error: ValidationError, text: str = "", unit_of_key: Callable[[str], str] = lambda _: ""
 ) -> list[str]:
-    """Return one line per error: where it is, the value, and what is allowed, in the unit of the key."""
+    """Return one line per error: place, value, and permitted values, in the unit of the key."""
     lines = []
     for fault in error.errors():
         path = [str(part) for part in fault["loc"]]
@@ -58,16 +58,16 @@ def _describe_error(error: Any, unit_of_key: Callable[[str], str]) -> str:
     if kind == "extra_forbidden":
         return "unknown key; remove it or correct its spelling"
     if kind in BOUNDS:
-        key, words = BOUNDS[kind]
-        of = f" {known}" if error["loc"] and (known := unit_of_key(str(error["loc"][0]))) else ""
-        return f"must be {words} {context[key]:g}{of}, not {given}{of}"
+        key, text = BOUNDS[kind]
+        of = f" {unit}" if error["loc"] and (unit := unit_of_key(str(error["loc"][0]))) else ""
+        return f"must be {text} {context[key]:g}{of}, not {given}{of}"
     message = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
     message = message[:1].lower() + message[1:]
     return str(message) if kind in ("value_error", "missing") else f"{message}, not {given}"
 
 
 def _line_of(path: list[str], text: str) -> int:
-    """Return the line of a key in a TOML text, 0 if it is not found."""
+    """Return the line of a key in a TOML text, 0 if it is missing."""
     tables, key = path[:-1], path[-1] if path else ""
     table: list[str] = []
     for number, line in enumerate(text.splitlines(), 1):

@@ -33,7 +33,7 @@ class DesignQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DesignAnswers:
-    """The answers as sentences, and what they are from."""
+    """The answers as sentences, and their source."""
 
     mass: str
     drive: str
@@ -71,7 +71,7 @@ def divided(answer: DesignAnswer, share: EstimatedQuantity) -> DesignAnswer:
 
 
 def describe_reach(specimen: Specimen, drive: DesignAnswer, frequency_hz: float, n: int) -> str:
-    """Return what a drive is on the specimen and what the largest one gives, or that it cannot be reached."""
+    """Return the volts of a drive on the specimen and the result of the largest drive, or that the target cannot be reached."""
     full_v = 2 * FULL_AMPLITUDE_V
     largest = float(response_curve(specimen, np.array([frequency_hz]), FULL_AMPLITUDE_V, n=n).peak_to_peak[0])
     if drive.value > full_v:
@@ -81,12 +81,10 @@ def describe_reach(specimen: Specimen, drive: DesignAnswer, frequency_hz: float,
     return f"On the specimen {low_v:.4g} to {high_v:.4g} V; {full_v:g} V peak to peak, the largest drive, gives {1e6 * largest:.4g} µm."
 
 
-def _source_of(
-    question: DesignQuestion,
-) -> tuple[Specimen, EstimateSet | None, EstimatedQuantity | None, str]:
+def _source_of(question: DesignQuestion) -> tuple[Specimen, EstimateSet | None, EstimatedQuantity | None, str]:
     setting = question.setting
     if question.calibrated is None:
-        return setting.specimen, None, None, "From the sliders, whose uncertainties are not known."
+        return setting.specimen, None, None, "From the sliders, without uncertainties."
     folder, name = question.calibrated
     active = load_active_model(folder, name)
     if active.problem or active.estimates is None:
@@ -101,11 +99,7 @@ def _source_of(
 
 
 def _mass_sentence(
-    question: DesignQuestion,
-    specimen: Specimen,
-    estimates: EstimateSet | None,
-    share: EstimatedQuantity | None,
-    n: int,
+    question: DesignQuestion, specimen: Specimen, estimates: EstimateSet | None, share: EstimatedQuantity | None, n: int
 ) -> str:
     try:
         mass = required_mass(specimen, question.resonance_hz, estimates, n=n)
@@ -118,14 +112,12 @@ def _mass_sentence(
 
 
 def _drive_sentence(question: DesignQuestion, specimen: Specimen, estimates: EstimateSet | None, n: int) -> str:
-    hz, wanted_m = question.drive_hz, question.amplitude_m
+    hz, amplitude_m = question.drive_hz, question.amplitude_m
     try:
-        drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
+        drive = required_drive(specimen, hz, amplitude_m, estimates, n=n)
     except ParameterError as error:
         return str(error)
-    text = (
-        f"{_with_error(drive, 1.0, 'V')} peak to peak at the amplifier's input for {1e6 * wanted_m:g} µm at {hz:g} Hz."
-    )
+    text = f"{_with_error(drive, 1.0, 'V')} peak to peak at the amplifier's input for {1e6 * amplitude_m:g} µm at {hz:g} Hz."
     return f"{text} {describe_reach(specimen, drive, hz, n)}"
 
 

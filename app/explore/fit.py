@@ -8,7 +8,7 @@ import numpy as np
 
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
-from model import LAG_NAMES, AmplifierMap, Membrane, ParameterError, format_with_uncertainty
+from model import LAG_NAMES, AmplifierMap, Mask, Membrane, ParameterError, Series, format_with_uncertainty
 
 if TYPE_CHECKING:
     from app.archive import MeasuredResponse
@@ -18,7 +18,7 @@ MAX_EVALUATIONS = 60
 """Largest number of evaluations of the fit with free dimensions, whose derivatives alone are used."""
 ERRORS_NOTE = "± has noise and dimensions by ruler and caliper; the other sliders and the sensor's gain count as exact ('Identify …' has all sources)"
 FREE_PARAMETERS = ("m_add", "c0", "mu")
-"""The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
+"""The parameters that the response of a free tactor determines for a given stiffness; the others keep their values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,35 +61,32 @@ def fit_runs(
         start=start,
     )
     fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled)
-    found = dict(zip(fit.names, fit.theta, strict=True))
+    values = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
-        if not np.isfinite(found[name]) and name not in LAG_NAMES:
+        if not np.isfinite(values[name]) and name not in LAG_NAMES:
             raise ValueError(f"{letter} is not determined by these runs; overlay one with points around the resonance")
-        if np.isfinite(found[name]):
-            setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
+        if np.isfinite(values[name]):
+            setting = setting.with_value(letter, float(f"{values[name]:.6g}"))
     noise = {e.name: e.standard_error for e in fit.estimates()}
-    rest = _dimension_errors(ObservationSet(observed), replace(options, start=found), setting, cancelled)
+    rest = _dimension_errors(ObservationSet(observed), replace(options, start=values), setting, cancelled)
     described = [
-        _format_parameter(letter, found[name], noise.get(name, np.nan), rest.get(name, 0.0))
+        _format_parameter(letter, values[name], noise.get(name, np.nan), rest.get(name, 0.0))
         for name, letter in names.items()
     ]
     return ExploreFit(setting, "; ".join((*described, ERRORS_NOTE, fit.verdict if fit.converged else fit.message)))
 
 
 def _dimension_errors(
-    observations: "ObservationSet",
-    options: "FitOptions",
-    setting: ExploreSetting,
-    cancelled: Callable[[], bool] | None,
+    observations: "ObservationSet", options: "FitOptions", setting: ExploreSetting, cancelled: Callable[[], bool] | None
 ) -> dict[str, float]:
     """Return the uncertainty of each parameter that comes from the dimensions, measured by ruler and caliper."""
     from app.identification import DIMENSIONS, table_one_entry
     from model.identification import IdentificationError, joint_fit, uncertainty_budget
 
     membrane = setting.specimen.membrane is not None
-    known = [name for name in DIMENSIONS if membrane or not name.endswith("_m")]
-    priors = {name: (setting.value(name), table_one_entry(name).uncertainty) for name in known}
-    extended = replace(options, free=(*(options.free or ()), *known), priors=priors)
+    names = [name for name in DIMENSIONS if membrane or not name.endswith("_m")]
+    priors = {name: (setting.value(name), table_one_entry(name).uncertainty) for name in names}
+    extended = replace(options, free=(*(options.free or ()), *names), priors=priors)
     try:
         fit = joint_fit(observations, extended, cancelled=cancelled, max_evaluations=MAX_EVALUATIONS, max_starts=1)
     except (ParameterError, IdentificationError):
@@ -109,14 +106,18 @@ def _observation(label: str, run: "MeasuredResponse", elongation: float | None) 
         "elongation_m": elongation,
         "simulated": run.simulated,
     }
-    sine = run.usable & np.isfinite(run.fundamental) & (run.fundamental_errors > 0)
-    if sine.any():
-        phase = run.phase if np.isfinite(run.phase[sine]).all() else None
-        more["fundamental_m"] = run.fundamental * (1.0 if phase is None else np.exp(1j * phase))
-        return FrequencyResponseObservation(label, run.frequency_hz, errors_m=run.fundamental_errors, good=sine, **more)
-    width = run.usable & np.isfinite(run.peak_to_peak) & (run.peak_to_peak_errors > 0)
-    more |= {"peak_to_peak_m": run.peak_to_peak, "peak_to_peak_errors_m": run.peak_to_peak_errors}
-    return FrequencyResponseObservation(label, run.frequency_hz, good=width, **more)
+    sine, whole = run.fundamental, run.peak_to_peak
+    if (good := _weighted(sine)).any():
+        more |= {"fundamental_m": sine.y, "errors_m": sine.errors}
+    else:
+        good = _weighted(whole)
+        more |= {"peak_to_peak_m": whole.y, "peak_to_peak_errors_m": whole.errors}
+    return FrequencyResponseObservation(label, run.frequency_hz, good=good, **more)
+
+
+def _weighted(series: Series) -> Mask:
+    """Return whether each value can be fitted, (P,): usable and with a standard error."""
+    return np.asarray(series.fit_rows & np.isfinite(series.y) & (np.asarray(series.errors) > 0))
 
 
 def _format_parameter(letter: str, value: float, noise: float, rest: float) -> str:

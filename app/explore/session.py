@@ -26,7 +26,7 @@ class ExploreSession:
         self.history = UndoHistory(ExploreSetting())
         self.kept_curves: tuple[KeptCurve, ...] = ()
         self.study_variable = "delta"
-        """The variable of a study: the slider moved last, or that in which the preset's curves differ."""
+        """The variable of a study: the last moved slider, or the variable of the preset's curves."""
         self.max_hz, self.cursor_hz = 250.0, 160.0
         self.site = "abdomen"
         """Body site of the perception threshold."""

@@ -21,7 +21,7 @@ DERIVED_PARAMETERS = ("k_s", "c_s", "contact_length")
 
 @dataclass(frozen=True, slots=True)
 class ExploreSetting:
-    """The values of all sliders: `values` holds only those that were moved, SI; the others are the paper's Table I."""
+    """The values of all sliders: `values` holds the moved ones, SI; the others are the paper's Table I."""
 
     values: Mapping[str, float] = field(default_factory=dict)
     on_skin: bool = False
@@ -31,8 +31,8 @@ class ExploreSetting:
     @property
     def specimen(self) -> Specimen:
         """The specimen; raises ParameterError if it is not physical."""
-        known = {name: v for name, v in self.values.items() if self.on_skin or name in TACTOR_PARAMETERS}
-        return replace_variables(Specimen(membrane=Membrane() if self.on_skin else None), known)
+        used = {name: v for name, v in self.values.items() if self.on_skin or name in TACTOR_PARAMETERS}
+        return replace_variables(Specimen(membrane=Membrane() if self.on_skin else None), used)
 
     def value(self, name: str) -> float:
         """Return the value of a slider, set or derived; for a free tactor the value it would have on the skin."""
@@ -73,9 +73,9 @@ class ExploreSetting:
         return json.dumps(self.specimen_values, indent=2)
 
     def as_toml(self) -> str:
-        known = variable_specs()
+        specs = variable_specs()
         return "".join(
-            f"{n} = {v!r}  # {known[n].unit or '1'}, {known[n].description}\n" for n, v in self.specimen_values.items()
+            f"{n} = {v!r}  # {specs[n].unit or '1'}, {specs[n].description}\n" for n, v in self.specimen_values.items()
         )
 
 

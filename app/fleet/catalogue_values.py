@@ -25,7 +25,7 @@ NO_BATCH = "no batch"
 
 
 class FleetError(Exception):
-    """There is nothing to compare; the message says what is missing."""
+    """There is nothing to compare; the message names the missing data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,17 +82,21 @@ class Fleet:
     def of(self, name: str) -> "FleetSelection":
         """Return the values of a quantity, by its identifier or its name for people, in its most frequent protocol and condition.
 
+        Of two equally frequent kinds, the newer one is returned.
+
         Raises:
             FleetError: there are none.
         """
-        name = name if name in self.names else current_name(name)
-        found = [value for value in self.values if value.name == name]
-        if not found:
-            known = ", ".join(self.names) or "none"
-            raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {known}")
-        kind = Counter((value.protocol, value.condition, value.unit) for value in found).most_common(1)[0][0]
-        chosen = tuple(v for v in found if (v.protocol, v.condition, v.unit) == kind)
-        return FleetSelection(name, *kind, values=chosen, left_out=len(found) - len(chosen))
+        if name not in self.names:
+            name = next((each for each in self.names if quantity_label(each) == name), current_name(name))
+        values = [value for value in self.values if value.name == name]
+        if not values:
+            names = ", ".join(self.names) or "none"
+            raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {names}")
+        kinds = Counter((value.protocol, value.condition, value.unit) for value in reversed(values))
+        kind = kinds.most_common(1)[0][0]
+        chosen = tuple(v for v in values if (v.protocol, v.condition, v.unit) == kind)
+        return FleetSelection(name, *kind, values=chosen, left_out=len(values) - len(chosen))
 
     def filtered(
         self,
@@ -142,8 +146,8 @@ class FleetSelection:
     @property
     def newest(self) -> tuple[FleetValue, ...]:
         """The newest value of each specimen, by name of the specimen."""
-        found = {value.specimen: value for value in self.values}
-        return tuple(found[name] for name in sorted(found))
+        newest = {value.specimen: value for value in self.values}
+        return tuple(newest[name] for name in sorted(newest))
 
     @property
     def about(self) -> str:
@@ -186,7 +190,7 @@ def read_fleet(
     if not kept:
         kind = "simulated" if simulated else "real"
         raise FleetError(
-            f"no {kind} run in {folder} has a result; 'tactor-bench runs {folder}' lists what there is"
+            f"no {kind} run in {folder} has a result; 'tactor-bench runs {folder}' lists the existing ones"
             + ("" if simulated else ", and --simulated shows the simulated ones")
         )
     return Fleet(kept, len(values) - len(kept), simulated)
@@ -265,11 +269,11 @@ def _calibration_values(folder: Path, folders: Iterable[str], batches: Mapping[s
 
 def _read_batches(folder: Path, folders: Iterable[str]) -> dict[str, str]:
     """Return the batches that specimen sheets state, by specimen; sheets that cannot be read are left to `specimen check`."""
-    found = {}
+    batches = {}
     for path in (path for place in folders for path in (folder / place).glob(f"*{SHEET_SUFFIX}")):
         with suppress(OSError, ValueError):
             with path.open(encoding="utf-8") as file:
                 sheet = parse_toml(file.read(MAX_TOML_BYTES))
             if isinstance(batch := sheet.get("batch"), str) and batch.strip():
-                found[visible_text(str(sheet.get("specimen", "")))] = visible_text(batch.strip())
-    return found
+                batches[visible_text(str(sheet.get("specimen", "")))] = visible_text(batch.strip())
+    return batches

@@ -39,7 +39,7 @@ VALUES_PER_FALSE_ALARM = 92
 
 
 class TooFewValuesError(ValueError):
-    """A control chart has no baseline; the message says how many values it needs."""
+    """A control chart has no baseline; the message states the number of values that it needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,12 @@ class Signal:
 
 @dataclass(frozen=True)
 class ControlChart:
-    """Centre and sigma of the baseline, and what is beyond them.
+    """Centre and sigma of the baseline, and signals.
 
     Attributes:
-        values: in their order of time.
-        baseline: number of first values that set centre and sigma; they are judged as well.
-        sigma: of a single value, from the moving range of the baseline.
+        values: values in order of time.
+        baseline: number of first values that define centre and sigma; they are judged as well.
+        sigma: sigma of a single value, from the moving range of the baseline.
         average: EWMA, a value for each.
         average_limit: distance of the EWMA's limits from the centre, a value for each.
         signals: every broken rule, by value.
@@ -74,10 +74,10 @@ class ControlChart:
     @cached_property
     def rules(self) -> Mapping[int, Sequence[str]]:
         """Names of the rules that are broken, by the index of the value."""
-        found: dict[int, list[str]] = {}
+        broken: dict[int, list[str]] = {}
         for signal in self.signals:
-            found.setdefault(signal.index, []).append(signal.rule)
-        return found
+            broken.setdefault(signal.index, []).append(signal.rule)
+        return broken
 
     @property
     def in_control(self) -> bool:
@@ -162,19 +162,19 @@ def moving_average(values: Array, start: float, weight: float = EWMA_WEIGHT) -> 
 
 def _count_of(z: Array, least: int, of: int, beyond: float) -> Array:
     """Return a mask of values that are the last of `of` values, `least` of them beyond on the value's own side."""
-    found = np.zeros(z.shape, bool)
+    matches = np.zeros(z.shape, bool)
     for side in (1.0, -1.0):
         out = side * z > beyond
         sums = np.convolve(out, np.ones(of, int))[: z.size]
-        found |= (sums >= least) & out
-    return found
+        matches |= (sums >= least) & out
+    return matches
 
 
 def _monotonic(values: Array, length: int) -> Array:
     """Return a mask of values that end `length` values which only rise, or only fall."""
-    found = np.zeros(values.shape, bool)
+    matches = np.zeros(values.shape, bool)
     steps = np.diff(values)
     for direction in (1.0, -1.0):
         sums = np.convolve(direction * steps > 0, np.ones(length - 1, int))[: steps.size]
-        found[1:] |= sums >= length - 1
-    return found
+        matches[1:] |= sums >= length - 1
+    return matches

@@ -1,8 +1,9 @@
-"""Drift of the bench or of the specimen: what else changed at the same time as a golden specimen.
+"""Drift of the bench or of the specimen: comparison of a golden specimen's changes with other changes at the same time.
 
-A golden specimen is measured again and again. A change of its values is the bench's if other specimens on the same displacement sensor
-changed alike, or if the golden specimen did not change on other sensors; it is the specimen's in the opposite cases. Means before and after are compared
-by their standard errors (two-sample test, NIST/SEMATECH e-Handbook 7.3.1), with the three standard errors of a Shewhart chart.
+A golden specimen is measured repeatedly. A change of its values is attributed to the bench if other specimens on the same
+displacement sensor changed alike, or if the golden specimen did not change on other sensors; in the opposite cases to the
+specimen. Means before and after are compared by their standard errors (two-sample test, NIST/SEMATECH e-Handbook 7.3.1), with the
+three standard errors of a Shewhart chart.
 """
 
 import math
@@ -21,7 +22,7 @@ SIGNIFICANT = 3.0
 
 
 class DriftCause(StrEnum):
-    """What drifted."""
+    """Cause of a drift."""
 
     NOTHING = "in control"
     BENCH = "bench"
@@ -59,8 +60,8 @@ class GoldenChart:
 
     Attributes:
         values: of the chart, oldest first.
-        cause: of the first signal.
-        evidence: the changes from which the cause follows, as text.
+        cause: cause of the first signal.
+        evidence: the changes that determine the cause, as text.
     """
 
     sensor: str
@@ -130,9 +131,9 @@ def _judge(
     if other_specimens is not None:
         evidence.append(other_specimens.text)
         votes |= _vote(change, other_specimens, alike=DriftCause.BENCH, apart=DriftCause.SPECIMEN)
-    for found in filter(None, other_sensors):
-        evidence.append(found.text)
-        votes |= _vote(change, found, alike=DriftCause.SPECIMEN, apart=DriftCause.BENCH)
+    for other in filter(None, other_sensors):
+        evidence.append(other.text)
+        votes |= _vote(change, other, alike=DriftCause.SPECIMEN, apart=DriftCause.BENCH)
     if len(evidence) == 1:
         evidence.append(
             "nothing else was measured before and after; measure another specimen here, or this one on another sensor"
@@ -142,7 +143,7 @@ def _judge(
 
 
 def _vote(change: Change, other: Change, alike: DriftCause, apart: DriftCause) -> set[DriftCause]:
-    """Return what another change implies for the cause: the same change, or no change; empty if it implies neither."""
+    """Return the implication of another change for the cause: an equal change, or no change; empty without implication."""
     same = not other.differs(change.relative, change.error)
     if same == other.differs():  # the same and significant, or another and none
         return {alike} if same else {apart}
@@ -162,9 +163,9 @@ def _change(values: Sequence[FleetValue], until: float, since: float, sigma: flo
 def _change_of_others(values: Sequence[FleetValue], until: float, since: float, sigma: float) -> Change | None:
     """Return the mean change of all other specimens that were measured before and after, weighted by their errors."""
     changes = [
-        found
+        change
         for name in sorted({v.specimen for v in values})
-        if (found := _change([v for v in values if v.specimen == name], until, since, sigma, name)) is not None
+        if (change := _change([v for v in values if v.specimen == name], until, since, sigma, name)) is not None
     ]
     if not changes:
         return None

@@ -17,7 +17,7 @@ MAD_TO_SIGMA = 0.6745
 """Median absolute deviation of a normal distribution in its standard deviations."""
 MEAN_DEVIATION_TO_SIGMA = 1.253314
 MIN_FOR_OUTLIERS = 5
-"""Fewer values tell no outlier."""
+"""Fewest values for the detection of outliers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +25,8 @@ class Spread:
     """Mean and spread of values.
 
     Attributes:
-        sd: standard deviation, NaN of a single value.
-        mean_uncertainty: root mean square of the values' total uncertainties: what measurement alone scatters.
+        sd: standard deviation, NaN for a single value.
+        mean_uncertainty: root mean square of the values' total uncertainties: the scatter by measurement alone.
         median: of the values.
     """
 
@@ -40,7 +40,7 @@ class Spread:
 
     @property
     def true_sd(self) -> float:
-        """Spread of the specimens without the measurement's part; 0 where measurement explains all of it."""
+        """Spread of the specimens without the measurement's part; 0 if measurement explains all of it."""
         return math.sqrt(max(self.sd**2 - self.mean_uncertainty**2, 0.0)) if self.count > 1 else math.nan
 
 
@@ -108,8 +108,8 @@ def _index(room: float, sigma: float, count: int, freedom: int) -> tuple[float, 
     """Return room / (3 sigma) and half of its 95 % interval, z * sqrt(1 / (9 n) + C^2 / (2 nu)) (e-Handbook 6.1.6)."""
     if not (sigma > 0 and freedom > 0 and math.isfinite(room)):
         return math.nan, math.nan
-    found = room / (3 * sigma)
-    return found, COVERAGE_FACTOR_95 * math.sqrt(1 / (9 * count) + found**2 / (2 * freedom))
+    index = room / (3 * sigma)
+    return index, COVERAGE_FACTOR_95 * math.sqrt(1 / (9 * count) + index**2 / (2 * freedom))
 
 
 def _pooled_sd(values: Array, batches: Sequence[str]) -> tuple[float, int]:

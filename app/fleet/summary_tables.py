@@ -35,8 +35,8 @@ def _quantity_row(selection: FleetSelection, limit: Bounds | None) -> _QuantityR
     newest = selection.newest
     values, errors = arrays(newest)
     outliers = [v.specimen for v, out in zip(newest, outlier_mask(values), strict=True) if out]
-    found = None if limit is None else capability(values, [v.batch for v in newest], *limit)
-    return _QuantityRow(selection, spread_of(values, errors), outliers, found)
+    index = None if limit is None else capability(values, [v.batch for v in newest], *limit)
+    return _QuantityRow(selection, spread_of(values, errors), outliers, index)
 
 
 def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bounds]) -> Table:
@@ -46,7 +46,8 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
         "quantities",
         "Newest value of each specimen",
         (
-            Column("quantity", None, [s.name for s in selections]),
+            Column("quantity", None, [s.name for s in selections], displayed=False),
+            Column("name", None, [s.label for s in selections], "quantity"),
             Column("source", None, [s.about for s in selections], "from"),
             Column("shown_unit", None, [shown_unit(s.unit, s.name)[1] for s in selections], "unit"),
             Column("specimens", None, [r.spread.count for r in rows], format_spec="d"),
@@ -65,12 +66,12 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
     )
 
 
-def _capability_columns(found: Sequence[Capability | None]) -> Iterator[Column]:
+def _capability_columns(capabilities: Sequence[Capability | None]) -> Iterator[Column]:
     """Yield the columns of capability, if a quantity has limits."""
-    if any(found):
-        yield Column("cpk", None, [(c and _index(c.cpk, c.cpk_error)) or "" for c in found], "Cpk, 95 %")
-        yield Column("ppk", None, [(c and _index(c.ppk, c.ppk_error)) or "" for c in found], "Ppk, 95 %")
-        yield Column("outside", None, ["" if c is None else str(c.outside) for c in found], "outside")
+    if any(capabilities):
+        yield Column("cpk", None, [(c and _index(c.cpk, c.cpk_error)) or "" for c in capabilities], "Cpk, 95 %")
+        yield Column("ppk", None, [(c and _index(c.ppk, c.ppk_error)) or "" for c in capabilities], "Ppk, 95 %")
+        yield Column("outside", None, ["" if c is None else str(c.outside) for c in capabilities], "outside")
 
 
 def _index(value: float, error: float) -> str:
@@ -96,12 +97,12 @@ def specimen_table(selections: Sequence[FleetSelection]) -> Table:
     return Table("specimens", "Specimens, with total standard uncertainties", tuple(columns))
 
 
-def _value_columns(selection: FleetSelection, found: Sequence[FleetValue | None]) -> Iterator[Column]:
+def _value_columns(selection: FleetSelection, values: Sequence[FleetValue | None]) -> Iterator[Column]:
     """Yield the newest value of each specimen as text, as a number, and its uncertainty."""
-    texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in found]
+    texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in values]
     yield Column(f"{selection.name} as text", None, texts, selection.label)
     for name, attribute in ((selection.name, "value"), (f"{selection.name} total uncertainty", "total")):
-        yield Column(name, selection.unit, [getattr(v, attribute, math.nan) for v in found], displayed=False)
+        yield Column(name, selection.unit, [getattr(v, attribute, math.nan) for v in values], displayed=False)
 
 
 def group_table(selection: FleetSelection, by: str) -> Table:
@@ -124,7 +125,7 @@ def group_table(selection: FleetSelection, by: str) -> Table:
 
 
 def fleet_notes(fleet: Fleet, selections: Sequence[FleetSelection]) -> list[str]:
-    """Return significant trends, what is left out, and how to read the tables, as sentences."""
+    """Return significant trends, omissions, and explanations of the tables, as sentences."""
     notes = []
     for selection in selections:
         values, _ = arrays(selection.values)
@@ -153,7 +154,7 @@ def times_of(selection: FleetSelection) -> Array:
 
 
 def verdict_table(selection: FleetSelection, golden: str, charts: Sequence[GoldenChart]) -> Table:
-    """Return a row for each sensor: centre, sigma, first signal with its rules, and what drifted."""
+    """Return a row for each sensor: centre, sigma, first signal with its rules, and cause of the drift."""
     first, shown = [each.first_signal for each in charts], selection.display_unit
     return Table(
         "charts",

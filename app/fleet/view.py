@@ -1,4 +1,4 @@
-"""Views of many specimens for the window: what a filter selects, with its tables, its groups for a plot, and control charts."""
+"""Views of many specimens for the window: selection by a filter, with its tables, its groups for a plot, and control charts."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class FleetQuery:
 
 @dataclass(frozen=True)
 class FleetView:
-    """What a query selects.
+    """Selection of a query.
 
     Attributes:
         groups: every value of the quantity in SI over seconds since 1970, by group, and the values themselves.
@@ -71,18 +71,18 @@ class FleetView:
 
 
 def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) -> FleetView:
-    """Return what a query selects.
+    """Return the selection of a query.
 
     Raises:
-        FleetError: nothing does.
+        FleetError: the selection is empty.
     """
-    words = query.search.casefold().split()
+    search_words = query.search.casefold().split()
     chosen = fleet.filtered(batch=query.batch, since=read_since(query.since) if query.since else "")
-    if words:
-        kept = tuple(v for v in chosen.values if _has_words(v, words))
+    if search_words:
+        kept = tuple(v for v in chosen.values if _has_words(v, search_words))
         chosen = replace(chosen, values=kept)
     if not chosen.values:
-        raise FleetError("no value has all of these properties; select less")
+        raise FleetError("no value matches the whole selection; select less")
     present = chosen.names
     name = query.quantity or present[0]
     if name not in present:
@@ -108,9 +108,9 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
     )
 
 
-def _has_words(value: FleetValue, words: Sequence[str]) -> bool:
+def _has_words(value: FleetValue, search_words: Sequence[str]) -> bool:
     text = f"{value.specimen} {value.sensor} {value.bench}".casefold()
-    return all(word in text for word in words)
+    return all(word in text for word in search_words)
 
 
 def _plot_groups(selection: FleetSelection, group_by: str) -> list[tuple[Series, tuple[FleetValue, ...]]]:
@@ -118,10 +118,10 @@ def _plot_groups(selection: FleetSelection, group_by: str) -> list[tuple[Series,
     for value in selection.values:
         members.setdefault(str(getattr(value, group_by)) or "unknown", []).append(value)
     groups = []
-    for name, found in sorted(members.items()):
-        values, errors = arrays(found)
-        times_s = np.array([v.time_s for v in found])
-        groups.append((Series(times_s, values, total_errors=errors, name=name), tuple(found)))
+    for name, own in sorted(members.items()):
+        values, errors = arrays(own)
+        times_s = np.array([v.time_s for v in own])
+        groups.append((Series(times_s, values, total_errors=errors, name=name), tuple(own)))
     return groups
 
 
@@ -134,7 +134,7 @@ def _summary_table(selection: FleetSelection, limits: Mapping[str, Bounds]) -> T
     """Return the statistics of one quantity, a row each."""
     table = quantity_table([selection], limits)
     rows = list(zip(table.headings, table.text_rows[0], table.columns, strict=True))
-    shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "quantity"]
+    shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "name"]
     values, _ = arrays(selection.values)
     if (trend := trend_of(times_of(selection), values)) is not None:
         shown.append(("trend in 30 days", format_trend(selection, trend)))
@@ -149,7 +149,7 @@ class ChartView:
 
     Attributes:
         broken: for each chart the values that break a rule, with date, value, rules and run.
-        notes: what drifted, and how often the rules signal by chance.
+        notes: causes of drifts, and the rate of chance signals of the rules.
         points: of all charts, for export.
     """
 
@@ -190,15 +190,15 @@ def view_charts(fleet: Fleet, golden: str, quantity: str, baseline: int = BASELI
 
 def _broken_table(selection: FleetSelection, chart: GoldenChart) -> Table:
     rules = chart.chart.rules
-    found = [(at, chart.values[at]) for at in sorted(rules)]
+    broken = [(at, chart.values[at]) for at in sorted(rules)]
     return Table(
         "broken rules",
-        f"{len(found)} of {len(chart.values)} values break a rule",
+        f"{len(broken)} of {len(chart.values)} values break a rule",
         (
-            Column("number", None, [at + 1 for at, _ in found], "no.", format_spec="d"),
-            Column("begun", None, [v.start_time[:10] for _, v in found]),
-            Column("value", selection.unit, [v.value for _, v in found], display_unit=selection.display_unit),
-            Column("rules", None, [", ".join(rules[at]) for at, _ in found], "broken rules"),
-            Column("run", None, [Path(v.path).name for _, v in found], displayed=False),
+            Column("number", None, [at + 1 for at, _ in broken], "no.", format_spec="d"),
+            Column("begun", None, [v.start_time[:10] for _, v in broken]),
+            Column("value", selection.unit, [v.value for _, v in broken], display_unit=selection.display_unit),
+            Column("rules", None, [", ".join(rules[at]) for at, _ in broken], "broken rules"),
+            Column("run", None, [Path(v.path).name for _, v in broken], displayed=False),
         ),
     )

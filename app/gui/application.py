@@ -79,7 +79,7 @@ def open_window(
     bench_factory: BenchFactory | None = None,
     bench_given: bool = True,
 ) -> int:
-    """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
+    """Show the window until it is closed; return the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
 
     A change of the bench opens another window after the first.
 
@@ -87,10 +87,10 @@ def open_window(
         bench: the bench to open.
         form: contents of the Measure page.
         settings: where window, folder and specimen are stored; None for the user's own settings.
-        make_session: tests give one that needs no bench.
-        bench_factory: opens another bench by its file, where the window may change to one; raises ConfigError.
-        bench_given: the user has named `bench`; if not, the bench chosen last takes its place, and without one the Bench page is
-            shown.
+        make_session: session factory, for tests without a bench.
+        bench_factory: function that opens another bench by its file, if the window may change the bench; raises ConfigError.
+        bench_given: whether the user has named `bench`; if not, the last chosen bench replaces it, and without one the Bench page
+            is shown.
     """
     qt_application()
     sys.setswitchinterval(SWITCH_INTERVAL_S)

@@ -5,7 +5,7 @@ import importlib.util
 import os
 import sys
 
-# What PySide6-Essentials 6.11 needs of the system on Linux (its libraries' NEEDED entries, without what pip brings), and
+# Requirements of PySide6-Essentials 6.11 on Linux (its libraries' NEEDED entries, without what pip brings), and
 # the Debian and Ubuntu package that holds it.
 QT_LIBRARIES = {
     "libGL.so.1": "libgl1",

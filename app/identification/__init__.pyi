@@ -71,8 +71,8 @@ from .uncertainty_tables import budget_tables as budget_tables
 from .uncertainty_tables import contradictions as contradictions
 from .uncertainty_tables import format_relative as format_relative
 from .uncertainty_tables import format_shares as format_shares
-from .uncertainty_tables import known_tables as known_tables
 from .uncertainty_tables import largest_sources as largest_sources
 from .uncertainty_tables import nonideality_lines as nonideality_lines
 from .uncertainty_tables import nonideality_tables as nonideality_tables
+from .uncertainty_tables import prior_tables as prior_tables
 from .uncertainty_tables import unstated_errors as unstated_errors

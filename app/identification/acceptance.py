@@ -21,9 +21,9 @@ class AcceptanceError(CalibrationError):
 
 
 def doubt_about(identification: IdentificationResult) -> str:
-    """Return why the result needs a decision to be accepted; empty for a result whose model was tested and is adequate.
+    """Return the reason why the acceptance needs a decision; empty for a result with a tested and adequate model.
 
-    A cause that was added because the data ask for it is a proposal, to be agreed to.
+    A cause added because of the data is a proposal, which needs agreement.
     """
     adequacy = identification.adequacy
     if adequacy is None:
@@ -55,13 +55,13 @@ def accept_identification(
     """Store an identification as the next version of the specimen's calibration, now active, and return it with its file.
 
     Args:
-        identification: what is accepted.
-        folder: of the calibrations.
-        runs: run files that it is from.
-        by: who accepts it.
+        identification: accepted identification.
+        folder: folder of the calibrations.
+        runs: its run files.
+        by: name of the person who accepts it.
         note: a remark.
-        reason: why a result that is not adequate, or was not tested, is used all the same.
-        correction: the bench file that the raw samples were reduced anew with.
+        reason: reason for accepting an inadequate or untested result.
+        correction: bench file of a repeated reduction of the raw samples.
 
     Raises:
         AcceptanceError: nothing was identified, or a reason is needed.
@@ -78,8 +78,8 @@ def accept_identification(
             f"nothing is accepted: the result is {doubt}. Find the cause; or write why it is to be used all the same (--reason TEXT), "
             f"with at least {MIN_REASON_LENGTH} letters: the reason is kept with the calibration and printed with it"
         )
-    known = read_calibrations(folder, identification.specimen)
-    number = max((each.version for each in known.versions), default=0) + 1
+    calibrations = read_calibrations(folder, identification.specimen)
+    number = max((each.version for each in calibrations.versions), default=0) + 1
     accepted = Calibration(
         specimen=identification.specimen,
         version=number,
@@ -96,9 +96,9 @@ def accept_identification(
         reduced=correction.as_record() if correction else {},
         doubt=doubt,
         reason=reason if doubt else "",
-        known=dict(identification.known),
+        known=dict(identification.priors),
         statistical=dict(identification.statistical_errors),
         dimensions="" if identification.sheet is None else identification.sheet.description,
     )
-    path = write_calibrations(folder, identification.specimen, Calibrations((*known.versions, accepted), number))
+    path = write_calibrations(folder, identification.specimen, Calibrations((*calibrations.versions, accepted), number))
     return accepted, path

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.identification import calibrations
-from model import NONIDEAL_NAMES, EstimatedQuantity, Membrane, ParameterError, Specimen, Tactor, replace_variables
+from model import EstimatedQuantity, Membrane, ParameterError, Tactor
 from protocols.base import ReferenceModel
 from protocols.runfile import sheet_path
 
 if TYPE_CHECKING:
+    from model import Specimen
     from model.studies import EstimateSet
 
 FileStamp = tuple[int, int, int]
@@ -40,12 +41,14 @@ class ActiveModel:
     nonideal: Mapping[str, float] = field(default_factory=dict)
     """Hysteresis, creep and flexibility of the clamp, where they were identified."""
 
-    def specimen(self, elongation_m: float | None = None) -> Specimen:
+    def specimen(self, elongation_m: float | None = None) -> "Specimen":
         """Return the specimen, free or on its membrane at an elongation (m).
 
         Raises:
             ParameterError: a value is not physical there.
         """
+        from model import Specimen, replace_variables  # a run needs them not
+
         if elongation_m is None:
             return replace_variables(Specimen(self.tactor), self.nonideal)
         stretch, c_s = elongation_m / self.membrane.L_m, self.skin_damping(elongation_m)
@@ -55,7 +58,7 @@ class ActiveModel:
         """Return the skin's damping (kg/(m s)) that was identified at one elongation alone; None where it was not."""
         return next((c_s for at, c_s in self.damping_by_elongation if same_elongation(at, elongation_m)), None)
 
-    def estimates_for(self, specimen: Specimen) -> "EstimateSet | None":
+    def estimates_for(self, specimen: "Specimen") -> "EstimateSet | None":
         """Return the estimates that a specimen depends on: the tactor's, and the membrane's if it is on one."""
         return self.estimates if specimen.membrane is None else self.membrane_estimates
 
@@ -69,6 +72,7 @@ class ActiveModel:
         description: str = "",
     ) -> Self:
         """Return the model of estimates with their covariance, (P, P), in their order."""
+        from model import NONIDEAL_NAMES
         from model.identification import parse_elongation  # slow to load
         from model.studies import EstimateSet
 
@@ -111,18 +115,18 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
     if previous.stamp == stamp:
         return previous
     try:
-        known = calibrations.read_calibrations(folder, specimen)
-        if not known.active:
+        stored = calibrations.read_calibrations(folder, specimen)
+        if not stored.active:
             base = _uncalibrated_model(folder, specimen)
             return replace(base, description=f"{base.description}: no calibration of {specimen} is active", stamp=stamp)
-        active = known.get()
-        words = f"calibration {active.version} of {active.specimen}{', SIMULATED' if active.simulated else ''}"
+        active = stored.get()
+        description = f"calibration {active.version} of {active.specimen}{', SIMULATED' if active.simulated else ''}"
         if active.doubt:
-            words = f"{words} (accepted although {active.doubt.partition(':')[0]})"
+            description = f"{description} (accepted although {active.doubt.partition(':')[0]})"
         model = ActiveModel.from_estimates(
-            active.tactor(), active.membrane(), active.estimates, active.covariance, words
+            active.tactor(), active.membrane(), active.estimates, active.covariance, description
         )
-        return replace(model, problem="" if model.estimates else "nothing of it has an error", stamp=stamp)
+        return replace(model, problem="" if model.estimates else "none of its parameters has an error", stamp=stamp)
     except (calibrations.CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
 
@@ -138,13 +142,15 @@ def _uncalibrated_model(folder: Path, specimen: str) -> ActiveModel:
         sheet, file = load_sheet(folder, specimen), path.stat()
     except (SheetError, OSError) as error:
         return replace(PAPER_MODEL, problem=str(error))
-    words = f"{PAPER_MODEL.description} with the dimensions of {path.name}"
+    description = f"{PAPER_MODEL.description} with the dimensions of {path.name}"
     stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
-    return ActiveModel(sheet.tactor, None, words, "", stamp, sheet.membrane)
+    return ActiveModel(sheet.tactor, None, description, "", stamp, sheet.membrane)
 
 
 def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:
     """Return the model of a calibrated specimen that results are compared with; None without an active calibration."""
+    if not calibrations.calibrations_path(folder, specimen).exists():  # without reading the specimen sheet
+        return None
     active = load_active_model(folder, specimen)
     if active.estimates is None or active.problem:
         return None
@@ -152,5 +158,5 @@ def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:
 
 
 def same_elongation(one_m: float, other_m: float) -> bool:
-    """Return whether two elongations (m) are one that was set twice."""
+    """Return whether two elongations (m) are equal settings."""
     return math.isclose(one_m, other_m, rel_tol=1e-5, abs_tol=1e-8)

@@ -39,12 +39,12 @@ class Calibrations:
         Raises:
             CalibrationError: the version does not exist.
         """
-        wanted = self.active if version is None else version
+        number = self.active if version is None else version
         for calibration in self.versions:
-            if calibration.version == wanted:
+            if calibration.version == number:
                 return calibration
         have = ", ".join(str(c.version) for c in self.versions) or "none"
-        which = f"version {wanted} of its calibration" if wanted else "calibration"
+        which = f"version {number} of its calibration" if number else "calibration"
         raise CalibrationError(f"there is no {which}; versions: {have}")
 
 

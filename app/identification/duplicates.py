@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from model import Mask
+from model import Array, Mask
+from protocols.base import Quality
 from protocols.runfile import CHANNELS, ENTRY_COLUMN, Run
 
 MIN_SAMPLES = 16
@@ -18,35 +19,55 @@ MIN_LONG_VALUES = 3
 
 
 class DuplicateFinder:
-    """Digests of the points of the runs seen so far."""
+    """Digests of the points of earlier runs and of the points that a continuation of a run measured again."""
 
     def __init__(self) -> None:
         self._seen: dict[bytes, Path] = {}
+        self._repeated: dict[bytes, str] = {}
+
+    def add_continuation(self, run: Run) -> None:
+        """Count the points that a run carried over and measured again as duplicates in the run that it continues."""
+        columns = run.points()
+        for row, flags in enumerate(columns["quality"]):
+            if Quality.SUPERSEDED in Quality(int(flags)) and _measured_digits(values := _values(columns, row)):
+                self._repeated[hashlib.sha256(values.tobytes()).digest()] = run.path.name
 
     def duplicates(self, run: Run) -> tuple[Mask, str]:
-        """Return which points of a run the runs before it have, too, and a message (empty without any)."""
+        """Return the points of a run that an earlier run has or a later one measured again, and a message (may be empty)."""
         columns = run.points()
         digests = _point_digests(run, columns)
-        found = [next((each for each in own if each in self._seen), None) for own in digests]
-        origin = Counter(self._seen[each].name for each in found if each is not None)
+        duplicates = [next((each for each in own if each in self._seen), None) for own in digests]
+        origin = Counter(self._seen[each].name for each in duplicates if each is not None)
         for own in digests:
             for each in own:
                 self._seen.setdefault(each, run.path)
-        mask = np.array([each is not None for each in found], bool)
-        if not origin:
-            return mask, ""
-        names = " and ".join(sorted(origin))
-        return mask, (
-            f"{run.path.name} holds the same data as {names} at {mask.sum()} of {mask.size} points: they are counted once"
-        )
+        mask = np.array([each is not None for each in duplicates], bool)
+        repeated = [
+            {self._repeated[each] for each in own if each in self._repeated} - {run.path.name} if first is None else ()
+            for own, first in zip(digests, duplicates, strict=True)
+        ]
+        parts = []
+        if origin:
+            names = " and ".join(sorted(origin))
+            parts.append(f"holds the same data as {names} at {mask.sum()} of {mask.size} points: they are counted once")
+        if any(repeated):
+            names = " and ".join(sorted(set().union(*repeated)))
+            count = sum(map(bool, repeated))
+            parts.append(f"has {count} of {mask.size} points that {names} measured again: they are left out")
+        message = f"{run.path.name} {', and '.join(parts)}" if parts else ""
+        return mask | np.array(list(map(bool, repeated)), bool), message
+
+
+def _values(columns: dict[str, Any], row: int) -> Array:
+    """Return all values of a point but its entry and quality."""
+    names = sorted(name for name in columns if name not in (ENTRY_COLUMN, "quality"))
+    parts = [np.atleast_1d(np.asarray(columns[name][row], float)) for name in names]
+    return np.concatenate(parts) if parts else np.empty(0)
 
 
 def _point_digests(run: Run, columns: dict[str, Any]) -> list[list[bytes]]:
     """Return for each point the digests of its samples and of its values; the whole table's for values of few digits."""
-    names = sorted(name for name in columns if name not in (ENTRY_COLUMN, "quality"))
-    count = len(columns[ENTRY_COLUMN])
-    rows = [[np.atleast_1d(np.asarray(columns[name][i], float)) for name in names] for i in range(count)]
-    flat = [np.concatenate(row) if row else np.empty(0) for row in rows]
+    flat = [_values(columns, row) for row in range(len(columns[ENTRY_COLUMN]))]
     samples = {} if run.record.imported else _sample_digests(run)
     whole = _table_digest(run.record.protocol, columns) if run.record.imported else b""
     out = []
@@ -71,7 +92,7 @@ def _sample_digests(run: Run) -> dict[int, bytes]:
 
 
 def _table_digest(protocol: str, columns: dict[str, Any]) -> bytes:
-    """Return the digest of what a table measured, whatever uncertainties were stated for it."""
+    """Return the digest of a table's measured values, without stated uncertainties."""
     names = sorted(n for n in columns if n not in (ENTRY_COLUMN, "quality") and not n.endswith("_errors"))
     digest = hashlib.sha256(protocol.encode())
     for name in names:

@@ -1,6 +1,7 @@
 """Observations for an identification from run files: each protocol's aspects make them from its points."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from app.identification.duplicates import DuplicateFinder
@@ -20,18 +21,27 @@ class ObservationError(Exception):
 
 
 def read_observations(
-    paths: Iterable[Path], open_run: Callable[[Path], Run] = Run
+    paths: Sequence[Path],
+    open_run: Callable[[Path], Run] = Run,
+    track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
 ) -> tuple[str, ObservationSet, list[str]]:
     """Return the specimen, its observations, and a message for each run without any; `open_run` may correct a run.
+
+    `track` yields the paths and reports the progress.
 
     Raises:
         ObservationError: a file is not a run, the runs are of several specimens, or no point is usable.
     """
     specimens: dict[str, Path] = {}
-    found: list[Observation] = []
+    observations: list[Observation] = []
     left_out: list[str] = []
     finder = DuplicateFinder()
     for path in paths:
+        with suppress(RunReadError), Run(path) as stored, translate_read_errors(path):
+            if stored.record.continues:
+                with open_run(path) as run:
+                    finder.add_continuation(run)
+    for path in track(paths):
         try:
             with open_run(path) as run:
                 specimens.setdefault(run.record.specimen, path)
@@ -43,7 +53,7 @@ def read_observations(
         except RunReadError as error:
             raise ObservationError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
         usable = [run for run in taken if run.usable.any()]
-        found += usable
+        observations += usable
         if message:
             left_out.append(message)
         elif not usable:
@@ -51,10 +61,10 @@ def read_observations(
     if len(specimens) > 1:
         names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
         raise ObservationError(f"these runs are of several specimens, {names}: identify one at a time")
-    if not found:
+    if not observations:
         raise ObservationError("none of these runs has a usable point with information on the model")
     try:
-        return next(iter(specimens)), ObservationSet(tuple(found)), left_out
+        return next(iter(specimens)), ObservationSet(tuple(observations)), left_out
     except ParameterError as error:
         raise ObservationError(str(error)) from error
 

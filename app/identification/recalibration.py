@@ -66,7 +66,7 @@ class Correction:
         return RecalibratedRun(path, self)
 
     def describe_changes(self, path: Path) -> str:
-        """Return what the correction changes in one run as text; empty without changes."""
+        """Return the changes by the correction in one run as text; empty without changes."""
         with Run(path) as run:
             if run.record.imported:
                 return f"{path.name} was imported and has no raw samples: it is used unchanged"
@@ -130,14 +130,14 @@ class RecalibratedRun(Run):
 
     def _latest_recordings(self) -> dict[int, list[Recording]]:
         """Return the recordings of each point: since the last start of its entry, in the file that last measured it."""
-        found: dict[int, list[Recording]] = {}
+        recordings: dict[int, list[Recording]] = {}
         for earlier in self.earlier_runs():
             with RecalibratedRun(earlier, self._correction) as before:
-                before._add_recordings(found)
-        self._add_recordings(found)
-        return found
+                before._add_recordings(recordings)
+        self._add_recordings(recordings)
+        return recordings
 
-    def _add_recordings(self, found: dict[int, list[Recording]]) -> None:
+    def _add_recordings(self, recordings: dict[int, list[Recording]]) -> None:
         own, begun = list(self.trace.recordings()), dict[int, int]()
         for event in self.events():
             if event.kind == EntryStarted.kind:
@@ -146,7 +146,8 @@ class RecalibratedRun(Run):
                 entry = int(event.fields.get("entry", event.fields["index"]))
                 since = begun.get(entry, 0)
                 mine = [r for r in own if r.entry == entry and since <= r.rows[0] and r.rows[1] <= event.row]
-                found[entry] = mine or found.get(entry, [])  # a point carried over has no recordings in this file
+                # A point carried over has no recordings in this file.
+                recordings[entry] = mine or recordings.get(entry, [])
 
 
 def _format_value(value: object) -> str:

@@ -1,4 +1,4 @@
-"""First lines of an identification: adequacy, what dimensions are from, and the parameters that were held, with their values."""
+"""First lines of an identification: adequacy, source of the dimensions, and held parameters with their values."""
 
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
@@ -22,33 +22,33 @@ def verdict_line(identification: IdentificationResult) -> str:
 
 
 def steps_line(identification: IdentificationResult, also: str, plain: str) -> str:
-    """Return which causes were added to a model that was not adequate, how that ended, and how to agree to it, as text.
+    """Return the causes added to an inadequate model, the outcome, and the way of agreement, as text.
 
     Args:
         identification: the fit.
-        also: what agrees to the causes.
-        plain: what fits without any.
+        also: option that agrees to the causes.
+        plain: option of a fit without causes.
     """
     if not identification.steps:
         return ""
     adequacy, names = identification.adequacy, [step.name for step in identification.steps]
     end = "adequate with them" if adequacy is not None and adequacy.adequate else "not adequate with them either"
-    words = "; ".join(step.explanation.cause_words for step in identification.steps)
+    causes = "; ".join(step.explanation.cause_text for step in identification.steps)
     return (
-        f"the model was not adequate by itself; added in turn, as its test proposed: {words}; {end}. "
+        f"the model was not adequate by itself; added in turn, as its test proposed: {causes}; {end}. "
         f"To agree to it: {also} {','.join(names)}; the model without any of them: {plain}."
     )
 
 
 def assumed_line(identification: IdentificationResult) -> str:
-    """Return the parameters that neither sheet nor runs say, with what is assumed of them, and the temperature of the results, as text."""
+    """Return the parameters determined by neither sheet nor runs, with their assumed values, and the temperature of the results, as text."""
     shown = [format_quantity(e.value, e.standard_error, e.unit, e.name) for e in identification.assumed]
     names = [f"{e.name} {text}" for e, text in zip(identification.assumed, shown, strict=True)]
     rests = [
         f"{name} ({100 * share:.0f} % of its squared uncertainty)" for name, share in identification.resting.items()
     ]
     resting = f"; {', '.join(rests)} rests on it" if rests else ""
-    assumed = f"assumed, as neither sheet nor runs say it: {', '.join(names)}{resting}." if names else ""
+    assumed = f"assumed, because neither sheet nor runs determine it: {', '.join(names)}{resting}." if names else ""
     reference_c = identification.observations.reference_c
     stated = f"k2, mu and c0 are those at {reference_c:.1f} °C." if reference_c is not None else ""
     return " ".join(filter(None, (assumed, stated)))
@@ -67,7 +67,7 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
     )
     names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
     shown, fit = [], identification.joint_fit
-    free = {*identification.known, *(() if fit is None else fit.names)}
+    free = () if fit is None else fit.names
     for name in names:
         value = None if name in free else identification.fixed.get(name)
         if value is not None:

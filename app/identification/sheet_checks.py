@@ -1,4 +1,4 @@
-"""Questions about a specimen sheet: implausible sizes, uncertainties and dates, and what is missing."""
+"""Questions about a specimen sheet: implausible sizes, uncertainties and dates, and missing values."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -22,7 +22,7 @@ LARGE_UNCERTAINTY = 0.3
 
 
 def question_entry(entry: SheetEntry) -> Iterator[str]:
-    """Yield what is implausible in one value of a sheet, or missing."""
+    """Yield the implausible and missing facts of one value of a sheet."""
     name, value = entry.name, entry.value
     factor, unit = sheet_unit(name)
     low, high = USUAL_RANGES.get(name, (0.0, float("inf")))
@@ -42,7 +42,7 @@ def question_entry(entry: SheetEntry) -> Iterator[str]:
 
 
 def question_sheet(sheet: SpecimenSheet) -> Iterator[str]:
-    """Yield what is implausible in a sheet: sizes, uncertainties, dates, and a photograph that is not there."""
+    """Yield the implausible facts of a sheet: sizes, uncertainties, dates, and a missing photograph."""
     for entry in sheet.entries.values():
         yield from question_entry(entry)
     if sheet.photograph and sheet.path and not (sheet.path.parent / sheet.photograph).exists():

@@ -52,7 +52,7 @@ class SheetDraft:
     """All texts of a form."""
 
     entries: Mapping[str, EntryText] = field(default_factory=dict)
-    """By parameter; those that are not in it are empty."""
+    """Texts by parameter; empty for missing ones."""
     texts: Mapping[str, str] = field(default_factory=dict)
     """Serial number, photograph and notes."""
     descriptions: Mapping[str, str] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class CheckedDraft:
     faults: Mapping[str, tuple[str, str]]
     """By parameter: the field at fault, and the message."""
     questions: Mapping[str, str]
-    """By parameter: what is implausible or missing."""
+    """Implausible and missing facts by parameter."""
 
 
 def check_draft(draft: SheetDraft, specimen: str = "") -> CheckedDraft:
@@ -98,8 +98,8 @@ def check_draft(draft: SheetDraft, specimen: str = "") -> CheckedDraft:
     try:
         sheet.tactor, sheet.membrane  # noqa: B018 - raises for lengths in the wrong order
     except ParameterError as error:
-        words = str(error).replace(",", " ").replace(":", " ").split()
-        name = next((word for word in words if word in draft.entries and not draft.entries[word].empty), "")
+        parts = str(error).replace(",", " ").replace(":", " ").split()
+        name = next((word for word in parts if word in draft.entries and not draft.entries[word].empty), "")
         if name:
             faults.setdefault(name, ("value", _in_millimetres(error)))
     questions = {
@@ -109,10 +109,10 @@ def check_draft(draft: SheetDraft, specimen: str = "") -> CheckedDraft:
 
 
 def save_draft(folder: Path, base: SpecimenSheet, draft: SheetDraft) -> SpecimenSheet:
-    """Write what differs between a draft and the sheet that it began as, and return the sheet; values at fault are not written.
+    """Write the differences between a draft and its original sheet, and return the sheet; invalid values are not written.
 
     Raises:
-        SheetChangedError: the file is not as it was when it was read.
+        SheetChangedError: the file has changed since it was read.
         SheetError: the file cannot be read or written.
     """
     now = load_sheet(folder, base.specimen)
@@ -200,7 +200,7 @@ def _read_weighing(parts: list[str], stated: str) -> Weighing:
 
 def _in_millimetres(error: ParameterError) -> str:
     """Return a message of the model with its lengths as the form shows them."""
-    return re.sub(r"(-?[\d.]+(?:e[-+]?\d+)?) m\b", lambda found: f"{1e3 * float(found[1]):.6g} mm", str(error))
+    return re.sub(r"(-?[\d.]+(?:e[-+]?\d+)?) m\b", lambda match: f"{1e3 * float(match[1]):.6g} mm", str(error))
 
 
 def _number(name: str, field: str, text: str) -> float:

@@ -57,7 +57,7 @@ def read_sheet(path: Path) -> SpecimenSheet:
     Raises:
         SheetError: it cannot be read, or an entry is invalid.
     """
-    with suppress(OSError):  # what cannot be looked at cannot be read, either
+    with suppress(OSError):  # an inaccessible file cannot be read, either
         if not path.is_file():
             raise SheetError(f"{path} is no file; give the specimen sheet, a TOML file")
     return parse_sheet(read_toml_text(path, f"the specimen sheet {path}", "specimen sheet", SheetError), path)
@@ -149,7 +149,7 @@ def _read_entry(where: str, name: str, given: Any) -> SheetEntry:
 
 
 def _number(where: str, key: str, given: Mapping[str, Any], unit: str, whole: float | None = None) -> float:
-    """Return a number of an entry in SI; `whole` is what a percentage is of."""
+    """Return a number of an entry in SI; `whole` is the reference of a percentage."""
     if key not in given:
         raise SheetError(f"{where}: {key} is missing")
     text = given[key]
@@ -251,10 +251,10 @@ def edit_sheet(
     after = parse_sheet(text, path)
     expected = {name: each for name, each in {**before.entries, **entries}.items() if name not in removed}
     got = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in after.entries.values()}
-    wanted = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in expected.values()}
+    required = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in expected.values()}
     described = {**before.descriptions, **descriptions}
     if (
-        got != wanted
+        got != required
         or any(getattr(after, name) != value for name, value in texts.items())
         or any(after.descriptions.get(group, "") != value for group, value in described.items())
     ):
@@ -292,18 +292,18 @@ def create_sheet(folder: Path, specimen: str) -> SpecimenSheet:
 
 def group_of(name: str) -> str:
     """Return the table of a sheet that a value belongs to."""
-    known = {each: group for group, names in GROUPS.items() for each in names}
-    return known.get(name, "masses" if name.startswith("m_add") or "mass" in name else "clamp")
+    groups = {each: group for group, names in GROUPS.items() for each in names}
+    return groups.get(name, "masses" if name.startswith("m_add") or "mass" in name else "clamp")
 
 
 def _replace_line(text: str, group: str, name: str, line: str, only_in_table: bool = False) -> str:
     """Replace the line of a key in a table, or its commented one; append it to the table, or a table to the text.
 
-    A key that is in use is found in any table, unless `only_in_table`.
+    An active key is found in any table, unless `only_in_table`.
     """
     lines, table = text.split("\n"), ""
     headers = {"": -1}
-    found: dict[bool, int] = {}
+    places: dict[bool, int] = {}
     for i, each in enumerate(lines):
         if header := re.match(r"\s*\[([^\[\]]+)\]\s*(#.*)?$", each):
             table = header[1].strip()
@@ -313,8 +313,8 @@ def _replace_line(text: str, group: str, name: str, line: str, only_in_table: bo
             and (key := re.match(rf"\s*(#?)\s*{re.escape(name)}\s*=", each))
             and (table == group or not (key[1] or only_in_table))
         ):
-            found.setdefault(bool(key[1]), i)
-    at = found.get(False, found.get(True))
+            places.setdefault(bool(key[1]), i)
+    at = places.get(False, places.get(True))
     if at is not None:
         lines[at] = line
     elif group in headers:

@@ -45,10 +45,10 @@ from protocols.runfile import Run
 
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
-"""A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as exact."""
+"""A specimen sheet; None: the sheet beside the runs, "none": exact dimensions and masses."""
 
 ASSUMED_SHARE = 0.85
-"""Of a parameter's prior standard deviation: runs that leave more of it say nothing of the parameter."""
+"""Share of a parameter's prior standard deviation above which the runs do not determine the parameter."""
 
 NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
 """Parameters of the fit that the beam model does not have."""
@@ -78,38 +78,38 @@ class IdentificationResult:
     adequacy: Adequacy | None = None
     """Of a joint fit: whether the misfit is noise or a model error."""
     shapes: int = FitOptions.n
-    """Number of shape functions of the fit; curves of it should use the same number."""
+    """Number of shape functions of the fit; its curves should use the same number."""
     budget: UncertaintyBudget | None = None
     """Of a joint fit: the sources of the uncertainties of its estimates."""
     sheet: SpecimenSheet | None = None
-    """What dimensions and masses are from; None where the options alone say it."""
+    """Source of dimensions and masses; None if the options define them."""
     steps: tuple[ExtensionStep, ...] = ()
     """Causes that were added to a first fit whose model was not adequate, in turn."""
     first_fit: JointFit | None = field(default=None, repr=False)
-    """Of a joint fit: the one without any of them."""
+    """The joint fit without added causes."""
     joint_differences: tuple[ChainDifference, ...] = ()
-    """Of the paper's chain: how far it is from the joint fit."""
+    """Differences between the paper's chain and the joint fit."""
 
     @property
-    def known(self) -> Mapping[str, tuple[float, float]]:
-        """Value and standard uncertainty of the parameters that were known beforehand, such as lengths."""
+    def priors(self) -> Mapping[str, tuple[float, float]]:
+        """Prior value and standard uncertainty of the parameters with a prior, such as lengths."""
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
 
     @property
     def assumed(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates that are no measurement: neither sheet nor runs say more of them than is usual among tactors."""
+        """The estimates that are no measurement: sheet and runs determine them no better than the spread among tactors."""
         fit = self.joint_fit
         if fit is None:
             return ()
-        usual = {**USUAL_EFFECTS, **ASSUMED_PARAMETERS}.keys() & self.known.keys()
-        expected = {name: prior_moments(name, self.known[name])[1] for name in usual}
+        usual = {**USUAL_EFFECTS, **ASSUMED_PARAMETERS}.keys() & self.priors.keys()
+        expected = {name: prior_moments(name, self.priors[name])[1] for name in usual}
         return tuple(
             e for e in self.estimates if e.name in usual and e.standard_error > ASSUMED_SHARE * expected[e.name]
         )
 
     @property
     def resting(self) -> Mapping[str, float]:
-        """By identified parameter, the share of its squared total uncertainty by what is assumed, where that is the most of it."""
+        """Share of assumed parameters in the squared total uncertainty of each identified parameter, if above a half."""
         budget, assumed = self.budget, {e.name for e in self.assumed}
         if budget is None:
             return {}
@@ -120,17 +120,17 @@ class IdentificationResult:
     @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
         """The estimates of effects outside the beam model with a prior size, such as creep."""
-        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)
+        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.priors)
 
     @property
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
         """Prior values that are no nonideality: lengths, masses, moduli."""
-        return {n: known for n, known in self.known.items() if n not in NONIDEAL and n not in ASSUMED_PARAMETERS}
+        return {n: prior for n, prior in self.priors.items() if n not in NONIDEAL and n not in ASSUMED_PARAMETERS}
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates without the parameters that were known beforehand or are assumed."""
-        own = {*self.known} - {*ASSUMED_PARAMETERS} | {e.name for e in self.assumed}
+        """The estimates without the parameters that have a prior or are assumed."""
+        own = {*self.priors} - {*ASSUMED_PARAMETERS} | {e.name for e in self.assumed}
         return tuple(e for e in self.estimates if e.name not in own)
 
     @property
@@ -178,13 +178,13 @@ def identify(
         FitCancelled: `cancelled` returned true.
     """
     paths = tuple(paths)
-    specimen, campaign, left_out = read_observations(track(paths), open_run)
+    specimen, campaign, left_out = read_observations(paths, open_run, track)
     options = replace(options or FitOptions(), n=n or max(map(shape_count_of_file, paths)))
-    known = (
+    priors = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
     result = identify_observations(
-        specimen, campaign, method, options, progress, sheet=known, plain=plain, cancelled=cancelled
+        specimen, campaign, method, options, progress, sheet=priors, plain=plain, cancelled=cancelled
     )
     return replace(result, notes=(*left_out, *result.notes))
 
@@ -226,17 +226,28 @@ def identify_observations(
             joint = fitted.joint_fit
         return _chain_result(specimen, observations, options, sheet, joint)
     first_fit = joint_fit(observations, options, progress, cancelled)
+    return _joint_result(specimen, first_fit, sheet, sheet is not None and not plain, cancelled)
+
+
+def _joint_result(
+    specimen: str,
+    first_fit: JointFit,
+    sheet: SpecimenSheet | None,
+    extended: bool,
+    cancelled: Callable[[], bool] | None,
+) -> IdentificationResult:
+    """Return the result of a joint fit, `extended` by the causes of a misfit and by the uncertainty of an unstated temperature."""
     adequacy = assess_adequacy(first_fit, cancelled=cancelled)
-    steps = () if plain or sheet is None else tuple(extend_stepwise(first_fit, adequacy, cancelled))
+    steps = tuple(extend_stepwise(first_fit, adequacy, cancelled)) if extended else ()
     fits = (first_fit, *(step.fit for step in steps))
     adequacy = steps[-1].adequacy if steps else adequacy
     fit = with_model_error(fits[-1], adequacy, fits[:-1])
-    fit = fit if plain or sheet is None else with_temperature_error(fit)
+    fit = with_temperature_error(fit) if extended else fit
     estimates = fit.estimates()
     return IdentificationResult(
         specimen,
-        method,
-        observations,
+        "joint",
+        first_fit.observations,
         estimates,
         fit.covariance_of(estimates),
         _fixed_parameters(_base_values(fit), estimates),
@@ -247,7 +258,7 @@ def identify_observations(
         duration_s=fit.duration_s,
         joint_fit=fit,
         adequacy=adequacy,
-        shapes=options.n,
+        shapes=fit.options.n,
         budget=uncertainty_budget(fit),
         sheet=sheet,
         steps=steps,
@@ -285,13 +296,15 @@ def _chain_result(
     )
 
 
-def compare_with_chain(found: IdentificationResult) -> tuple[ChainDifference, ...]:
-    """Return how far the paper's chain is from a joint fit, and why; empty where the chain is not possible."""
-    fit = found.joint_fit
+def compare_with_chain(identification: IdentificationResult) -> tuple[ChainDifference, ...]:
+    """Return the differences between the paper's chain and a joint fit, with reasons; empty if the chain is not possible."""
+    fit = identification.joint_fit
     if fit is None:
         return ()
     try:
-        return _chain_result(found.specimen, found.observations, fit.options, found.sheet, fit).joint_differences
+        return _chain_result(
+            identification.specimen, identification.observations, fit.options, identification.sheet, fit
+        ).joint_differences
     except (PaperChainError, ParameterError):
         return ()
 
@@ -320,5 +333,5 @@ def _base_values(fit: JointFit) -> dict[str, float | None]:
 def _fixed_parameters(
     base: Mapping[str, float | None], estimates: Sequence[EstimatedQuantity]
 ) -> dict[str, float | None]:
-    found = {e.name for e in estimates}
-    return {name: value for name, value in base.items() if name not in found}
+    identified = {e.name for e in estimates}
+    return {name: value for name, value in base.items() if name not in identified}

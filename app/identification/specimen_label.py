@@ -14,11 +14,11 @@ _PATTERN = re.compile(rf"(?P<specimen>.*\S) #(?P<hash>[0-9a-f]{{{HASH_DIGITS}}})
 
 @dataclass(frozen=True, slots=True)
 class SpecimenLabel:
-    """What a label states.
+    """Contents of a label.
 
     Attributes:
         sheet_hash: first digits of the SHA-256 of the specimen's sheet; empty without a sheet.
-        batch, serial: of the sheet.
+        batch, serial: batch and serial number of the sheet.
     """
 
     specimen: str
@@ -34,8 +34,8 @@ class SpecimenLabel:
 
 def read_label(text: str) -> SpecimenLabel:
     """Return name and hash of a scanned or typed text; one without a hash is a name."""
-    found = _PATTERN.fullmatch(text.strip())
-    return SpecimenLabel(text.strip()) if found is None else SpecimenLabel(found["specimen"], found["hash"])
+    match = _PATTERN.fullmatch(text.strip())
+    return SpecimenLabel(text.strip()) if match is None else SpecimenLabel(match["specimen"], match["hash"])
 
 
 def make_label(folder: Path, specimen: str) -> SpecimenLabel:
@@ -45,7 +45,7 @@ def make_label(folder: Path, specimen: str) -> SpecimenLabel:
         SheetError: the sheet cannot be read, or is of another specimen.
         OSError: the sheet cannot be read.
     """
-    from app.identification.sheet_file import load_sheet  # reading a scanned text needs none of it
+    from app.identification.sheet_file import load_sheet  # not needed for reading a scanned text
 
     sheet = load_sheet(folder, specimen)
     digest = file_hash(sheet_path(folder, specimen)) if sheet.path is not None else ""
@@ -63,7 +63,7 @@ def compare_label(folder: Path, label: SpecimenLabel) -> str:
         return ""
     present = make_label(folder, label.specimen).sheet_hash
     if present == label.sheet_hash:
-        return f"Label of {label.specimen}: its sheet is the one that the label was printed for."
+        return f"Label of {label.specimen}: its sheet is unchanged since the label was printed."
     if not present:
         return f"Label of {label.specimen}: there is no sheet of it in this folder. Is it the right folder?"
     return f"Label of {label.specimen}: its sheet has changed since the label was printed. Print a new one with: tactor-bench label {label.specimen}"

@@ -64,12 +64,12 @@ class SheetEntry:
     measured: bool = True
     """False where it is Table I's, since the sheet has no value."""
     weighed: Weighing | None = None
-    """What a linear density is from, if a mass and a length are stated."""
+    """Source of a linear density, if a mass and a length are stated."""
 
 
 @dataclass(frozen=True)
 class SpecimenSheet:
-    """The sheet of one specimen; without a file (`path` None) all of it is Table I's."""
+    """The sheet of one specimen; without a file (`path` None) all values are from Table I."""
 
     specimen: str = ""
     entries: Mapping[str, SheetEntry] = field(default_factory=dict)
@@ -119,14 +119,14 @@ class SpecimenSheet:
     def fit_options(self, options: FitOptions, observations: ObservationSet, plain: bool = False) -> FitOptions:
         """Return the options with the sheet's values, free within their uncertainties where a run depends on them.
 
-        Usual nonidealities that the sheet does not have are free within their usual sizes, unless the fit is `plain`, and so are
-        parameters that neither sheet nor runs say. Values that the options fix, tie, free or know otherwise are left as they are.
+        Usual nonidealities outside the sheet are free within their usual sizes, unless the fit is `plain`; parameters determined by
+        neither sheet nor runs are free around Table I. Values that the options fix, tie, free or give a prior are unchanged.
         """
         usual = assumed_parameters(observations) | ({} if plain else usual_effects(observations))
         names = self._names_for(observations)
         own = {*options.fixed, *options.tied, *options.priors, *options.also, *(options.free or ())}
-        known = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
-        priors = {name: prior for name, prior in {**known, **usual, **known}.items() if name not in own}
+        stated = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
+        priors = {name: prior for name, prior in {**stated, **usual, **stated}.items() if name not in own}
         free = None if options.free is None else (*options.free, *(name for name in priors if name not in options.free))
         return replace(
             options,

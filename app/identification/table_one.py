@@ -17,7 +17,7 @@ IDENTIFIED = "identified from"
 
 @dataclass(frozen=True, slots=True)
 class TableOneSource:
-    """Where a value of Table I is from; without an uncertainty it is identified from runs, not known beforehand."""
+    """Origin of a value of Table I; a value without uncertainty is identified from runs and has no prior."""
 
     source: str
     uncertainty: float | None = None

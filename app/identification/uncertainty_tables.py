@@ -25,19 +25,19 @@ from model.identification import (
 )
 
 MIN_SHARE = 0.01
-"""Share of the squared total uncertainty from which on a source is named."""
+"""Smallest share of the squared total uncertainty of a named source."""
 
 OTHERS = "others"
 """Sources with smaller shares, together."""
 
 SEEN_SIGMAS = 3.0
-"""Size of a nonideality, in its standard uncertainties, from which on it is described."""
+"""Smallest size of a described nonideality, in its standard uncertainties."""
 
 CONTRADICTION_SIGMAS = 3.0
-"""Correction of a known value, in its standard uncertainties, from which on it is questioned."""
+"""Smallest questionable correction of a prior value, in its standard uncertainties."""
 
-TOLD_SHARE = 0.99
-"""Of the uncertainty of a known value: runs that leave more of it say nothing of the value."""
+MAX_REMAINING_SHARE = 0.99
+"""Largest share of a prior value's uncertainty left by the runs for a test of the value."""
 UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
     (
         "displacement",
@@ -96,7 +96,7 @@ def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
             _named_shares(budget, i, 0.0),
         )
         for i, name in enumerate(budget.names)
-        if name not in identification.known
+        if name not in identification.priors
     )
 
 
@@ -109,10 +109,10 @@ def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
 
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
-    """Yield the sources of the uncertainty of each identified parameter, and the values known beforehand."""
-    budget, known, dimensions = identification.budget, identification.known, identification.dimensions
+    """Yield the sources of the uncertainty of each identified parameter, and the prior values."""
+    budget, priors, dimensions = identification.budget, identification.priors, identification.dimensions
     if budget is not None and len(budget.sources) > 1:
-        at = [i for i, name in enumerate(budget.names) if name not in known]
+        at = [i for i, name in enumerate(budget.names) if name not in priors]
         yield Table(
             "uncertainties",
             "Where the uncertainties come from: shares of the squared total",
@@ -124,30 +124,33 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("shares", "", [format_shares(budget, i) for i in at], "sources"),
             ),
         )  # fmt: skip
-    yield from known_tables(dimensions, identification.estimates)
+    yield from prior_tables(dimensions, identification.estimates)
 
 
 def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the table of nonidealities that were expected, with their meaning; none without any."""
-    found, known = identification.nonidealities, identification.known
+    nonidealities, priors = identification.nonidealities, identification.priors
     assumed = {e.name for e in identification.assumed}
-    if found:
+    if nonidealities:
         yield Table(
             "nonidealities",
             "Effects outside the beam model, fitted with it",
             (
-                Column("name", "", [e.name for e in found], "parameter"),
-                Column("expected", "", [format_size(*known[e.name], e.unit) for e in found]),
-                Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in found]),
+                Column("name", "", [e.name for e in nonidealities], "parameter"),
+                Column("expected", "", [format_size(*priors[e.name], e.unit) for e in nonidealities]),
+                Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in nonidealities]),
                 Column(
                     "words",
                     "",
-                    [_meaning(identification, e) or ("assumed" if e.name in assumed else "not seen") for e in found],
+                    [
+                        _meaning(identification, e) or ("assumed" if e.name in assumed else "not seen")
+                        for e in nonidealities
+                    ],
                     "meaning",
                 ),
-                Column("value", "", [e.value for e in found], displayed=False),
-                Column("standard_error", "", [e.standard_error for e in found], displayed=False),
-                Column("unit", "", [e.unit for e in found], displayed=False),
+                Column("value", "", [e.value for e in nonidealities], displayed=False),
+                Column("standard_error", "", [e.standard_error for e in nonidealities], displayed=False),
+                Column("unit", "", [e.unit for e in nonidealities], displayed=False),
             ),
         )
 
@@ -157,39 +160,39 @@ def nonideality_lines(identification: IdentificationResult) -> tuple[str, ...]:
     return tuple(filter(None, (_meaning(identification, e) for e in identification.nonidealities)))
 
 
-def _meaning(identification: IdentificationResult, found: EstimatedQuantity) -> str:
-    """Return what a nonideality means; empty if it differs from none by no more than chance."""
-    fit, expected = identification.joint_fit, identification.known[found.name][0]
-    if fit is None or abs(found.value - expected) <= SEEN_SIGMAS * found.standard_error:
+def _meaning(identification: IdentificationResult, estimate: EstimatedQuantity) -> str:
+    """Return the meaning of a nonideality; empty if it is not significant."""
+    fit, expected = identification.joint_fit, identification.priors[estimate.name][0]
+    if fit is None or abs(estimate.value - expected) <= SEEN_SIGMAS * estimate.standard_error:
         return ""
-    return describe_cause(fit, found.name, found.value, found.standard_error)
+    return describe_cause(fit, estimate.name, estimate.value, estimate.standard_error)
 
 
-def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
-    """Yield the table of values known beforehand, and as the runs leave them; none without such values."""
-    found = {e.name: e for e in estimates}
-    names = [name for name in known if name in found]
+def prior_tables(priors: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
+    """Yield the table of prior values with their values after the fit; none without priors."""
+    estimated = {e.name: e for e in estimates}
+    names = [name for name in priors if name in estimated]
     if names:
         yield Table(
             "known",
-            "Known beforehand, and with the runs",
+            "Prior values, and values with the runs",
             (
                 Column("name", "", names, "parameter"),
-                Column("before", "", [_format(n, *known[n]) for n in names]),
-                Column("after", "", [_format(n, found[n].value, found[n].standard_error) for n in names]),
+                Column("before", "", [_format(n, *priors[n]) for n in names]),
+                Column("after", "", [_format(n, estimated[n].value, estimated[n].standard_error) for n in names]),
                 Column("shown_unit", "", [sheet_unit(n)[1] for n in names], "unit"),
                 Column(
                     "moved",
                     "",
-                    [(found[n].value - known[n][0]) / known[n][1] for n in names],
+                    [(estimated[n].value - priors[n][0]) / priors[n][1] for n in names],
                     "moved (uncertainties)",
                     format_spec="+z.1f",
                 ),
-                Column("known_value", "", [known[n][0] for n in names], displayed=False),
-                Column("known_uncertainty", "", [known[n][1] for n in names], displayed=False),
-                Column("value", "", [found[n].value for n in names], displayed=False),
-                Column("standard_error", "", [found[n].standard_error for n in names], displayed=False),
-                Column("unit", "", [found[n].unit for n in names], displayed=False),
+                Column("known_value", "", [priors[n][0] for n in names], displayed=False),
+                Column("known_uncertainty", "", [priors[n][1] for n in names], displayed=False),
+                Column("value", "", [estimated[n].value for n in names], displayed=False),
+                Column("standard_error", "", [estimated[n].standard_error for n in names], displayed=False),
+                Column("unit", "", [estimated[n].unit for n in names], displayed=False),
             ),
         )
 
@@ -233,34 +236,35 @@ def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:
 
 
 def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
-    """Return what counts as exact because no uncertainty of it is stated, with where to state it."""
+    """Return the quantities that count as exact for want of an uncertainty, with the place to state it."""
     runs, missing = identification.observations.runs, []
-    for acts_on, kinds, words in UNSTATED:
+    for acts_on, kinds, text in UNSTATED:
         concerned = [run for run in runs if isinstance(run, kinds)]
         if acts_on == "delay":
             concerned = [run for run in concerned if np.iscomplexobj(observed_values(run)[0])]
-        if acts_on == "mass" and "mass_offset" in identification.known:
+        if acts_on == "mass" and "mass_offset" in identification.priors:
             continue
         if any(all(error.acts_on != acts_on for error in run.shared_errors) for run in concerned):
-            missing.append(words)
+            missing.append(text)
     return tuple(missing)
 
 
 def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
-    """Return the values known beforehand that the runs contradict, as text."""
-    found, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
-    for name, (value, uncertainty) in identification.known.items():
-        after = found.get(name)
+    """Return the prior values contradicted by the runs, as text."""
+    estimates, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
+    for name, (value, uncertainty) in identification.priors.items():
+        after = estimates.get(name)
         if after is None or fit is None or fit.degrees_of_freedom <= 0:
             continue
         at = fit.names.index(name)
         error = float(fit.covariance[at, at]) ** 0.5  # of a right model
-        if not error < TOLD_SHARE * uncertainty:
+        if not error < MAX_REMAINING_SHARE * uncertainty:
             continue
         sigmas = (after.value - value) / (uncertainty**2 - error**2) ** 0.5
         if abs(sigmas) > CONTRADICTION_SIGMAS:
+            unit = f" {sheet_unit(name)[1]}".rstrip()
             texts.append(
-                f"the runs contradict {name}: {_format(name, value, uncertainty)} {sheet_unit(name)[1]} was known, "
-                f"{_format(name, after.value, after.standard_error)} fits, {abs(sigmas):.1f} standard uncertainties away: measure it again"
+                f"the runs contradict {name}: {_format(name, value, uncertainty)}{unit} was known, "
+                f"{_format(name, after.value, after.standard_error)}{unit} fits, {abs(sigmas):.1f} standard uncertainties away: measure it again"
             )
     return tuple(texts)

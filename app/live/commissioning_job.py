@@ -39,7 +39,7 @@ class CommissioningJob:
         self.asks_for_high_voltage_off = False
         """Whether the sequence waits until the operator has switched high voltage off."""
         self.exercises: tuple[str, ...] = ()
-        """Names of the exercises that have begun; the last is what is measured now."""
+        """Names of the begun exercises; the last one is being measured."""
         self.fraction = 0.0
         """How much is done, 0 to 1."""
         self.result: CommissionedSource | None = None
@@ -86,7 +86,7 @@ class CommissioningJob:
             self.error = str(stopped)
         except (BenchError, OSError) as error:
             self.error = f"not commissioned, and no record is stored: {error}"
-        except Exception as error:  # the bench is connected again whatever happened
+        except Exception as error:  # the bench is always connected again
             log.exception("the commissioning failed by an error of this program")
             self.error = f"not commissioned, by an error of this program: {type(error).__name__}: {error}"
         finally:

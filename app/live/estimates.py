@@ -10,6 +10,7 @@ from app.identification import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from model import LAG_NAMES, AmplifierMap
 from protocols.base import Quality
+from protocols.runfile import is_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -77,7 +78,7 @@ class LiveEstimator:
         from model.identification import USUAL_EFFECTS, FitOptions, LiveFit  # lazily: the optimisers are slow to load
 
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)
-        # Within what is usual: without them the moment of an MFC is off by a tenth.
+        # Usual sizes: without them the moment of an MFC has an error of a tenth.
         lag = {name: (0.0, USUAL_EFFECTS[name].standard_deviation) for name in LAG_NAMES}
         setting = FitOptions(tactor=active_model.tactor, amplifier=self._amplifier, also=tuple(lag), priors=lag)
         if not points:  # the imports above are all the first point needs
@@ -99,7 +100,7 @@ class LiveEstimator:
 
 def _is_informative(point: Any) -> bool:
     """Return whether a point can be fitted: usable, with a standard error."""
-    return hasattr(point, "fundamental_errors") and Quality(point.quality).usable and point.fundamental_errors > 0
+    return is_response(point) and Quality(point.quality).usable and point.fundamental_errors > 0
 
 
 def _newest_series(points: Sequence[Any]) -> list[Any]:

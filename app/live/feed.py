@@ -34,7 +34,7 @@ class TimeSpan:
 
 COLUMNS = 1000
 MAX_DELAY_S = 0.4
-"""Largest time by which the display is behind the newest sample: twice a change of the drive, in which no block is read."""
+"""Largest delay of the display behind the newest sample: twice a change of the drive, during which no block is read."""
 
 SPANS = (
     TimeSpan(0.1, 0.2 + MAX_DELAY_S, triggered=True),
@@ -43,7 +43,7 @@ SPANS = (
 )
 
 ARRIVALS = 40
-"""Blocks by which the display is timed: two seconds in real time."""
+"""Number of blocks for the timing of the display: two seconds in real time."""
 
 READING_BLOCKS = 20
 """Number of blocks averaged for a reading: a second in real time."""
@@ -134,11 +134,11 @@ class LiveFeed:
             self._monitored.clear()
 
     def add_block(self, block: Block, monitored: bool = False) -> None:
-        """Append a block; one before `start_stream` is dropped: its scale is not known.
+        """Append a block; a block before `start_stream` is dropped, because its scale is unknown.
 
         Args:
             block: of the card.
-            monitored: it is read between runs, and contributes to `reading`.
+            monitored: whether it was read between runs, and contributes to `reading`.
         """
         if not self._channels:
             return

@@ -25,7 +25,7 @@ LOWEST_HZ = 5.0
 """Lowest frequency of a curve. Below it the response is quasi-static, but needs ever more harmonics."""
 
 SPLIT_HZ = (15.0, 60.0)
-"""Frequencies at which the computation is split: takes a seventh of the time, and agrees within 2e-5."""
+"""Frequencies that split the computation, which then takes a seventh of the time and agrees within 2e-5."""
 
 MAX_CACHED_CURVES = 64
 FREQUENCIES = 400
@@ -67,10 +67,10 @@ class ModelCurves:
     """Curves of the model for a request.
 
     Attributes:
-        active_model: the model parameters they were computed with.
-        free: of the free tactor; without bands if the errors of the parameters are not known.
-        on_membrane: by elongation of the membrane, those that the model can compute.
-        over_axes: returns the second axis of the request's protocol over the first, SI; None without a model.
+        active_model: model parameters of the curves.
+        free: curves of the free tactor; without bands if the parameters have no errors.
+        on_membrane: computable curves by elongation of the membrane.
+        over_axes: function that returns the second axis of the request's protocol over the first, SI; None without a model.
     """
 
     request: CurveRequest
@@ -213,6 +213,6 @@ class Overlay:
 
 
 def elongations_of(points: Iterable[Any]) -> tuple[float, ...]:
-    """Return the elongations of the membrane at which points were measured, rising; the free tactor has none."""
-    found = {float(getattr(point, "elongation", math.nan)) for point in points}
-    return tuple(sorted(elongation for elongation in found if not math.isnan(elongation)))
+    """Return the membrane elongations of the measured points, rising, without the free tactor."""
+    elongations = {float(getattr(point, "elongation", math.nan)) for point in points}
+    return tuple(sorted(elongation for elongation in elongations if not math.isnan(elongation)))

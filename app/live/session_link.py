@@ -19,20 +19,11 @@ from app.session import (
     TimedEvent,
     practise,
 )
-from protocols.base import (
-    BlockDiscarded,
-    BlockStored,
-    EventBus,
-    Operator,
-    Prompt,
-    RunEnded,
-    RunStarted,
-    StreamStarted,
-)
+from protocols.base import BlockDiscarded, BlockStored, EventBus, Operator, Prompt, RunEnded, RunStarted, StreamStarted
 
 
 class PromptMailbox:
-    """Holds one prompt and its answer (protocols.base.operator.Operator); a new prompt replaces the previous one."""
+    """Holds one prompt and its answer (protocols.base.Operator); a new prompt replaces the previous one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -82,7 +73,7 @@ class SessionAdapter:
 
     Args:
         connect: opens the bench.
-        make_session: tests give one that needs no bench.
+        make_session: session factory, for tests without a bench.
         simulation: settings of a simulated bench that the operator may change.
     """
 

@@ -13,7 +13,7 @@ from model.response import THRESHOLD_M
 from model.studies import PaperFigure
 
 MAX_LABELS_INSIDE = 6
-"""Lines up to which the legend is inside the axes."""
+"""Largest number of lines with a legend inside the axes."""
 
 TYPESET_UNITS = {"kg^-1/2": "kg$^{-1/2}$", "N/m^2": "N/m²"}
 CONVERTED_UNITS = ("m", "s", "kg")

@@ -255,11 +255,7 @@ def _symbols(panel: PlotPanel) -> Iterator[tuple[str, str, Series]]:
 
 
 def draw_reference(
-    axes: Any,
-    line: Series,
-    shaded: ShadedRange | None = None,
-    color: str = LEVEL_COLOR,
-    size: float = SMALL_PT - 0.5,
+    axes: Any, line: Series, shaded: ShadedRange | None = None, color: str = LEVEL_COLOR, size: float = SMALL_PT - 0.5
 ) -> None:
     """Draw a line to compare with, level if it has one value, and a shaded range; keep the limits of x that the axes have now."""
     low, high = axes.get_xlim()
@@ -292,7 +288,7 @@ def draw_measured(
     coverage: float = 1.0,
     **style: Any,
 ) -> None:
-    """Draw measured points with bars of `coverage` times their errors; those that no fit may use are hollow, and labelled so."""
+    """Draw measured points with bars of `coverage` times their errors; unusable ones are hollow, and labelled."""
     x, y, usable = points.x, points.plotted, points.fit_rows
     bars = coverage * np.nan_to_num(
         np.zeros(x.size) if points.errors is None else points.errors, posinf=0.0, neginf=0.0

@@ -1,6 +1,6 @@
 """Picture of a run: points or curves with the model, estimates and the last recording (matplotlib)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,8 @@ from protocols import aspects_of
 from protocols.base import Figure, ModelState
 from protocols.runfile import ENTRY_COLUMN, Run, translate_read_errors
 
+LEGEND_ROWS_INSIDE = 10
+"""Lines of title and labels up to which a legend is inside the axes; a longer one would hide the curves."""
 POINT_COLORS = ("tab:red", "tab:blue", "tab:green", "tab:orange", "tab:purple")
 
 
@@ -94,10 +96,10 @@ def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
             gain = abs(fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, 1)[1]) / amplitude_v
             axes.plot(f, factor * gain * np.abs(frequency_response(loaded, f)), "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x_axis.name} ({curve.x_axis.unit})", ylabel=f"{curve.y_axis.name} ({unit})")
-    found = [*map(format_estimate, run.record.estimates)]
+    texts = [*map(format_estimate, run.record.estimates)]
     if any(curve.y_axis.unit == "m/V" for curve in curves):
-        found.append("dashed: model")
-    axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
+        texts.append("dashed: model")
+    _add_legend(axes, texts, 8)
     if all((curve.plotted >= 0).all() for curve in curves):
         axes.set_ylim(0, None)
 
@@ -134,10 +136,15 @@ def _draw_figure(
         draw_reference(axes, threshold_line(threshold, grid), UNCOMFORTABLE, "tab:green", 9)
     title = ["dashed: model", *map(format_estimate, run.record.estimates)] if figure.models else []
     small = figure.lines or figure.spans
-    if axes.get_legend_handles_labels()[0]:
-        text = "\n".join(title) or None
-        columns = 2 if len(figure.points) > len(POINT_COLORS) else 1
-        axes.legend(title=text, fontsize=8 if small else 9, title_fontsize=9, ncols=columns)
+    _add_legend(axes, title, 8 if small else 9)
+
+
+def _add_legend(axes: Any, title: Sequence[str], size: int) -> None:
+    """Add a legend where anything has a label: inside the axes, or a long one beside them if the layout makes room."""
+    if labels := axes.get_legend_handles_labels()[1]:
+        is_long = len(title) + len(labels) > LEGEND_ROWS_INSIDE and axes.figure.get_layout_engine() is not None
+        place = {"loc": "upper left", "bbox_to_anchor": (1, 1)} if is_long else {}
+        axes.legend(title="\n".join(title) or None, fontsize=size, title_fontsize=9, **place)
 
 
 def _draw_points(axes: Any, figure: Figure, state: ModelState, grid: Array, factors: tuple[float, float]) -> None:

@@ -141,7 +141,7 @@ def draw_vectors(figure: Any, label: str) -> VectorDrawing:
 
 @lru_cache
 def _renderer_class() -> Any:
-    """Return the class of a renderer that writes SVG and keeps what it was asked to draw; made late, as matplotlib loads slowly."""
+    """Return the class of a renderer that writes SVG and records its drawing; made late, because matplotlib loads slowly."""
     from matplotlib.backend_bases import RendererBase
     from matplotlib.backends.backend_svg import RendererSVG
     from matplotlib.path import Path as Outline

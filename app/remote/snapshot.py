@@ -21,12 +21,12 @@ URGENT = (BenchState.UNSAFE, BenchState.DRIVE_LOST)
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What the window shows.
+    """Contents of the window.
 
     Attributes:
-        next_step: of the open campaign, as text; empty without one.
-        streamed_s: bench time of the samples since the run began.
-        bench: which is connected, for the speed of a simulated one.
+        next_step: next step of the open campaign, as text; empty without one.
+        streamed_s: bench time of the samples since the begin of the run.
+        bench: connected bench, for the speed of a simulated one.
         age_s: seconds since the window's last frame.
     """
 
@@ -39,7 +39,7 @@ class Snapshot:
 
 
 def snapshot_record(snapshot: Snapshot) -> dict[str, Any]:
-    """Return a snapshot as JSON values; what is not finite is null."""
+    """Return a snapshot as JSON values; non-finite values are null."""
     view = snapshot.state
     progress = view.progress if view.busy else None
     title = "" if not view.protocol else protocol_title(view.protocol)
@@ -89,8 +89,8 @@ def _points(view: WindowState) -> dict[str, Any]:
     kind = PROTOCOLS.get(view.protocol)
     if kind is None:
         return {"x": "", "y": "", "points": []}
-    known, (x_name, y_name) = point_columns(kind.point_type), kind.axes
-    (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(known[name][0]) for name in (x_name, y_name))
+    columns, (x_name, y_name) = point_columns(kind.point_type), kind.axes
+    (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(columns[name][0]) for name in (x_name, y_name))
     measured: list[Any] = list(view.points[-MAX_POINTS:])
     points = [
         [x, y, Quality(point.quality).usable]

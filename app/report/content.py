@@ -48,8 +48,8 @@ def build_report(
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
     """Build the report of a specimen from all its runs in a folder and below; return also model and runs for its pictures.
 
-    It is two pages long, or `full`, with everything it rests on in an appendix. The laboratory's own sections, order, header and
-    footer are added; the first page is always the one to sign.
+    It is two pages long, or `full`, with all its evidence in an appendix. The laboratory's own sections, order, header and footer
+    are added; the first page is always the page to sign.
 
     Raises:
         ReportError: there is no run of the specimen, or of the golden unit; or the laboratory names a section that does not exist.
@@ -59,38 +59,38 @@ def build_report(
     laboratory = laboratory or Laboratory()
     names = _section_names(laboratory, full)
     runs = _read_specimen_runs(folder, specimen, progress)
-    known = summarize_specimen(
+    summary = summarize_specimen(
         specimen, runs, progress, load_sheet(folder, specimen), threshold, every_margin="perception" in names
     )
     whole = bool({"figures", "agreement", "provenance"} & set(names))
     if whole:
-        known = replace(known, specimen=with_damping_by_elongation(known.specimen))
+        summary = replace(summary, specimen=with_damping_by_elongation(summary.specimen))
     outcomes: tuple[LimitOutcome, ...] = ()
     if limits is not None:
-        golden = known.figures_of_merit if limits.golden == specimen else {}
+        golden = summary.figures_of_merit if limits.golden == specimen else {}
         if limits.golden not in ("", specimen):
             golden_runs = _read_specimen_runs(folder, limits.golden, progress)
             golden = summarize_specimen(
                 limits.golden, golden_runs, progress, load_sheet(folder, limits.golden), threshold, False
             ).figures_of_merit
-        outcomes = judge_limits(limits, known.figures_of_merit, golden)
+        outcomes = judge_limits(limits, summary.figures_of_merit, golden)
     progress.update(0.0, "figures")
-    drawn = _plots(known.specimen, known.observations, runs, threshold, whole)
+    drawn = _plots(summary.specimen, summary.observations, runs, threshold, whole)
     fingerprint = hashlib.sha256("".join(sorted(run.sha256 for run in runs)).encode()).hexdigest()[:16]
     code = f"tactor-bench {version()}"
     report = Report(
         specimen=specimen,
         subtitle=_subtitle(runs),
         page_marks=page_marks(runs),
-        first_page=tuple(_first_page(known, runs, limits, outcomes, drawn, threshold)),
-        appendix=tuple(_sections(names, laboratory, _contents(folder, specimen, known, runs, drawn))),
+        first_page=tuple(_first_page(summary, runs, limits, outcomes, drawn, threshold)),
+        appendix=tuple(_sections(names, laboratory, _contents(folder, specimen, summary, runs, drawn))),
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
         laboratory=laboratory,
-        record=report_tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
+        record=report_tables.report_record(specimen, summary, runs, outcomes, fingerprint, code),
     )
-    return report, known.specimen, runs
+    return report, summary.specimen, runs
 
 
 def _plots(
@@ -160,13 +160,13 @@ def _section_names(laboratory: Laboratory, full: bool) -> tuple[str, ...]:
     Raises:
         ReportError: one does not exist.
     """
-    known = (*SHORT_SECTIONS, *FULL_SECTIONS)
-    if taken := [name for name in laboratory.texts if name in known]:
+    names = (*SHORT_SECTIONS, *FULL_SECTIONS)
+    if taken := [name for name in laboratory.texts if name in names]:
         raise ReportError(f"[report.texts.{taken[0]}] of {LABORATORY_FILE_NAME} has the name of a section: rename it")
     for name in laboratory.sections:
-        if name not in (*known, *laboratory.texts):
+        if name not in (*names, *laboratory.texts):
             raise ReportError(
-                f"{LABORATORY_FILE_NAME} asks for the section '{name}'; there are {', '.join((*known, *laboratory.texts))}"
+                f"{LABORATORY_FILE_NAME} asks for the section '{name}'; there are {', '.join((*names, *laboratory.texts))}"
             )
     usual = (*(FULL_SECTIONS if full else SHORT_SECTIONS), *laboratory.texts)
     if not laboratory.sections:

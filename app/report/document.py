@@ -40,13 +40,15 @@ class ReportSection:
 
 @dataclass(frozen=True, slots=True)
 class LimitOutcome:
-    """A limit with the value found and the verdict."""
+    """A limit with the measured value and the verdict."""
 
     name: str
     asked: str
     found: str
     verdict: Verdict
     why: str = ""
+    source: str = ""
+    """Run with the measured value, or the identified model."""
 
 
 @dataclass(frozen=True, slots=True)

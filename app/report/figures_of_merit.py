@@ -1,6 +1,6 @@
 """Figures of merit of a specimen with standard errors: frequencies, amplitude, perception margin, latency.
 
-Limits are set on them by name; those that the runs do not determine are missing.
+Limits are set on them by name; figures that the runs do not determine are missing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,13 +28,15 @@ from model.studies import UncertaintyBand
 from protocols.signals import dwell_peak
 
 FULL_DRIVE_TOLERANCE = 0.02
-"""Relative difference from the largest drive up to which a drive counts as full."""
+"""Largest relative difference of a full drive from the largest drive."""
 MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio")
 
 
-def figure_of_merit(name: str, value: float, standard_error: float) -> EstimatedQuantity:
-    """Return a quantity that limits can be set on, SI."""
-    return EstimatedQuantity.listed(name, float(value), float(standard_error), "")
+def figure_of_merit(
+    name: str, value: float, standard_error: float, source: str = "identified model"
+) -> EstimatedQuantity:
+    """Return a quantity that limits can be set on, SI; `source` is the run with the measured value."""
+    return EstimatedQuantity.listed(name, float(value), float(standard_error), source)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +64,11 @@ def perception_margin_of(
     over = perception_margin(GRID_HZ, band.centre, threshold)
     worst = int(over.argmin())
     usable = usable_bands(GRID_HZ, band.centre, threshold)
-    words = "free" if elongation_m is None else f"on the membrane, {1e3 * elongation_m:g} mm"
+    where = "free" if elongation_m is None else f"on the membrane, {1e3 * elongation_m:g} mm"
     edges = tuple((_edge_error(band, a, threshold), _edge_error(band, b, threshold)) for a, b in usable)
     at_hz = float(GRID_HZ[worst])
     error = float(band.standard_error[worst] / threshold.amplitude_at(at_hz))
-    return PerceptionMargin(words, band, usable, edges, float(over[worst]), error, at_hz, threshold)
+    return PerceptionMargin(where, band, usable, edges, float(over[worst]), error, at_hz, threshold)
 
 
 def _edge_error(band: UncertaintyBand, at_hz: float, threshold: PerceptionThreshold) -> float:
@@ -114,21 +116,21 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
 def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
     """Return natural and damped frequency and damping ratio, free, from the newest run that has them."""
     for run in reversed([each for each in runs if each.identifiable]):
-        found = [e for e in run.summary.record.estimates if e.name in MODE_NAMES]
-        if found and all(
+        modes = [e for e in run.summary.record.estimates if e.name in MODE_NAMES]
+        if modes and all(
             getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None
             for each in run.observations
         ):
-            return found
+            return [figure_of_merit(e.name, e.value, e.standard_error, run.path.stem) for e in modes]
     return []
 
 
 def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list[EstimatedQuantity]:
-    """Return peak frequency and amplitude at full drive, free, from the newest dwell with an interior maximum.
+    """Return peak frequency and largest amplitude at full drive, free, from the newest dwell with an interior maximum.
 
-    The error of the amplitude has the shared gain error of the sensor, too.
+    The amplitude is the largest measured one, as in the fleet; its error has the shared gain error of the sensor, too.
     """
-    found: dict[str, EstimatedQuantity] = {}
+    peaks: dict[str, EstimatedQuantity] = {}
     for run in observations.of_type(FrequencyResponseObservation):
         if run.elongation_m is not None or run.added_mass_kg is not None or run.swept:
             continue
@@ -137,14 +139,15 @@ def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list
         if run.fundamental_m is not None and run.errors_m is not None:
             peak = dwell_peak(run.frequency_hz[at], np.abs(run.fundamental_m)[at], run.errors_m[at])
             if peak is not None:
-                found["peak_frequency"] = figure_of_merit("peak_frequency", *peak[:2])
+                peaks["peak_frequency"] = figure_of_merit("peak_frequency", *peak, run.label)
         if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
-            peak = dwell_peak(run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at])
-            if peak is not None:
+            f, y, errors = run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at]
+            top = int(y.argmax()) if y.size else 0
+            if y.size and f.min() < f[top] < f.max():
                 shared = np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
-                error = float(np.hypot(peak.height_error, shared * peak.height))
-                found["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", peak.height, error)
-    return list(found.values())
+                error = float(np.hypot(errors[top], shared * y[top]))
+                peaks["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", y[top], error, run.label)
+    return list(peaks.values())
 
 
 def figures_of_merit(
@@ -156,23 +159,23 @@ def figures_of_merit(
     latency: StepLatency | None,
 ) -> Mapping[str, EstimatedQuantity]:
     """Return the figures of merit that these runs determine, by name."""
-    found: list[EstimatedQuantity | None] = [
+    figures: list[EstimatedQuantity | None] = [
         figure_of_merit(e.name, e.value, e.standard_error) for e in specimen.estimates if e.name in FIGURES_OF_MERIT
     ]
-    found += measured_modes(runs)
+    figures += measured_modes(runs)
     if observations is not None:
-        found += measured_peak(specimen, observations)
+        figures += measured_peak(specimen, observations)
     if margin_free is not None:
-        found.append(figure_of_merit("smallest_margin", margin_free.margin, margin_free.margin_error))
+        figures.append(figure_of_merit("smallest_margin", margin_free.margin, margin_free.margin_error))
         if bands := margin_free.felt_bands:
-            found.append(figure_of_merit("usable_from", bands[0][0], margin_free.edge_errors[0][0]))
-            found.append(figure_of_merit("usable_to", bands[-1][1], margin_free.edge_errors[-1][1]))
+            figures.append(figure_of_merit("usable_from", bands[0][0], margin_free.edge_errors[0][0]))
+            figures.append(figure_of_merit("usable_to", bands[-1][1], margin_free.edge_errors[-1][1]))
     if margin_on_membrane is not None:
         pressed = margin_on_membrane
-        found.append(figure_of_merit("smallest_margin_on_membrane", pressed.margin, pressed.margin_error))
+        figures.append(figure_of_merit("smallest_margin_on_membrane", pressed.margin, pressed.margin_error))
     if latency is not None:
-        found += [latency.latency, latency.rise_time]
-    return {merit.name: merit for merit in found if merit is not None}
+        figures += [latency.latency, latency.rise_time]
+    return {merit.name: merit for merit in figures if merit is not None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,19 +200,21 @@ def summarize_specimen(
 ) -> SpecimenSummary:
     """Identify a specimen from its runs, then compute margins and latency; not `every_margin`: free and at the largest elongation."""
     progress.update(0.0, "identifying")
-    found, observations = fit_specimen(
+    fitted, observations = fit_specimen(
         name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying"), sheet
     )
-    if observations is None or found.identification is None:
+    if observations is None or fitted.identification is None:
         return SpecimenSummary(
-            found, observations, (), None, figures_of_merit(found, runs, observations, None, None, None)
+            fitted, observations, (), None, figures_of_merit(fitted, runs, observations, None, None, None)
         )
     progress.update(0.0, "margins and latency")
     responses = observations.of_type(FrequencyResponseObservation)
     elongations = sorted({run.elongation_m for run in responses if run.elongation_m is not None})
-    free = perception_margin_of(found, None, threshold) if found.identifies_free_response else None
-    known = [each for each in elongations if found.identifies_response_at(each)]
-    pressed = [perception_margin_of(found, each, threshold) for each in (known if every_margin else known[-1:])]
-    latency = step_latency_of(found) if found.identifies_free_response else None
-    merits = figures_of_merit(found, runs, observations, free, pressed[-1] if pressed else None, latency)
-    return SpecimenSummary(found, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)
+    free = perception_margin_of(fitted, None, threshold) if fitted.identifies_free_response else None
+    identified = [each for each in elongations if fitted.identifies_response_at(each)]
+    pressed = [
+        perception_margin_of(fitted, each, threshold) for each in (identified if every_margin else identified[-1:])
+    ]
+    latency = step_latency_of(fitted) if fitted.identifies_free_response else None
+    merits = figures_of_merit(fitted, runs, observations, free, pressed[-1] if pressed else None, latency)
+    return SpecimenSummary(fitted, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)

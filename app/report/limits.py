@@ -95,9 +95,9 @@ class Limits:
 class _Limit(ConfigTable):
     @model_validator(mode="after")
     def _check_not_empty(self) -> "_Limit":
-        asked = self.model_dump()
-        low, high = asked["low"], asked["high"]
-        if all(value is None for value in asked.values()):
+        bounds = self.model_dump()
+        low, high = bounds["low"], bounds["high"]
+        if all(value is None for value in bounds.values()):
             raise ValueError("asks nothing; give low, high or within_golden")
         if low is not None and high is not None and low > high:
             raise ValueError(f"low {low:g} is above high {high:g}; nothing could pass")
@@ -141,11 +141,11 @@ def read_limits(path: Path) -> Limits:
         ) from error
     except ValueError as error:
         raise LimitsError(f"{path} is not valid TOML: {error}") from error
-    asked = {name: Limit(**given) for name, given in read["limits"].items() if given is not None}
-    if not asked:
+    limits = {name: Limit(**given) for name, given in read["limits"].items() if given is not None}
+    if not limits:
         raise LimitsError(f"{path} sets no limit; 'tactor-bench report --new-limits FILE' writes an example")
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-    return Limits(asked, read["rule"], read["golden"], f"{path.name} (SHA-256 {digest}...)")
+    return Limits(limits, read["rule"], read["golden"], f"{path.name} (SHA-256 {digest}...)")
 
 
 def example_limits() -> str:
@@ -167,29 +167,32 @@ def judge_limits(
 def _limit_outcomes(
     name: str, limit: Limit, limits: Limits, merit: EstimatedQuantity | None, golden: EstimatedQuantity | None
 ) -> Iterator[LimitOutcome]:
-    found = "not determined by these runs"
+    measured, source = "not determined by these runs", ""
     if merit is not None:
-        found = typeset_measurement(merit.value, merit.standard_error, merit.unit, name)
+        source = str(merit.source)
+        measured = typeset_measurement(merit.value, merit.standard_error, merit.unit, name)
     if limit.low is not None or limit.high is not None:
-        asked = _limit_text(limit, QUANTITIES[name])
+        required = _limit_text(limit, QUANTITIES[name])
         if merit is None:
-            yield LimitOutcome(name, asked, found, "cannot tell", "not determined by these runs")
+            yield LimitOutcome(name, required, measured, "cannot tell", "not determined by these runs")
         else:
             half_interval = COVERAGE_FACTOR_95 * merit.standard_error
             low, high = (-inf if limit.low is None else limit.low), (inf if limit.high is None else limit.high)
-            yield LimitOutcome(name, asked, found, *_verdict(merit.value, half_interval, low, high, limits.rule))
+            verdict = _verdict(merit.value, half_interval, low, high, limits.rule)
+            yield LimitOutcome(name, required, measured, *verdict, source)
     if (share := limit.within_golden) is not None:
-        asked = f"within {100 * share:g} % of {limits.golden}"
+        required = f"within {100 * share:g} % of {limits.golden}"
         if merit is None or golden is None or golden.value == 0:
             why = "not determined by these runs" if merit is None else f"not determined by the runs of {limits.golden}"
-            yield LimitOutcome(name, asked, found, "cannot tell", why)
+            yield LimitOutcome(name, required, measured, "cannot tell", why, source)
         else:
             ratio = merit.value / golden.value - 1
             both = (merit.standard_error / golden.value, golden.standard_error * merit.value / golden.value**2)
             half_interval = COVERAGE_FACTOR_95 * sum(e * e for e in both) ** 0.5
             change = format_with_uncertainty(100 * ratio, 100 * half_interval, "% (95 %)", signed=True)
-            found += f": {change}".replace("-", MINUS)
-            yield LimitOutcome(name, asked, found, *_verdict(ratio, half_interval, -share, share, limits.rule))
+            measured += f": {change}".replace("-", MINUS)
+            verdict = _verdict(ratio, half_interval, -share, share, limits.rule)
+            yield LimitOutcome(name, required, measured, *verdict, source)
 
 
 def _verdict(value: float, half_interval: float, low: float, high: float, rule: Rule) -> tuple[Verdict, str]:

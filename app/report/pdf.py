@@ -54,7 +54,7 @@ MAX_FONT, MIN_FONT = 8.0, 6.0
 RED, GREY = "#C00018", "#444444"
 TONE_STYLES = {"plain": ("#000000", ""), "good": ("#006030", "-Bold"), "bad": ("#B00018", "-Bold"), "small": (GREY, "")}
 REST_OF_FOOTER = "footer"
-"""Footer behind the page number, drawn last, when the number of pages is known."""
+"""Footer behind the page number, drawn last, with the number of pages."""
 
 
 @cache

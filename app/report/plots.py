@@ -233,8 +233,8 @@ class CurveAgreement:
 
 def curve_agreements(plots: Sequence[ReportPlot]) -> list[CurveAgreement]:
     """Return the agreement of every panel with its usable points."""
-    found = [_panel_agreement(plot, panel) for plot in plots for panel in plot.panels]
-    return [each for each in found if each is not None]
+    agreements = [_panel_agreement(plot, panel) for plot in plots for panel in plot.panels]
+    return [each for each in agreements if each is not None]
 
 
 def _panel_agreement(plot: ReportPlot, panel: PlotPanel) -> CurveAgreement | None:

@@ -60,10 +60,11 @@ def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> Iterator
         text = f"NOT PASSED: of {pluralize(len(outcomes), 'limit')} {', '.join(parts)}."
     yield Paragraph(text, "bad" if missed else "good")
     rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
-    rows = tuple((quantity_label(o.name), o.asked, o.found, o.verdict, o.why) for o in outcomes)
+    rows = tuple((quantity_label(o.name), o.asked, o.found, o.source, o.verdict, o.why) for o in outcomes)
     bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
     note = f"Limits from {limits.source}; {rule} must lie within."
-    yield Table.of_rows("Limits", ("what", "asked", "found ± standard error", "verdict", "why"), rows, note, bad)
+    headings = ("quantity", "limit", "value ± standard error", "from", "verdict", "reason")
+    yield Table.of_rows("Limits", headings, rows, note, bad)
 
 
 def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
@@ -88,24 +89,24 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Itera
 
 def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the result of the identification, its basis, and the parameters that it leaves open."""
-    found = specimen.identification
-    if found is None:
+    identification = specimen.identification
+    if identification is None:
         yield Paragraph(f"Nothing is identified: {specimen.problem}.", "bad")
         return
-    verdict = found.verdict if found.adequacy is None else found.adequacy.message
-    tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
-    count = pluralize(len(found.observations.runs), "set")
+    verdict = identification.verdict if identification.adequacy is None else identification.adequacy.message
+    tone: Tone = "bad" if identification.adequacy is not None and identification.adequacy.adequate is False else "plain"
+    count = pluralize(len(identification.observations.runs), "set")
     yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
-    if assumed := assumed_line(found):
+    if assumed := assumed_line(identification):
         yield Paragraph(_capitalized(assumed))
     yield Paragraph(f"{_capitalized(specimen.sheet.description)}.")
-    if held := held_parameters(found):
+    if held := held_parameters(identification):
         yield Paragraph(_capitalized(held))
-    if added := steps_line(found, also="identify --also", plain="identify --plain"):
+    if added := steps_line(identification, also="identify --also", plain="identify --plain"):
         yield Paragraph(_capitalized(added), "bad")
-    yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(found))
-    yield from (Paragraph(_unidentified_text(each), "bad") for each in found.unidentified)
-    yield from (Paragraph(f"{note}.") for note in found.notes)
+    yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(identification))
+    yield from (Paragraph(_unidentified_text(each), "bad") for each in identification.unidentified)
+    yield from (Paragraph(f"{note}.") for note in identification.notes)
 
 
 def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
@@ -160,9 +161,9 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
 def parameter_grid(specimen: SpecimenModel) -> Table:
     """Return the table of estimates compared with the paper's Table I."""
     rows = []
-    found, fit = specimen.identification, specimen.joint_fit
-    statistical = {} if found is None else found.statistical_errors
-    for e in () if found is None else found.identified:
+    identification, fit = specimen.identification, specimen.joint_fit
+    statistical = {} if identification is None else identification.statistical_errors
+    for e in () if identification is None else identification.identified:
         paper = TABLE_I.get(e.name)
         factor, unit = shown_unit(e.unit, e.name)
         rows.append(
@@ -191,7 +192,7 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
         "Held values (full report) count as exact."
     )
     if fit is not None and fit.error_scale > 1:
-        parts = (f"{m.error_scale:.2g} times those of {m.label}" for m in fit.residuals if m.error_scale > 1)
+        parts = (f"{m.error_scale:.2g} times the errors of {m.label}" for m in fit.residuals if m.error_scale > 1)
         enlarged = f"as the misfit is larger than the errors of the points: {', '.join(parts)}"
         note = f"Errors are enlarged run by run, {enlarged}. {note}"
     return Table.of_rows("Parameters", heads, rows, note)
@@ -199,40 +200,40 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
 
 def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> Iterator[Block]:
     """Yield tables of Pearson's r, p and R^2 for every curve, and of the misfit of each run."""
-    found = summary.specimen.identification
+    identification = summary.specimen.identification
     note = (
         "The parameters were fitted to these same points (to fundamentals and phases, not to max - min): this is agreement, not "
         "prediction. r and p as the paper gives them; R² = 1 − residual sum of squares / sum of squares about the mean."
-        if found is not None
+        if identification is not None
         else "Against the paper's Table I: nothing was fitted."
     )
     heads: tuple[str, ...] = ("curve", "points", "Pearson r", "p", "R²", "rms residual", "largest")
     rows: list[tuple[str, ...]] = [_agreement_row(each) for each in curve_agreements(plots)]
     yield Table.of_rows("Validation curves", heads, rows, note)
-    if found is None:
+    if identification is None:
         return
-    if found.misfits:
+    if identification.misfits:
         heads = ("points of", "residuals", "χ²", "p", "beyond 4 errors")
         rows = [
             (m.label, str(len(m.values)), f"{m.chi_square:.1f}", typeset_probability(m.p_value), str(len(m.outliers)))
-            for m in found.misfits
+            for m in identification.misfits
         ]
         note = (
             "χ² near the number of residuals: model and errors fit. A small p: the model, or the given errors, do not "
             "explain that run."
         )
         yield Table.of_rows("How well the errors explain each run", heads, rows, note)
-    if differences := compare_with_chain(found):
+    if differences := compare_with_chain(identification):
         rows = [(d.name, f"{100 * d.share:+.2g} %", f"{d.sigmas:+.2g}", d.reasons) for d in differences]
         heads = ("parameter", "chain against joint fit", "in total uncertainties", "left out by the chain, or held")
         note = "The steps of the paper on the same runs. It takes dimensions as exact and has no creep, hysteresis or share of the masses."
         yield Table.of_rows("The paper's chain beside the joint fit", heads, rows, note)
-    if found.adequacy is not None and (findings := found.adequacy.findings):
+    if identification.adequacy is not None and (findings := identification.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
-        rows = [(f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
-        note = f"Probability by chance: that any of all {found.adequacy.test_count} tests deviates this much.{more}"
-        heads = ("kind", "what is seen", "by chance")
-        yield Table.of_rows("How the runs depart from the model", heads, rows, note)
+        rows = [(f.kind, _spell_out(f.text), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
+        note = f"Probability by chance: that any of all {identification.adequacy.test_count} tests deviates this much.{more}"
+        heads = ("kind", "discrepancy", "by chance")
+        yield Table.of_rows("Discrepancies between runs and model", heads, rows, note)
 
 
 def _agreement_row(agreement: CurveAgreement) -> tuple[str, ...]:
@@ -279,7 +280,8 @@ def perception_blocks(summary: SpecimenSummary) -> Iterator[Block]:
         ]
         overshoot = f"{typeset_with_error(100 * step.overshoot, 100 * step.overshoot_error)} %"
         lines.append(("overshoot over the final value", overshoot))
-        yield Table.of_rows(f"A step of {step.step_v:g} V", ("what", "value ± standard error"), lines)
+        title = f"A step of {step.step_v:g} V, by the model"
+        yield Table.of_rows(title, ("quantity", "value ± standard error"), lines)
 
 
 def _percent(share: float) -> str:
@@ -322,8 +324,8 @@ def held_values(specimen: SpecimenModel) -> Iterator[Block]:
 
 def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the tables of dimensions and masses, and of the sources of every uncertainty."""
-    found, sheet = specimen.identification, specimen.sheet
-    used = set(sheet.values) if found is None else set(found.known)
+    identification, sheet = specimen.identification, specimen.sheet
+    used = set(sheet.values) if identification is None else set(identification.priors)
     scale = {e.name: sheet_unit(e.name) for e in sheet.values.values()}
     rows = [
         (
@@ -343,29 +345,31 @@ def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     if rows:
         heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
         yield Table.of_rows("Dimensions and masses", heads, rows)
-    if found is not None:
-        for table in nonideality_tables(found):
+    if identification is not None:
+        for table in nonideality_tables(identification):
             yield replace(table, columns=tuple(column for column in table.columns if column.displayed))
-        if unstated := unstated_errors(found):
+        if unstated := unstated_errors(identification):
             yield Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}.")
     yield from budget_blocks(specimen)
 
 
 def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the shares of every uncertainty by source, as a table and as bars."""
-    found = specimen.identification
-    if found is not None and (budget := found.budget) is not None:
-        shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
+    identification = specimen.identification
+    if identification is not None and (budget := identification.budget) is not None:
+        shares = [
+            (name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in identification.priors
+        ]
         note = "Shares of the squared total; noise is the statistical part."
         yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
-        if bars := budget_bars(found):
+        if bars := budget_bars(identification):
             yield _budget_plot(bars)
 
 
 def _budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     stacked = tuple(StackedBar(bar.name, bar.shares, bar.size_text) for bar in bars)
     panel = PlotPanel("", "share of the squared total", "", bars=stacked)
-    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece is what to measure better."
+    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece shows what to improve first."
     return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
 
 
@@ -426,7 +430,7 @@ def instrument_table(runs: Sequence[ReportRun]) -> Table:
 
 
 def software_tables(runs: Sequence[ReportRun]) -> Iterator[Table]:
-    """Yield the table of software versions, if any is known."""
+    """Yield the table of software versions, if there are any."""
     used = Counter(
         ", ".join(f"{name} {version}" for name, version in run.record.software.items())
         for run in runs
@@ -452,20 +456,20 @@ def report_record(
     software_version: str,
 ) -> dict[str, Any]:
     """Return the content of the report for JSON, SI."""
-    found = summary.specimen.identification
+    identification = summary.specimen.identification
     return {
         "specimen": specimen,
         "simulated": any(run.summary.simulated for run in runs),
         "imported": any(run.imported for run in runs),
         "passed": all(o.verdict == "pass" for o in outcomes) if outcomes else None,
         "limits": [{k: v.replace(SPACE, " ") for k, v in asdict(o).items()} for o in outcomes],
-        "parameters": [] if found is None else [asdict(e) for e in found.identified],
-        "known": {} if found is None else {name: list(pair) for name, pair in found.known.items()},
+        "parameters": [] if identification is None else [asdict(e) for e in identification.identified],
+        "known": {} if identification is None else {name: list(pair) for name, pair in identification.priors.items()},
         "dimensions": summary.specimen.sheet.description,
-        "budget": None if found is None else budget_record(found.budget),
-        "unidentified": [] if found is None else list(found.unidentified),
+        "budget": None if identification is None else budget_record(identification.budget),
+        "unidentified": [] if identification is None else list(identification.unidentified),
         "merits": [
-            {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit}
+            {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit, "source": m.source}
             for m in summary.figures_of_merit.values()
         ],
         "runs": [

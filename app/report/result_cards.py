@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, Table, outcome_severity
 from app.report.document import Block, Paragraph, Tone
-from app.report.rounding import typeset_measurement, typeset_with_error
+from app.report.rounding import typeset_measurement
 from app.report.runs import ReportRun
 from protocols import aspects_of
 from protocols.base import Outcome, RunFigure
@@ -43,9 +43,7 @@ def _typeset(cell: str | RunFigure) -> str:
     """Return a cell as text, a figure with its total uncertainty."""
     if isinstance(cell, str):
         return cell
-    if cell.unit == "1":
-        return f"{typeset_with_error(100 * cell.value, 100 * cell.total)} %"
-    return typeset_measurement(cell.value, cell.total, cell.unit)
+    return typeset_measurement(cell.value, cell.total, cell.unit, cell.name)
 
 
 def _card(run: ReportRun, result: ResultSummary) -> Iterator[Block]:

@@ -1,4 +1,4 @@
-"""Run files of a report, found in the catalogue: observations, instruments, quality flags, hash."""
+"""Run files of a report, from the catalogue: observations, instruments, quality flags, hash."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -87,15 +87,15 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
     catalogue = Catalogue(folder)
     catalogue.scan(progress)
     entries = sorted(RunFilter(specimen=specimen).apply(catalogue.entries()), key=lambda e: (e.start_time, e.path))
-    found = []
+    runs = []
     for i, entry in enumerate(entries):
         progress.update(i / len(entries), "reading runs")
-        found.append(_read_report_run(folder / entry.path, entry))
-    return _mark_exclusions(found)
+        runs.append(_read_report_run(folder / entry.path, entry))
+    return _mark_exclusions(runs)
 
 
 def _repetitions(runs: Sequence[ReportRun]) -> dict[str, str]:
-    """Return why a run repeats another one, by the names of those that do."""
+    """Return the reason for leaving out a repeated run, by name."""
     continued_in = {
         (run.path.parent / run.record.continues).resolve(): run.name for run in runs if run.record.continues
     }

@@ -14,7 +14,7 @@ SUFFIX = ".sig"
 
 
 def sign_files(files: Sequence[Path], key: Path) -> list[Path]:
-    """Sign files with an SSH key and return the signatures, each beside its file; a passphrase is asked for at the terminal.
+    """Sign files with an SSH key and return the signatures, each beside its file; a passphrase is read from the terminal.
 
     Args:
         files: to sign.

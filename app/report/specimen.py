@@ -49,10 +49,10 @@ NO_EFFECTS: Effects = {
     "mass_offset": 0.0,
     "clamp_flexibility": 0.0,
 }
-"""Those that the curves have, at their values in a specimen without them."""
+"""Nonidealities of the curves, with their values in an ideal specimen."""
 
 LOW_HZ, HIGH_HZ = 5.0, 250.0
-"""Frequency range in which the perception threshold is known (paper, Sec. I)."""
+"""Frequency range of the perception threshold (paper, Sec. I)."""
 LOW_GRID_HZ = np.linspace(LOW_HZ, 37.5, 14)
 HIGH_GRID_HZ = np.linspace(40.0, HIGH_HZ, 85)
 GRID_HZ = np.concatenate((LOW_GRID_HZ, HIGH_GRID_HZ))
@@ -97,9 +97,7 @@ class SpecimenModel:
         """Source of the model's parameters as text."""
         if self.identification is None:
             return "model with the paper's Table I"
-        return (
-            "model as fitted, not all of it identified" if self.identification.unidentified else "model as identified"
-        )
+        return "fitted model, partly identified" if self.identification.unidentified else "model as identified"
 
     @property
     def joint_fit(self) -> JointFit | None:
@@ -267,11 +265,11 @@ def fit_specimen(
     try:
         observations = ObservationSet(tuple(each for run in counting for each in run.observations))
         options = FitOptions(amplifier=amplifier, n=n)
-        found = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
-        tactor, membrane, effects = _fitted_parameters(found)
-    except ValueError as error:  # the message names what the fit lacks
+        identification = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
+        tactor, membrane, effects = _fitted_parameters(identification)
+    except ValueError as error:  # the message names the missing data of the fit
         return replace(paper_model, problem=str(error)), observations
-    return SpecimenModel(tactor, membrane, amplifier, found, n, sheet=sheet, effects=effects), observations
+    return SpecimenModel(tactor, membrane, amplifier, identification, n, sheet=sheet, effects=effects), observations
 
 
 def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane, Effects]:
@@ -299,12 +297,12 @@ def with_damping_by_elongation(specimen: SpecimenModel) -> SpecimenModel:
         fit = joint_fit(joint.observations, replace(joint.options, per_elongation=True, start=start), tolerance=1e-5)
     except ValueError:
         return specimen
-    found = {
+    damping = {
         elongation: (estimate.value, estimate.standard_error)
         for estimate in fit.estimates()
         if estimate.name.startswith("c_s") and (elongation := parse_elongation(estimate.name)) is not None
     }
-    return replace(specimen, damping_by_elongation=found or None)
+    return replace(specimen, damping_by_elongation=damping or None)
 
 
 def parameter_description(name: str) -> str:

@@ -109,7 +109,7 @@ class ConsoleObserver:
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
         styled = ((part, "") if isinstance(part, str) else part for part in parts)
-        text = Text.assemble(*((visible_text(words, multiline=True), style) for words, style in styled))
+        text = Text.assemble(*((visible_text(text_part, multiline=True), style) for text_part, style in styled))
         self._progress.console.print(text, soft_wrap=True)
 
 

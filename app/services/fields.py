@@ -78,7 +78,7 @@ UNLIMITED = 1e9
 
 
 def _in_bench_unit(kind: type[BaseModel], field: FormField) -> FormField:
-    """Return a field in the unit in which people at a bench think of it."""
+    """Return a field in bench units."""
     if field.unit not in FORM_UNITS:
         return field
     default = kind.model_fields[field.name].get_default()
@@ -191,7 +191,7 @@ def _format_limits(interval: Interval | None, unit: str, factor: float = 1.0) ->
 def field_error(kind: type[BaseModel], error: Any, shown: Mapping[str, FormField] | None = None) -> tuple[str, str]:
     """Return the field of a validation error, and the message."""
     place, message = error["loc"], error["msg"].removeprefix("Value error, ")
-    if not place:  # fields that contradict each other: the message begins with the one to change
+    if not place:  # contradicting fields: the message begins with the field to change
         first = re.match(r"\w*", message)
         return first[0] if first is not None and first[0] in kind.model_fields else "", message
     name = str(place[0])

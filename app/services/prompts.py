@@ -125,7 +125,7 @@ class ConsoleOperator:
             _print(f"no prompt is open; {KEY_HELP}")
 
     def _take(self, ask_id: int, prompt: Prompt, meant: str | None) -> bool:
-        """Take the answer that was meant, or tell how to answer; return whether there was an answer."""
+        """Accept the meant answer, or explain how to answer; return whether there was an answer."""
         if meant is None:
             _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
             return False
@@ -178,11 +178,11 @@ def prompts_of_run(protocol: Protocol, rest_v: float, prepare: Sequence[Prompt] 
     """Return the prompts known in advance: high voltage, preparation, and the first of each set-up."""
     setups = [entry.setup for entry in protocol.plan(rest_v) if entry.setup is not None]
     switches = [DISABLE_HIGH_VOLTAGE, *([ENABLE_HIGH_VOLTAGE] if protocol.high_voltage else [])]
-    found: list[Prompt] = []
+    prompts: list[Prompt] = []
     for prompt in (*switches, *prepare, *setups):
-        if prompt not in found:
-            found.append(prompt)
-    return found
+        if prompt not in prompts:
+            prompts.append(prompt)
+    return prompts
 
 
 def _in_foreground(keyboard: int) -> bool:

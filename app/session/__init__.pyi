@@ -7,7 +7,6 @@ from .fault_injection import FaultPlan as FaultPlan
 from .fault_injection import parse_planned_fault as parse_planned_fault
 from .messages import LogLine as LogLine
 from .messages import describe_event as describe_event
-from .messages import describe_point as describe_point
 from .messages import protocol_title as protocol_title
 from .reducer import reduce as reduce
 from .request import build_protocol as build_protocol

@@ -140,7 +140,7 @@ def connect(
 
 
 def _import_for_a_run() -> None:
-    """Import what opening served instruments and running a protocol on them need: about as long as the server takes to start."""
+    """Import the modules for opening served instruments and running a protocol, which takes about as long as the server's start."""
     from protocols.runner import PRELOADED_MODULES
 
     for name in ("grpc", "nidaqmx.system", "pyvisa_py", *PRELOADED_MODULES):

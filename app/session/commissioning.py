@@ -37,12 +37,12 @@ def commission(
     Args:
         config: the bench file.
         speed: of a simulated bench; None is the virtual clock.
-        high_voltage_off: returns once the operator has switched high voltage off; raises to abandon.
-        progress: called with the name of each exercise as it begins, and the fraction that is done.
-        check_stop: called with every block that is read; raises to abandon, with the source brought to rest.
+        high_voltage_off: function that returns after the operator has switched high voltage off; raises to abandon.
+        progress: callback with the name of each exercise at its begin, and the completed fraction.
+        check_stop: callback with every block; raises to abandon, with the source brought to rest.
 
     Raises:
-        BenchError: an instrument is absent, or rejects what it must do to be set up.
+        BenchError: an instrument is absent, or rejects its set-up.
         OSError: the record cannot be written.
     """
     messages = MessageLog()
@@ -58,7 +58,7 @@ def commission(
 
 
 def _second_client(config: BenchConfig) -> Callable[[], float] | None:
-    """Return what connects to the source once more and returns the time of its reply; None where two would interfere."""
+    """Return a function that opens a second connection to the source and returns the time of its reply; None if two would interfere."""
     wire = config.source_connection
     if config.source.kind == "card-output" or not allows_second_connection(wire.resource):
         return None
@@ -77,7 +77,7 @@ def _second_client(config: BenchConfig) -> Callable[[], float] | None:
 
 @dataclass(slots=True)
 class _OffSwitch:
-    """Switches high voltage off, and never on; the operator is asked once."""
+    """Switches high voltage off, and never on; the operator is prompted once."""
 
     connection: BenchConnection
     prompt: Callable[[], None]

@@ -20,13 +20,13 @@ class CommissioningState:
     """Whether the source is commissioned.
 
     Attributes:
-        refusal: why high voltage is not switched on; empty if it may be.
-        note: for the log of each run; empty if there is nothing to say.
+        refusal: reason why high voltage stays off; empty if it is allowed.
+        note: text for the log of each run; may be empty.
         stored: plain values for each run file.
         stop_s: measured duration of Stop; 0 if unknown.
         reply_s: longest measured time from a message to its reply; 0 if unknown.
-        holds_by_offset: whether a level is held by the offset, because the volts of an uneven waveform were not measured.
-        level_stop_s: measured duration of Stop from a level whose end it hastens; 0 if that was not measured, or does not work.
+        holds_by_offset: whether a level is held by the offset, for want of a measurement of an uneven waveform's volts.
+        level_stop_s: measured duration of Stop from a level with a hastened end; 0 if not measured, or impossible.
     """
 
     refusal: str
@@ -46,8 +46,8 @@ def commissioning_state(
     Args:
         identity: of the source.
         simulated: a simulated bench is exempt.
-        reason: why high voltage may be switched on nevertheless.
-        simulated_bench: key of the simulated bench, whose own record says whether Stop may hasten the end of a level.
+        reason: reason for high voltage without commissioning.
+        simulated_bench: key of the simulated bench, whose record states whether Stop may hasten the end of a level.
     """
     if simulated:
         return _state_of_simulated_bench(identity, simulated_bench)
@@ -105,8 +105,8 @@ def _describe_missing(identity: Identity, record: "CommissioningRecord | None") 
     if record is not None and record.simulated:  # stored by an earlier version
         return f"The commissioning record of {identity} is of a simulated instrument"
     if record is not None:
-        found = "; ".join(record.failed)
-        return f"The commissioning of {identity} on {record.date[:10]} did not pass ({found})"
+        failures = "; ".join(record.failed)
+        return f"The commissioning of {identity} on {record.date[:10]} did not pass ({failures})"
     if others := firmwares_with_record(identity):
         return f"{identity} was commissioned with firmware {', '.join(others)}, and now has {firmware}"
     return f"There is no commissioning record of {identity} with firmware {firmware}"

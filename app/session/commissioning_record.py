@@ -1,4 +1,4 @@
-"""Commissioning records: what was measured on a source, by make, model, serial number and firmware."""
+"""Commissioning records: measurements of a source, by make, model, serial number and firmware."""
 
 import hashlib
 import json
@@ -42,7 +42,7 @@ def record_path(identity: Identity, simulated_bench: str = "") -> Path:
 
 
 def simulated_bench_key(config: BenchConfig) -> str:
-    """Return what identifies the instruments of a simulated bench, by their parameters and the seed of their traits; empty for a real one."""
+    """Return the identification of simulated instruments, by their parameters and the seed of their traits; empty for real ones."""
     if not config.simulated:
         return ""
     given = config.simulation or {}
@@ -82,7 +82,7 @@ class CommissioningRecord:
 
 
 def save_record(
-    identity: Identity, simulated: bool, rate_hz: float, found: "Commissioned", simulated_bench: str = ""
+    identity: Identity, simulated: bool, rate_hz: float, result: "Commissioned", simulated_bench: str = ""
 ) -> Path:
     """Write the record of an instrument and the traces beside it; return the record's path.
 
@@ -91,16 +91,16 @@ def save_record(
     """
     path = record_path(identity, simulated_bench)
     path.parent.mkdir(parents=True, exist_ok=True)
-    traces = {f"{i:02d} {trace.name}": trace.volts.astype(np.float32) for i, trace in enumerate(found.traces)}
+    traces = {f"{i:02d} {trace.name}": trace.volts.astype(np.float32) for i, trace in enumerate(result.traces)}
     with path.with_suffix(".npz").open("wb") as file:
         np.savez_compressed(file, **{**traces, "rate_hz": np.array(rate_hz)})  # type: ignore[arg-type]
     write_atomic(
-        path, json.dumps(make_record(identity, simulated, rate_hz, found), indent=1, ensure_ascii=False) + "\n"
+        path, json.dumps(make_record(identity, simulated, rate_hz, result), indent=1, ensure_ascii=False) + "\n"
     )
     return path
 
 
-def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Commissioned") -> dict[str, Any]:
+def make_record(identity: Identity, simulated: bool, rate_hz: float, result: "Commissioned") -> dict[str, Any]:
     """Return the record of an instrument as plain values; a figure that was not measured is null."""
     return {
         "format": FORMAT,
@@ -112,7 +112,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": version(),
         "rate_hz": rate_hz,
-        "verdict": worst_verdict(found.checks),
+        "verdict": worst_verdict(result.checks),
         "checks": [
             {
                 "name": check.check,
@@ -123,7 +123,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
                 "high": check.high,
                 "detail": check.detail,
             }
-            for check in found.checks
+            for check in result.checks
         ],
         "assumptions": [
             {
@@ -134,12 +134,12 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
             }
             for each in checked_assumptions(
                 (*assumptions_about(identity.model), *assumptions_about_card(plays=identity.maker == CARD_MAKER)),
-                found.checks,
+                result.checks,
             )
         ],
-        "times": {name: _finite(value) for name, value in asdict(found.times).items()},
-        "commands": [asdict(each) for each in found.commands],
-        "errors": list(found.errors),
+        "times": {name: _finite(value) for name, value in asdict(result.times).items()},
+        "commands": [asdict(each) for each in result.commands],
+        "errors": list(result.errors),
     }
 
 
@@ -164,8 +164,8 @@ def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningR
             )
             for check in read["checks"]
         ]
-        known = {each.name for each in fields(MeasuredTimes)} & read["times"].keys()  # older records have fewer
-        times = {name: math.nan if (value := read["times"][name]) is None else float(value) for name in known}
+        names = {each.name for each in fields(MeasuredTimes)} & read["times"].keys()  # older records have fewer
+        times = {name: math.nan if (value := read["times"][name]) is None else float(value) for name in names}
         failed = tuple(describe_check(check) for check in checks if not check.passed)
         return CommissioningRecord(
             worst_verdict(checks), str(read["date"]), failed, MeasuredTimes(**times), bool(read["simulated"]), path
@@ -175,7 +175,7 @@ def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningR
 
 
 def firmwares_with_record(identity: Identity) -> list[str]:
-    """Return the firmwares with which this instrument was commissioned, by the names of their records."""
+    """Return the firmwares of this instrument's commissionings, by the names of their records."""
     return sorted(path.stem for path in record_path(identity).parent.glob("*.json"))
 
 

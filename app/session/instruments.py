@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.config import (
     DIGITIZERS,
@@ -13,7 +13,10 @@ from app.config import (
     load_driver,
     open_generator,
 )
-from drivers import Clock, Digitizer, EnvironmentSensor, Link, Meter, Source
+from drivers import Clock, Digitizer, Link, Meter, Source
+
+if TYPE_CHECKING:
+    from drivers import EnvironmentSensor
 
 DRIVE_MARGIN_S = 0.1
 """Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
@@ -52,7 +55,7 @@ def open_source(
 
 
 def lock_panel(config: BenchConfig, source: Source, stack: ExitStack) -> str:
-    """Lock the generator's front panel if the bench file asks for it; `stack` unlocks it. Return why it is not locked, else an empty text."""
+    """Lock the generator's front panel if the bench file asks for it; `stack` unlocks it. Return the reason if it stays unlocked."""
     if not (config.source.kind == "generator" and config.generator.panel_lock):
         return ""
     lock: Callable[[], str] = getattr(source, "lock_panel", lambda: "this driver knows no command for it")
@@ -119,7 +122,7 @@ def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displace
             return OptoNcdt(line, clock, range_m=table.range_m)
 
 
-def open_environment_sensor(table: EnvironmentTable, stack: ExitStack) -> EnvironmentSensor | None:
+def open_environment_sensor(table: EnvironmentTable, stack: ExitStack) -> "EnvironmentSensor | None":
     """Open the sensor of temperature and humidity; `stack` closes it. None if the bench has none.
 
     Raises:

@@ -3,17 +3,17 @@
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
-from typing import Any
 
 from app.common import (
     Severity,
     format_duration,
+    format_point,
     format_series,
     outcome_severity,
     pluralize,
 )
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
-from model import format_estimate, format_with_uncertainty
+from model import format_estimate, format_quantity
 from protocols import PROTOCOLS
 from protocols.base import (
     BenchArmed,
@@ -115,7 +115,7 @@ def _describe_run_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return Severity.WARNING, f"The response did not settle within {after_s:.1f} s; it is recorded and flagged"
         case PointMeasured(_, point):
             usable = Quality(point.quality).usable
-            return (Severity.INFO if usable else Severity.WARNING), describe_point(point)
+            return (Severity.INFO if usable else Severity.WARNING), format_point(point)
         case SeriesReady(curve) if text := format_series(curve):
             return Severity.INFO, text
         case LogMessage(text):
@@ -136,25 +136,12 @@ def _mains_of(line: InterferenceLine) -> float:
 
 def _describe_line(line: InterferenceLine) -> str:
     """`0.31 ± 0.01 µm at 50.02 Hz (mains)`."""
-    size = format_with_uncertainty(1e6 * line.amplitude_m, 1e6 * line.error_m, "µm")
+    size = format_quantity(line.amplitude_m, line.error_m, "m")
     mains = _mains_of(line)
     kind = f" (mains, {mains:g} Hz)" if mains else ""
     if line.folded:
         kind = f" (folded back from {line.folded_from_hz:.6g} Hz, above half the sample rate)"
     return f"{size} at {line.frequency_hz:.6g} Hz{kind}"
-
-
-def describe_point(point: Any) -> str:
-    """Format a point with its value, uncertainty and quality flags."""
-    quality = Quality(point.quality)
-    flags, text = quality & ~Quality.SIMULATED, getattr(point, "summary", "") or _describe_dwell_point(point)
-    return f"{text}; {'' if quality.usable else 'not usable: '}{flags.description}" if flags else text
-
-
-def _describe_dwell_point(point: Any) -> str:
-    peaks = format_with_uncertainty(1e6 * point.peak_to_peak, 1e6 * point.peak_to_peak_errors, "µm")
-    twice = format_with_uncertainty(2e6 * point.fundamental, 2e6 * point.fundamental_errors, "µm")
-    return f"{point.frequency:.4g} Hz: max − min {peaks}, 2 × fundamental {twice}"
 
 
 def protocol_title(protocol: str) -> str:
@@ -187,6 +174,6 @@ def describe_verdict(verdict: Verdict, reasons_shown: bool = False) -> str:
 
 
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
-    found = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
+    estimates = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
     text = event.summary
-    return outcome_severity(event.verdict.outcome), text[:1].upper() + text[1:] + found
+    return outcome_severity(event.verdict.outcome), text[:1].upper() + text[1:] + estimates

@@ -165,7 +165,7 @@ def _after_prompt(view: WindowState, event: WindowEvent) -> WindowState | None:
             live = prompt.action == ENABLE_HIGH_VOLTAGE.action and off
             return replace(view, prompt=event, bench_state=BenchState.LIVE if live else view.bench_state)
         case PromptAnswered(ask_id, _) if view.prompt is not None and view.prompt.ask_id == ask_id:
-            # In a run, rest is measured before the operator is asked to switch off.
+            # In a run, rest is measured before the prompt to switch off.
             off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action and view.bench_state in ENERGIZED
             return replace(
                 view,

@@ -65,7 +65,7 @@ def load_protocol_class(name: str, warn: Callable[[str], object] = lambda _: Non
             warn(trouble)
     if name not in PROTOCOLS:
         raise UsageError(
-            f"there is no protocol '{name}'; known are: {', '.join(PROTOCOLS)}; or give a file: ./my_protocol.py"
+            f"there is no protocol '{name}'; the protocols are: {', '.join(PROTOCOLS)}; or give a file: ./my_protocol.py"
         )
     return PROTOCOLS[name]
 

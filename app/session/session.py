@@ -122,7 +122,7 @@ class BuiltInOperator(Operator, Protocol):
     """Operator that belongs to the bench, such as the simulated one."""
 
     def clear_specimen(self) -> None:
-        """Remove what a stopped run left on the specimen. Raises BenchError if the bench is gone."""
+        """Remove weights and masses of a stopped run from the specimen. Raises BenchError without a bench."""
 
 
 class ConnectedBench(Protocol):
@@ -252,11 +252,11 @@ class Session:
         after_takeover_s = min(quiet_s, now_s - self._takeover_seen_s)
         if quiet_s <= HUNG_S and after_takeover_s <= HUNG_AFTER_TAKEOVER_S:
             return
-        self.abandoned = True  # before the events below: their observers ask for it
+        self.abandoned = True  # before the following events, whose observers read it
         hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
-        said = f" The watchdog reports: {outcome}." if outcome else ""
-        bench.watchdog.log(f"the program could not measure rest: {hangs}.{said}")
-        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{said}"
+        watchdog_report = f" The watchdog reports: {outcome}." if outcome else ""
+        bench.watchdog.log(f"the program could not measure rest: {hangs}.{watchdog_report}")
+        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{watchdog_report}"
         verdict = Verdict.of_status(RunStatus.UNSAFE, reason)
         self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
         self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))
@@ -321,7 +321,6 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulation import provide_sheet
-        from protocols import complete_results
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner
 
@@ -330,7 +329,7 @@ class Session:
         try:
             request = load()
             self._report_watchdog_log(request.folder)
-            for sentence in repair_folder(request.folder, complete_results):
+            for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
@@ -384,7 +383,7 @@ class Session:
             self._events.publish(note)
 
     def _with_restored_setup(self, request: RunRequest) -> RunRequest:
-        """Return the request with a prompt that undoes the set-up of the last run, and note what this one leaves."""
+        """Return the request with a prompt that undoes the set-up of the last run, and note the set-up left by this one."""
         left = request.protocol.restore
         if self._restore is not None and self._restore != left:
             request = replace(request, prepare=(self._restore, *request.prepare))
@@ -416,6 +415,13 @@ class Session:
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
         self._events.publish(BenchFailed(reason))
+
+
+def _complete_results(path: Path) -> str:
+    """Complete the results of a run that a killed program left; the modules that read runs are imported then only."""
+    from protocols import complete_results
+
+    return complete_results(path)
 
 
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:

@@ -52,37 +52,37 @@ class SimulationSettings:
 
 
 class PractisingOperator:
-    """Asks a person where the settings say so, and does on the simulated bench what the person confirms.
+    """Prompts a person by the settings, and performs the confirmed actions on the simulated bench.
 
     Args:
         user: the window or terminal.
-        simulated: acts on the simulated bench.
+        simulated: operator of the simulated bench.
         settings: read at every prompt.
     """
 
     def __init__(self, user: Operator, simulated: "SimulatedOperator", settings: SimulationSettings) -> None:
         self._user, self._simulated, self._settings = user, simulated, settings
-        self._asked: dict[int, Prompt] = {}
+        self._pending: dict[int, Prompt] = {}
 
     def clear_specimen(self) -> None:
         """Remove what a stopped run left on the specimen."""
-        self._asked.clear()
+        self._pending.clear()
         self._simulated.clear_specimen()
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         if self._settings.asks_user:
-            self._asked[ask_id] = prompt
+            self._pending[ask_id] = prompt
             self._user.show(ask_id, prompt)
         else:
             self._simulated.show(ask_id, prompt)
 
     def answer(self, ask_id: int) -> str | None:
-        """Return the answer; one that confirms an action is returned when the action is done."""
-        if (prompt := self._asked.get(ask_id)) is not None:
+        """Return the answer; the confirmation of an action is returned after the action."""
+        if (prompt := self._pending.get(ask_id)) is not None:
             choice = self._user.answer(ask_id)
             if choice is None:
                 return None
-            del self._asked[ask_id]
+            del self._pending[ask_id]
             if choice != prompt.choices[0]:
                 return choice
             self._simulated.show(ask_id, prompt, patience_s=0.0)
@@ -90,7 +90,7 @@ class PractisingOperator:
 
 
 def practise(connect: Connect, user: Operator, settings: SimulationSettings) -> Connect:
-    """Return `connect` with an operator that answers prompts as the settings say."""
+    """Return `connect` with an operator that answers prompts by the settings."""
 
     @contextmanager
     def connected() -> Iterator[ConnectedBench]:
@@ -122,7 +122,7 @@ def format_bench_duration(seconds: float, bench: "Bench | None") -> str:
     return duration if speed == 1.0 else f"{duration} at {speed:g} times real speed"
 
 
-SHEET_HEAD = """# Specimen sheet of a simulated specimen: what its laboratory measured, off the truth within the uncertainty that is stated.
+SHEET_HEAD = """# Specimen sheet of a simulated specimen: measurements of its laboratory, with errors within the stated uncertainty.
 # Uncertainties are standard uncertainties (k = 1). Values not listed here are the paper's Table I, with the uncertainty of ruler, caliper or scale.
 # Another bench's specimen needs another name.
 

@@ -1,7 +1,7 @@
 """Suspend inhibitor: keeps the computer from going to sleep while a real bench is connected.
 
-wakepy (MIT, 1.0.0) was looked at first: on Linux it asks desktop sessions not to suspend when idle, and not logind, which
-also decides about the lid and works without a desktop; what it does on Windows and macOS is one call and one command.
+wakepy (MIT, 1.0.0) was considered first: on Linux it inhibits desktop sessions only, and not logind, which also decides about the
+lid and works without a desktop; on Windows and macOS it needs one call and one command.
 """
 
 import contextlib
@@ -70,11 +70,7 @@ def _inhibit_by_logind(stack: contextlib.ExitStack) -> None:
 
 def _start(command: tuple[str, ...], stack: contextlib.ExitStack) -> "subprocess.Popen[bytes]":
     child = subprocess.Popen(  # noqa: S603 - a fixed command
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
     )
     stack.callback(_end, child)
     return child

@@ -1,17 +1,17 @@
-"""Abort levels of a bench: limits on what its channels may show while it is live, and the action beyond each."""
+"""Abort levels of a bench: limits of its channels while it is live, and the action beyond each."""
 
 from dataclasses import dataclass, fields
 from enum import StrEnum
 
 
 class LevelAction(StrEnum):
-    """What happens beyond an abort level. The texts are stored in run files and bench files; they never change."""
+    """Action beyond an abort level. The texts are stored in run files and bench files; they never change."""
 
     OFF = "off"
     WARNING = "warning"
-    """It is reported, the points of the entry are flagged, and the run continues."""
+    """A report; the points of the entry are flagged, and the run continues."""
     ASK = "ask"
-    """The source returns to rest, and the operator decides there."""
+    """The source returns to rest, and the operator decides."""
     REST = "rest"
     """The run ends at rest."""
 
@@ -25,7 +25,7 @@ class LevelSettings:
         stroke_m: largest displacement from rest; 0 is `gap_m`.
         rate_m_per_s: largest displacement rate.
         laser_lost_s: longest time for which the sensor may be out of range under a drive.
-        drive_tolerance: largest deviation of the drive read back, relative to its amplitude or its distance from rest.
+        drive_tolerance: largest deviation of the recorded drive, relative to its amplitude or its distance from rest.
         voltage_v, current_a: largest magnitudes at the amplifier's monitors.
         no_response_points: consecutive points without response.
     """
@@ -48,7 +48,7 @@ class LevelSettings:
 
     @property
     def asking(self) -> tuple[str, ...]:
-        """Names of the levels whose action is to ask the operator."""
+        """Names of the levels with the action "ask"."""
         return tuple(each.name for each in fields(self) if getattr(self, each.name) is LevelAction.ASK)
 
     @property

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
-from drivers.drive_shapes import Drive, Hold
+from drivers.drive_shapes import Drive, Hold, LevelPulse
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
     DriveChecker,
@@ -23,16 +23,15 @@ from drivers.interfaces import (
     Source,
     UnattendedEnd,
 )
-from drivers.level_pulse import LevelPulse
 from model import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
 
 LEVEL_REACHED_S = 0.01
-"""After the rise of a level that is played as a waveform: the duration of a point, and what the instrument needs to begin."""
+"""Time after the rise of a level played as a waveform: the duration of a point, and the delay of the instrument."""
 
 NOT_A_LEVEL_V = 1e6
-"""A level beyond this is not a number: SCPI's "not a number" and infinity are 9.91e37 and 9.9e37."""
+"""Largest valid number: SCPI's "not a number" and infinity are 9.91e37 and 9.9e37."""
 
 
 class UnreadableLevelError(LinkError):
@@ -45,7 +44,7 @@ class DriveLimits:
 
     Args:
         slew_v_per_s: steepest admissible slope of a drive.
-        step_v: largest step of a source that moves in a staircase.
+        step_v: largest step of a source that moves in steps.
         ramp_v_per_s: slope at which `HvAmplifier` moves between levels.
         current_limit_a: output current limit of the amplifier; 0 if unknown.
         specimen_capacitance_f: capacitance of the specimen and its cable; 0 if unknown.
@@ -61,7 +60,7 @@ class DriveLimits:
 
     @property
     def has_current_limit(self) -> bool:
-        """Whether current limit and capacitance are known, so that a drive's current can be checked."""
+        """Whether current limit and capacitance are given, so that a drive's current can be checked."""
         return self.current_limit_a > 0 and self.specimen_capacitance_f > 0
 
 
@@ -83,16 +82,16 @@ class HvAmplifier:
         self._clock = clock
         self._drive_end_s = 0.0
         self._pulse: LevelPulse | None = None
-        """The waveform of the present level, where the source plays it as one."""
+        """The waveform of the present level, if the source plays it as one."""
         self._level_end_s = math.inf
-        """Earliest bench time at which that level is left by itself."""
+        """Earliest bench time at which this level ends by itself."""
         self.holds_by_offset = False
-        """Whether a level is held at the idle level, also by a source that could play it as a finite waveform: where it is
-        not known from measurement that such waveforms have the volts that its driver assumes."""
+        """Whether a level is held at the idle level even by a source that can play it as a finite waveform: without a measurement
+        that such waveforms have the volts assumed by its driver."""
         self.measured_stop_s = 0.0
-        """Duration of Stop as measured when the source was commissioned; 0 if it was not."""
+        """Duration of Stop from the commissioning of the source; 0 without commissioning."""
         self.on_failure: Callable[[BaseException], None] = lambda _: None
-        """Called at the first failed command of a way to rest, before the rest of it is sent."""
+        """Callback at the first failed command of a way to rest, before its remaining commands are sent."""
 
     @property
     def identity(self) -> Identity:
@@ -100,7 +99,7 @@ class HvAmplifier:
         return self._source.identity
 
     def check_drive_limits(self, drive: Drive) -> None:
-        """Reject a drive that must not reach the amplifier.
+        """Reject an inadmissible drive.
 
         Raises:
             DriveRejectedError: with the value, the limit and the remedy.
@@ -138,14 +137,14 @@ class HvAmplifier:
                     )
 
     def reason_unsupported(self, drive: Drive) -> str:
-        """Return why the source cannot play a drive, with the remedy; empty if it can."""
+        """Return the reason why the source cannot play a drive, with the remedy; empty if it can."""
         if isinstance(self._source, FiniteHolder) and (pulse := self._level_pulse(drive)) is not None:
             return self._source.reason_level_unsupported(pulse)
         return self._source.reason_unsupported(drive) if isinstance(self._source, DriveChecker) else ""
 
     @property
     def unattended_end(self) -> str:
-        """What the source does when program and watchdog die; empty if its driver does not state it."""
+        """Behaviour of the source at the death of program and watchdog; empty if its driver does not state it."""
         if not isinstance(self._source, UnattendedEnd):
             return ""
         if not isinstance(self._source, FiniteHolder):
@@ -154,7 +153,7 @@ class HvAmplifier:
         return f"{self._source.unattended_end}; a held level {level}"
 
     def unattended_rest_s(self, drive: Drive) -> float:
-        """Return how long after the death of program and watchdog a drive is at rest at the latest; infinite if it is not."""
+        """Return the longest time from the death of program and watchdog to rest; infinite if the drive does not end."""
         if isinstance(drive, Hold) and abs(drive.level_v - self.map.rest_v) <= LEVEL_ROUNDING_V:
             return 0.0
         if (pulse := self._level_pulse(drive)) is not None:
@@ -170,7 +169,7 @@ class HvAmplifier:
 
     @property
     def stop_wait_s(self) -> float:
-        """How long Stop has to wait now before the source is at rest; 0 for one that need not wait for the end of its drive."""
+        """Time for which Stop must wait for the end of the drive; 0 for a source that can abort it."""
         if not self.plays_to_the_end or math.isinf(self.remaining_s):
             return 0.0
         if self._pulse is not None and self.hastens_levels:
@@ -179,9 +178,9 @@ class HvAmplifier:
 
     @property
     def hastens_levels(self) -> bool:
-        """Whether Stop plays what is left of a level faster, where the source could only wait for its end.
+        """Whether Stop plays the remainder of a level faster, for a source that cannot abort it.
 
-        Only where commissioning has measured that a change of frequency continues a running burst.
+        Only after a commissioning that measured that a change of frequency continues a running burst.
         """
         return bool(getattr(self._source, "hastens_levels", False))
 
@@ -192,12 +191,12 @@ class HvAmplifier:
 
     @property
     def holds_rewrites_back(self) -> bool:
-        """Whether the driver of the card's output was seen not to take samples again, so that Stop keeps the sample reached."""
+        """Whether the driver of the card's output has refused to rewrite samples, so that Stop keeps the present sample."""
         return bool(getattr(self._source, "holds_rewrites_back", False))
 
     @property
     def upload_longest(self) -> Callable[[], object] | None:
-        """Uploads the longest waveform that the driver sends, and plays none; None for a source without a memory for waveforms."""
+        """Function that uploads the driver's longest waveform without playing it; None for a source without a memory for waveforms."""
         upload = getattr(self._source, "upload_longest", None)
         if upload is None:
             return None
@@ -210,7 +209,7 @@ class HvAmplifier:
 
     @property
     def starts_on_scan(self) -> bool:
-        """Whether the source is to start a drive on a scan of the card's input."""
+        """Whether the source starts a drive on a scan of the card's input."""
         return bool(getattr(self._source, "starts_on_scan", False))
 
     def peak_current_a(self, drive: Drive) -> float:
@@ -225,14 +224,14 @@ class HvAmplifier:
             return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def is_left_live(self) -> bool:
-        """Whether the source reports that an earlier program left a drive or a level on it."""
+        """Whether the source reports a drive or a level of an earlier program."""
         if not isinstance(self._source, LiveChecker):
             return False
         with self._watchdog.allow_silence():
             return self._source.is_left_live(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def may_be_left_live(self) -> bool:
-        """Whether it cannot be excluded that an earlier program left a drive or a level on the source."""
+        """Whether a drive or a level of an earlier program cannot be excluded."""
         try:
             return not self.is_source_at_rest() and (not isinstance(self._source, LiveChecker) or self.is_left_live())
         except InstrumentError:
@@ -267,18 +266,18 @@ class HvAmplifier:
         return predicted_s
 
     def start_drive(self, drive: Drive) -> None:
-        """Check a drive and start it; a drive that still plays comes to rest first. A level is reached when this returns.
+        """Check a drive and start it; a playing drive comes to rest first. A level is reached on return.
 
         Raises:
             DriveRejectedError: nothing was sent to the source.
             InstrumentError: the source rejected it or does not answer.
-            BenchError: the watchdog has taken the source over, or has ended.
+            BenchError: the watchdog has taken over the source, or has ended.
         """
         self.check_drive_limits(drive)
         with self._watchdog.allow_silence():
             self._watchdog.raise_for_status()
             self.return_to_rest()
-            # Set before the command is sent: if the reply is lost, the drive must be assumed to play.
+            # Set before the command is sent: if the reply is lost, a playing drive must be assumed.
             self._drive_end_s = self._clock.now() + drive.duration_s
             if isinstance(self._source, FiniteHolder) and (pulse := self._level_pulse(drive)) is not None:
                 self._start_level(self._source, pulse)
@@ -289,7 +288,7 @@ class HvAmplifier:
             self._source.start_drive(drive)
 
     def _level_pulse(self, drive: Drive) -> LevelPulse | None:
-        """Return the finite waveform as which a drive is played; None if it is no level away from rest, or held otherwise."""
+        """Return the finite waveform of a level; None for another drive, for rest, or for a level held in another way."""
         rest_v = self.map.rest_v
         if (
             self.holds_by_offset
@@ -311,11 +310,11 @@ class HvAmplifier:
         self._clock.sleep(pulse.rise_s + LEVEL_REACHED_S)
 
     def adopt_level(self, pulse: LevelPulse, end_s: float) -> None:
-        """Take over a level that another process started on this source and whose end may be hastened.
+        """Adopt a level started by another process on this source, whose end may be hastened.
 
         Args:
-            pulse: the waveform as which it is played.
-            end_s: bench time at which it ends by itself.
+            pulse: waveform of the level.
+            end_s: bench time of its natural end.
         """
         adopt = getattr(self._source, "adopt_level", None)
         if adopt is not None:
@@ -323,7 +322,7 @@ class HvAmplifier:
             self._pulse, self.hastens_levels = pulse, True
 
     def renew_hold(self) -> None:
-        """Renew a held level where the source needs it; else it returns to rest by itself.
+        """Renew a held level of a source that would return to rest by itself.
 
         Raises:
             InstrumentError: it was renewed too late, or the source does not answer.
@@ -338,11 +337,11 @@ class HvAmplifier:
 
     @property
     def level_remaining_s(self) -> float:
-        """How long the present level is held at least before it returns to rest by itself; infinite if it does not."""
+        """Shortest time until the present level returns to rest by itself; infinite if it does not."""
         return max(self._level_end_s - self._clock.now(), 0.0)
 
     def return_to_rest(self) -> None:
-        """Stop the drive and ramp to rest; return when the source reports that it idles there.
+        """Stop the drive and ramp to rest; return when the source reports the idle level.
 
         Raises:
             InstrumentError: the source does not answer, or its output is off. Rest must then be established by measurement.
@@ -357,11 +356,11 @@ class HvAmplifier:
                 )
 
     def force_rest(self) -> None:
-        """Stop and ramp to rest unconditionally, also when no drive was started through this object.
+        """Stop and ramp to rest unconditionally, even if no drive was started by this object.
 
         Raises:
-            InstrumentError: a step failed; all that could be sent was sent nevertheless.
-            BenchError: the watchdog took the source over; nothing more was sent.
+            InstrumentError: a step failed; all other steps were sent.
+            BenchError: the watchdog took over the source; nothing more was sent.
         """
         with self._watchdog.allow_silence():
             failure: BaseException | None = None
@@ -373,7 +372,7 @@ class HvAmplifier:
                         isinstance(error, BenchError) and not isinstance(error, InstrumentError)
                     ):
                         raise
-                    if failure is None:  # also an error of a driver's code must not prevent the ramp
+                    if failure is None:  # an error in a driver's code must not prevent the ramp
                         failure = error
                         self.on_failure(error)
             if failure is not None:
@@ -390,7 +389,7 @@ class HvAmplifier:
             self._source.stop()
 
     def reconnect(self) -> None:
-        """Connect to the source anew; changes no output setting. Raises InstrumentError if it does not answer."""
+        """Reconnect to the source; changes no output setting. Raises InstrumentError if it does not answer."""
         with self._watchdog.allow_silence():
             self._source.reconnect()
 
@@ -406,7 +405,7 @@ class HvAmplifier:
     def _ramp_to_rest(self) -> None:
         try:
             self._ramp(self.map.rest_v)
-        except LinkError as unread:  # the idle level is not known: assume the largest distance
+        except LinkError as unread:  # unknown idle level: assume the largest distance
             furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
             self._source.ramp_to(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
             if isinstance(unread, UnreadableLevelError):

@@ -26,10 +26,10 @@ class BlockMonitor(Protocol):
     """Evaluates every block of an armed bench before it is stored; must not raise."""
 
     def drive_commanded(self) -> None:
-        """Note that a drive is about to be started."""
+        """Note that a drive will be started."""
 
     def drive_changed(self, drive: Drive | None, level_remaining_s: float = math.inf) -> None:
-        """Note that a drive was started, or that the source returned to rest (None).
+        """Note the start of a drive, or the return of the source to rest (None).
 
         A level is held for `level_remaining_s` at least, and may return to rest by itself then.
         """
@@ -48,17 +48,17 @@ class ArmedBench:
     watchdog: Watchdog
     measure_rest: Callable[[], RestMeasurement]
     high_voltage_may_be_on: bool = False
-    """Whether high voltage may be on: from then on, every shutdown must measure rest."""
+    """Whether high voltage may be on; then every shutdown must measure rest."""
     initial_rest: RestMeasurement | None = None
-    """Rest as measured before the first drive."""
+    """Rest measured before the first drive."""
     final_rest: RestMeasurement | None = None
-    """Rest as measured at shutdown; None while live, or if high voltage never came on."""
+    """Rest measured at shutdown; None while live, or without high voltage."""
     predicted_rest_s: float = math.nan
     """Predicted duration of the way to rest; NaN if the source cannot predict it."""
     last_block: Block | None = None
     """The last block that the card delivered."""
     monitor: BlockMonitor | None = None
-    """Evaluates every block that is read while the bench is armed; not during the shutdown."""
+    """Evaluates every block read from the armed bench; not during the shutdown."""
 
     @property
     def rate_hz(self) -> float:
@@ -99,7 +99,7 @@ class ArmedBench:
 
     @contextlib.contextmanager
     def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
-        """Give the operator access to the specimen: rest verified and high voltage off; on exit verified again, then on."""
+        """Give the operator access to the specimen: rest verified and high voltage off; on exit rest verified again, then on."""
         self.return_to_verified_rest()
         switch.disable()
         yield
@@ -121,7 +121,7 @@ class ArmedBench:
         return block
 
     def catch_up(self, now_s: float) -> None:
-        """Read and store the blocks that were sampled until `now_s`. Errors are suppressed: the caller reports a warning."""
+        """Read and store the blocks sampled until `now_s`. Errors are suppressed: the caller reports a warning."""
         with contextlib.suppress(Exception):
             while (
                 self.last_block is None
@@ -132,7 +132,7 @@ class ArmedBench:
                 self.block_sink(self.last_block)
 
     def discard_block(self) -> Block:
-        """Read a block without storing it: the card must be emptied also while the run waits for the operator."""
+        """Read a block without storing it: the card must also be read while the run waits for the operator."""
         self.last_block = block = self.stream.read()
         self.watchdog.send_heartbeat()
         self.watchdog.raise_for_status()
@@ -140,3 +140,26 @@ class ArmedBench:
         if self.monitor is not None:
             self.monitor.block_read(block)
         return block
+
+
+def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, predicted_rest_s: float) -> str:
+    """Return, for the log, the time to rest after a stop, and after the death of program and watchdog; empty if unknown.
+
+    Args:
+        amplifier: amplifier with the source.
+        watchdog: watchdog of the bench.
+        predicted_rest_s: duration of the way to rest from the farthest level, NaN if unknown.
+    """
+    clauses = []
+    if math.isfinite(predicted_rest_s):
+        measured = (
+            f" (Stop measured {amplifier.measured_stop_s:.2f} s at commissioning)" if amplifier.measured_stop_s else ""
+        )
+        waits = ", once the drive has ended by itself" if amplifier.plays_to_the_end else ""
+        clauses.append(f"the way to rest takes up to {predicted_rest_s:.1f} s{measured}{waits}")
+    if math.isfinite(watchdog.notices_after_s):
+        clauses.append(f"if this program dies or hangs, the watchdog takes it after {watchdog.notices_after_s:g} s")
+    if amplifier.unattended_end:
+        both = "program and watchdog die" if math.isfinite(watchdog.notices_after_s) else "this program dies"
+        clauses.append(f"if {both}, {amplifier.unattended_end}")
+    return "; ".join(clauses)

@@ -1,26 +1,20 @@
 """Bench: the instruments of one bench, and arming, the only way to high voltage.
 
-Arming brings the source to rest with high voltage disabled, measures that rest through the card, and only then has
-high voltage enabled. Whatever ends the `with bench.armed(...)` block - success, an exception, a closed generator, Ctrl-C -
-the source is ramped to rest with its output on, and rest is reported only after it was *measured*.
+Arming brings the source to rest with high voltage disabled, measures rest by the card, and only then has high voltage enabled.
+Whatever ends the `with bench.armed(...)` block - success, an exception, a closed generator, Ctrl-C - the source is ramped to rest
+with its output on, and rest is reported only after it was *measured*.
 """
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.bench.abort_level_settings import LevelSettings
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.rest import REST_TOLERANCE_V
-from drivers.bench.shutdown import (
-    REST_TIMEOUT_S,
-    LiveWarning,
-    SafeShutdown,
-    drive_voltage,
-    live_warning,
-)
+from drivers.bench.shutdown import REST_TIMEOUT_S, LiveWarning, SafeShutdown, drive_voltage, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.errors import (
@@ -34,7 +28,10 @@ from drivers.errors import (
     UnsafeError,
 )
 from drivers.interfaces import Block, Digitizer, InputChannel, Meter, ScanLister, Stream
-from drivers.sensors import EnvironmentSensor, LaserSensor
+from drivers.sensors import LaserSensor
+
+if TYPE_CHECKING:
+    from drivers.sensors import EnvironmentSensor
 
 RATE_TOLERANCE = 0.01
 """Largest relative deviation of the card's sample rate from the requested one: its divider makes the nearest rate."""
@@ -54,7 +51,7 @@ class Bench:
     clock: Clock
     block_s: float = 0.05
     hold_s: float = 0.0
-    """Real time for which blocks may be held before they are written to the run file, on a virtual clock."""
+    """Longest real time for which blocks are held before they are written to the run file, on a virtual clock."""
     simulated: bool = False
     configuration: Mapping[str, Any] = field(default_factory=dict)
     meters: Mapping[str, Meter] = field(default_factory=dict)
@@ -63,18 +60,18 @@ class Bench:
     levels: LevelSettings = field(default_factory=LevelSettings)
     channels: tuple[InputChannel, ...] = ()
     """Further inputs of the card, in the order of a block's rows from the third on."""
-    environment: EnvironmentSensor | None = None
+    environment: "EnvironmentSensor | None" = None
     """Sensor of temperature and humidity, or None."""
     suspend_warning: str = ""
-    """Why the computer cannot be kept from suspending; empty if it is kept."""
+    """Reason why the computer may suspend; empty if suspension is inhibited."""
     panel_warning: str = ""
-    """Why the generator's front panel is not locked although the bench file asks for it; empty if it is, or need not be."""
+    """Reason why the generator's front panel is not locked despite the bench file; empty if it is locked, or need not be."""
     high_voltage_refusal: str = ""
-    """Why high voltage must not be switched on, with the remedy: the source is not commissioned. Empty if it may be."""
+    """Reason why high voltage must stay off, with the remedy: the source is not commissioned. Empty if high voltage is allowed."""
     commissioning_note: str = ""
     """Remark on the commissioning of the source for the log of each run; may be empty."""
     _high_voltage_enabled: bool = field(default=False, init=False)
-    """Whether high voltage was switched on since this bench was opened."""
+    """Whether high voltage was on since this bench was opened."""
 
     def close(self) -> None:
         """Close all instruments; the source's output stays on, at rest."""
@@ -93,7 +90,7 @@ class Bench:
         """Start an acquisition.
 
         Raises:
-            AcquisitionError: the card is absent or in use, or its sample rate is not the requested one.
+            AcquisitionError: the card is absent or in use, or has another sample rate than requested.
         """
         stream = self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
         if abs(stream.rate_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
@@ -130,10 +127,10 @@ class Bench:
             rate_hz: scans per second.
             block_sink: receives every block, in order, before its caller does.
             switch: disables high voltage before the output comes up, and enables it when rest has been measured.
-            on_started: called before the first block, when the card runs (its actual rate and scales are known).
-            high_voltage: whether to enable it; if not, it is disabled and the drive is measured at rest.
-            on_warning: called when a start, arming or an answer failed while high voltage may be on, or an earlier program
-                left the source live: once, before the source is brought to rest.
+            on_started: callback before the first block, with the card running (its actual rate and scales are available).
+            high_voltage: whether to enable high voltage; if not, it is disabled and the drive is measured at rest.
+            on_warning: callback, at most once, before the source is brought to rest: a start, arming or an answer failed while
+                high voltage may be on, or an earlier program left the source live.
 
         Raises:
             BenchError: an instrument is absent or rejects a command; high voltage was not enabled, or rest was confirmed.
@@ -146,7 +143,7 @@ class Bench:
             self._leave_unmeasured(shutdown, error, on_warning)
             raise
         with stream:
-            # An earlier run may have left high voltage on: then any failure from here on must measure rest.
+            # An earlier run may have left high voltage on: then any failure from here must measure rest.
             armed = ArmedBench(
                 self.amplifier,
                 stream,
@@ -186,7 +183,7 @@ class Bench:
                 lost = None
                 if armed.high_voltage_may_be_on:
                     armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
-                    self.watchdog.disarm()  # not if the shutdown itself was interrupted: then the watchdog must act
+                    self.watchdog.disarm()  # except after an interrupted shutdown: then the watchdog must act
                     if not armed.final_rest.confirmed:
                         raise UnsafeError(
                             f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}"
@@ -196,19 +193,15 @@ class Bench:
 
     @contextlib.contextmanager
     def exercised(
-        self,
-        rate_hz: float,
-        block_sink: Callable[[Block], None],
-        switch: HighVoltageSwitch,
-        order: Sequence[int] = (),
+        self, rate_hz: float, block_sink: Callable[[Block], None], switch: HighVoltageSwitch, order: Sequence[int] = ()
     ) -> Iterator[ArmedBench]:
-        """Set the source up with high voltage off and leave it at rest, whatever level the card measures: to commission it.
+        """Set the source up with high voltage off and leave it at rest, at any measured level: for its commissioning.
 
         Args:
             rate_hz: scans per second.
             block_sink: receives every block, in order, before its caller does.
             switch: disables high voltage before anything is sent to the source; it is never enabled.
-            order: numbers of the card's channels in a scan, the drive first; each once, in their order, if there are none.
+            order: numbers of the card's channels in a scan, the drive first; default: each once, in order.
 
         Raises:
             ScanOrderError: the card cannot convert a channel several times in a scan.
@@ -216,7 +209,8 @@ class Bench:
         """
         switch.disable()
         self._high_voltage_enabled = False
-        if not self.amplifier.is_source_at_rest():  # before the card runs: it may take longer than the card's buffer
+        # Before the card runs, because it may take longer than the card's buffer.
+        if not self.amplifier.is_source_at_rest():
             self.amplifier.initialize_at_rest()
         shutdown = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
         with self.open_scan(order, rate_hz) if order else self.open_stream(rate_hz) as stream:
@@ -235,13 +229,13 @@ class Bench:
     def _leave_unmeasured(
         self, shutdown: SafeShutdown, error: Exception, on_warning: Callable[[LiveWarning], None]
     ) -> None:
-        """Command rest if the source may be live while its level cannot be measured; return if it is not.
+        """Command rest if the source may be live while its level cannot be measured; otherwise return.
 
         Raises:
             UnsafeError: the source may be live; it was commanded to rest.
         """
         if not self._high_voltage_enabled and (
-            isinstance(error, CardInUseError)  # by a program that runs: the drive is that program's
+            isinstance(error, CardInUseError)  # by a running program, which owns the drive
             or not self.amplifier.may_be_left_live()
         ):
             return
@@ -252,18 +246,18 @@ class Bench:
         raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {message}") from error
 
     def _bring_earlier_drive_to_rest(self, armed: ArmedBench, warn: Callable[[object], None]) -> None:
-        """Bring a source that an earlier program left live to rest immediately; the operator is prompted afterwards."""
+        """Bring a source left live by an earlier program to rest immediately; the operator is prompted afterwards."""
         try:
             if not self.amplifier.is_left_live():
                 return
         except InstrumentError:
-            armed.high_voltage_may_be_on = True  # whatever the source plays can only be measured
+            armed.high_voltage_may_be_on = True  # the drive of the source can only be measured
             raise
         armed.high_voltage_may_be_on = True
         self.watchdog.arm()
         armed.catch_up(self.clock.now())
         volts = drive_voltage(armed.last_block, armed.scales) if armed.last_block is not None else None
-        # A burst that has ended leaves its amplitude set, with the output at rest: nothing to be warned of.
+        # An ended burst leaves its amplitude set, with the output at rest: no reason for a warning.
         if volts is None or abs(volts - self.amplifier.map.rest_v).max() > REST_TOLERANCE_V:
             warn("an earlier program left a drive or a level on the source, which is ramped to rest now")
         self.amplifier.force_rest()
@@ -295,7 +289,7 @@ class Bench:
             armed.initial_rest = rest
             return
         armed.predicted_rest_s = self.amplifier.check_way_to_rest()
-        # Before every run, even if the source rests since the last one: a drive must not surprise the operator, and an
+        # Before every run, even if the source has been at rest since the last one: a drive must not surprise the operator, and an
         # operator who was asked to switch high voltage off must be asked to switch it on.
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True
         self.watchdog.arm()

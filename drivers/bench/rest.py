@@ -14,20 +14,20 @@ REST_TOLERANCE_V = 0.05
 """Largest measured deviation from rest: noise and gain error of the card, offset error of the generator."""
 
 REST_REPEATABILITY_V = 0.01
-"""Largest deviation of rest from its level at arming. The errors of generator and card are the same at both times, so that
-a level of some 30 mV that was not brought back is detected and not attributed to an instrument error."""
+"""Largest deviation of rest from its level at arming. The errors of generator and card are equal at both times, so that a
+remaining level of some 30 mV is detected and not attributed to an instrument error."""
 
 MAX_NOISE_RATIO, NOISE_MARGIN_V = 2.0, 0.002
-"""Largest noise relative to that at arming: a small sine that still plays has the right mean."""
+"""Largest noise relative to the noise at arming: a small playing sine has the right mean."""
 
 REST_DURATION_S = 0.1
-"""How long the card must measure rest without interruption."""
+"""Duration for which the card must measure rest without interruption."""
 
 EXTREMES_WINDOW_S = 1.0
 """Time before the timeout over which lowest and highest volts are reported if rest is not confirmed."""
 
 STALE_SAMPLES_S = 0.1
-"""Samples taken less than this after a command may still show the previous state."""
+"""Time after a command in which samples may still show the previous state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +51,11 @@ def verify_rest(
 ) -> RestMeasurement:
     """Read until the drive has been at rest for REST_DURATION_S, in samples taken after this call.
 
-    Every sample must lie near rest. With `initial_rest`, mean and noise must also agree with those at arming.
+    Every sample must lie near rest. With `initial_rest`, mean and noise must also agree with the measurement at arming.
 
     Args:
-        read_drive_volts: returns the index of the first scan of the next block, and its volts at the amplifier's input.
+        read_drive_volts: function that returns the index of the first scan of the next block, and its volts at the amplifier's
+            input.
         clock: bench time.
         start_time_s: bench time of scan 0.
         rate_hz: scans per second.

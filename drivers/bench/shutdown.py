@@ -1,4 +1,4 @@
-"""Safe shutdown of a live bench: brings the source to rest and verifies it through the card."""
+"""Safe shutdown of a live bench: brings the source to rest and verifies it by the card."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
 
 REST_TIMEOUT_S = 2.0
 MAX_DRIVE_WAIT_S = 10.0
-"""Longest wait for a drive that cannot be stopped any more to end by itself."""
+"""Longest wait for the natural end of a drive that cannot be stopped any more."""
 
 SHUTDOWN_SILENCE_S = 8.0
 """Longest silence during a shutdown before the watchdog takes over: reconnecting, opening a second stream."""
@@ -31,10 +31,10 @@ BlockSink = Callable[[Block], None]
 
 @dataclass(frozen=True, slots=True)
 class LiveWarning:
-    """Warning that the specimen may be live, given before the program acts.
+    """Warning that the specimen may be live, published before the program acts.
 
     Attributes:
-        message: the reason, the volts that the card saw last, and the manual steps.
+        message: the reason, the last volts at the card, and the manual steps.
         low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none.
     """
 
@@ -46,7 +46,7 @@ class LiveWarning:
 def live_warning(
     reason: str, last_block: Block | None, scales: Sequence[Scale], amplifier_map: AmplifierMap
 ) -> LiveWarning:
-    """Return the warning for a reason and the last block that the card delivered."""
+    """Return the warning for a reason and the last block of the card."""
     if last_block is None:
         return LiveWarning(
             f"The specimen may be live: {reason.rstrip('.')}. The card has not seen the amplifier's input yet. {SWITCH_OFF_NOW}"
@@ -66,7 +66,7 @@ def live_warning(
 
 
 ONE_LEVEL_V = 0.05
-"""Largest difference within a block that is reported as one level."""
+"""Largest difference within a block reported as one level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +76,8 @@ class SafeShutdown:
     Args:
         amplifier: commands the source.
         clock: bench time.
-        watchdog: does not take over meanwhile; it is requested to act if the source does not respond.
-        open_stream: opens a second stream at a rate if the first one is broken.
+        watchdog: watchdog, which does not take over meanwhile; it is requested to act if the source does not respond.
+        open_stream: function that opens a second stream at a rate if the first one is broken.
     """
 
     amplifier: HvAmplifier
@@ -88,17 +88,17 @@ class SafeShutdown:
     def run(
         self, stream: Stream, block_sink: BlockSink, initial_rest: RestMeasurement | None
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Go to rest and measure it; also return what `block_sink` raised. Errors are returned, not raised, and do not stop it."""
+        """Go to rest and measure it; return also the error of `block_sink`. Errors are returned, not raised, and do not stop it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
             trouble = self.command_rest(self.amplifier.return_to_rest)
             remaining_s = self.amplifier.remaining_s
-            # A held level that lasts longer, or does not end by itself: waiting for it would only delay the report.
+            # Waiting for a held level that lasts longer, or does not end by itself, would only delay the report.
             lasts = math.isfinite(self.amplifier.level_remaining_s) and remaining_s > MAX_DRIVE_WAIT_S
             waits = trouble and math.isfinite(remaining_s) and not lasts
             left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if waits else 0.0
             rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
-                # The source obeyed, or had nothing to do, but the card measures otherwise: the assumed state is wrong.
+                # The source obeyed, or had nothing to do, but the card measures another level: the assumed state is wrong.
                 trouble = self.command_rest(self.amplifier.force_rest)
                 rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest)
                 lost = lost or again
@@ -109,14 +109,14 @@ class SafeShutdown:
         return rest, lost
 
     def command_rest(self, first_attempt: Callable[[], None]) -> str:
-        """Command rest over the link, over a new link, then through the watchdog; return what failed, empty if it obeyed."""
+        """Command rest over the link, over a new link, then by the watchdog; return the failure as text, empty if the source obeyed."""
         trouble = ""
         for attempt in (first_attempt, self.amplifier.reconnect_and_force_rest):
             try:
                 attempt()
             except KeyboardInterrupt:
                 raise
-            except BaseException as error:  # noqa: BLE001 - make-safe: whatever fails, rest is measured next
+            except BaseException as error:  # noqa: BLE001 - make-safe: rest is measured next after any failure
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
@@ -130,7 +130,7 @@ class SafeShutdown:
         timeout_s: float,
         initial_rest: RestMeasurement | None = None,
     ) -> RestMeasurement:
-        """Verify rest through the card (see drivers.bench.rest)."""
+        """Verify rest by the card (see drivers.bench.rest)."""
 
         def next_volts() -> tuple[int, NDArray[np.float64]]:
             block = read_block()
@@ -150,7 +150,7 @@ class SafeShutdown:
     def _measure_with_fallback(
         self, stream: Stream, block_sink: BlockSink, timeout_s: float, initial_rest: RestMeasurement | None
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Verify rest, on a fresh stream if the first one is broken; also return what a failing sink raised."""
+        """Verify rest, on a new stream if the first one is broken; return also the error of a failing sink."""
         lost: list[BaseException] = []
 
         def read() -> Block:
@@ -166,14 +166,14 @@ class SafeShutdown:
             rest = self.measure_rest(read, stream, timeout_s, initial_rest)
         except KeyboardInterrupt:
             raise
-        except BaseException:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still measure the drive
+        except BaseException:  # noqa: BLE001 - make-safe: the stream is broken; a new one may still measure the drive
             stream.__exit__(None, None, None)
             try:
                 with self.open_stream(stream.rate_hz) as second:
                     rest = self.measure_rest(second.read, second, timeout_s, initial_rest)
             except KeyboardInterrupt:
                 raise
-            except BaseException as again:  # noqa: BLE001 - make-safe: nothing left to measure with
+            except BaseException as again:  # noqa: BLE001 - make-safe: no way of measuring is left
                 rest = RestMeasurement(False, math.nan, f"the card cannot see the drive: {again}")
         return rest, (lost[0] if lost else None)
 
@@ -184,5 +184,5 @@ def drive_voltage(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64
 
 
 def channel_skew_s(scales: Sequence[Scale]) -> float:
-    """Return how much later than the drive a scan's displacement is converted: it makes the sensor seem faster."""
+    """Return the delay of the displacement's conversion after the drive's in a scan, which makes the sensor appear faster."""
     return scales[DISPLACEMENT_CHANNEL].skew_s - scales[DRIVE_CHANNEL].skew_s

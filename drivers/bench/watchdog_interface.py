@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.clock import SharedTime, WallClock
-from drivers.level_pulse import LevelPulse
+from drivers.drive_shapes import LevelPulse
 
 HEARTBEAT_PERIOD_S = 0.1
 """Period of the interpreter's pulse, and longest interval between two heartbeats of a sleeping run thread."""
@@ -25,23 +25,23 @@ class Watchdog(Protocol):
     """Monitors the program while the bench is live. Only the run thread calls it, except for `close`."""
 
     inactive_reason: str
-    """Why the bench is not monitored; empty if it is."""
+    """Reason why the bench is not monitored; empty if it is."""
 
     notices_after_s: float
-    """After how long a silence of the run thread it acts; NaN where nothing watches."""
+    """Silence of the run thread after which the watchdog acts; NaN without a watchdog."""
 
     @property
     def takeover_outcome(self) -> str:
-        """What came of the watchdog's taking the source over since arming; empty while there was none. Any thread."""
+        """Outcome of the watchdog's take-over of the source since arming; empty without one. Callable from any thread."""
 
     def set_log_folder(self, folder: Path) -> None:
-        """Write the log into this folder of runs from now on."""
+        """Write the log into this folder of runs."""
 
     def arm(self) -> None:
-        """Start monitoring: from now on silence means that the program is dead.
+        """Start monitoring: silence then means that the program is dead.
 
         Raises:
-            BenchError: the watchdog does not run, so the bench must not go live.
+            BenchError: the watchdog does not run; the bench must not go live.
         """
 
     def send_heartbeat(self) -> None:
@@ -51,22 +51,22 @@ class Watchdog(Protocol):
         """Raise BenchError if the watchdog has ended, or has brought the source to rest itself."""
 
     def allow_silence(self, seconds: float | None = None, /) -> contextlib.AbstractContextManager[None]:
-        """Allow the run thread this much silence inside; default is one reply of the source that does not come.
+        """Allow the run thread this silence inside; default: one missing reply of the source.
 
-        While the watchdog commands the source, this waits: the two must not command it alternately.
+        While the watchdog commands the source, this waits, because both must not command it alternately.
         """
 
     def raise_if_taken_over(self) -> None:
-        """Raise BenchError if the watchdog took the source over since the present `allow_silence` began."""
+        """Raise BenchError if the watchdog took over the source since the begin of the present `allow_silence`."""
 
     def request_rest(self, reason: str, /) -> str:
         """Ask the watchdog to bring the source to rest because the program could not; return the outcome. Errors are not raised."""
 
     def note_level(self, pulse: LevelPulse, remaining_s: float) -> None:
-        """State that a level is played whose end Stop may hasten, and for how long it will be. Never raises."""
+        """Report a level whose end Stop may hasten, and its duration. Never raises."""
 
     def forget_level(self) -> None:
-        """State that it is over. Never raises."""
+        """Report the end of the level. Never raises."""
 
     def log(self, message: str) -> None:
         """Write a line into the log."""
@@ -79,7 +79,7 @@ class Watchdog(Protocol):
 
 
 class NoWatchdog:
-    """No monitoring: on the virtual clock, where bench and program end together, or because the bench file disables it."""
+    """No monitoring: on the virtual clock, with which bench and program end together, or disabled by the bench file."""
 
     def __init__(self, inactive_reason: str = "") -> None:
         self.inactive_reason = inactive_reason
@@ -114,9 +114,9 @@ class NoWatchdog:
 
 
 class HeartbeatClock(WallClock):
-    """Real time in which a sleeping run thread keeps sending heartbeats; paces the staircases of the drivers.
+    """Real time in which a sleeping run thread continues to send heartbeats; paces the drivers' steps.
 
-    A driver that was delayed in a staircase must not continue it after the watchdog has taken over.
+    A driver delayed within a series of steps must not continue it after the watchdog has taken over.
     """
 
     def __init__(self, speed: float = 1.0, shared: SharedTime | None = None) -> None:

@@ -1,4 +1,4 @@
-"""One assumption of a driver: what safety or a number depends on, its evidence, and what can measure it at the output."""
+"""One assumption of a driver that safety or a result depends on, with its evidence and the checks that measure it at the output."""
 
 import re
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class OutputCheck(StrEnum):
-    """What commissioning measures at the output of a source. The texts are stored in records and never change."""
+    """Measurements of a commissioning at the output of a source. The texts are stored in records and never change."""
 
     REST = "level between bursts"
     AFTER = "level after a burst"
@@ -32,13 +32,13 @@ class Assumption:
     """One property of an instrument that a driver relies on.
 
     Args:
-        driver: name of the driver, as the bench file has it.
-        models: the models it is about.
-        quantity: the property.
-        value: the value that the driver assumes.
+        driver: name of the driver in a bench file.
+        models: affected models.
+        quantity: property of the instrument.
+        value: assumed value.
         evidence: guide and page, public driver with commit, or a measurement; empty if it is unproven.
-        checks: what measures it at the output; empty if it cannot be seen there.
-        pattern: regular expression for the models, where `models` is a description.
+        checks: measurements of it at the output; empty if the output does not show it.
+        pattern: regular expression for the models, if `models` is a description.
     """
 
     driver: str
@@ -50,7 +50,7 @@ class Assumption:
     pattern: str = ""
 
     def is_about(self, model: str) -> bool:
-        """Whether it is about a model: `DG1000Z` means DG1032Z too."""
+        """Whether it applies to a model: `DG1000Z` includes DG1032Z."""
         if self.pattern:
             return re.match(self.pattern, model) is not None
         is_named = _is_supply if self.driver == "dc-supply" else _is_generator
@@ -58,7 +58,7 @@ class Assumption:
 
 
 def _is_generator(model: str, name: str) -> bool:
-    """Return whether a generator is of a series of the table: `DG1000Z` means DG1032Z too, `AFG3000` not AFG31052."""
+    """Return whether a generator belongs to a series of the table: `DG1000Z` includes DG1032Z, `AFG3000` excludes AFG31052."""
     digits = name.rstrip("ABCXZ")
     begin = digits.rstrip("0")
     if begin == digits:
@@ -67,7 +67,7 @@ def _is_generator(model: str, name: str) -> bool:
 
 
 def _is_supply(model: str, name: str) -> bool:
-    """Return whether a supply is of a series of the table: `E36300` means E36312A too, `E3640A-E3649A` all between."""
+    """Return whether a supply belongs to a series of the table: `E36300` includes E36312A, `E3640A-E3649A` all models between."""
     if name == "all":
         return True
     first, _, last = name.partition("-")

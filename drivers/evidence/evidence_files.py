@@ -1,41 +1,43 @@
 """Evidence tables: assumptions of all drivers of sources and cards, and the families of function generators.
 
-A table `drivers.<name>` has the `models` it is about and its `assumptions`: quantity, value, evidence and checks of `Assumption`,
-and models where they are others. In a family of function generators it also has the `makers`, the maker in the reply to `*IDN?`
-by the beginning of the model's name, and, where the range of the attenuator is held, `idle_mv`, the largest deviation of the idle
-level in mV. What every such driver assumes is in `every_generator.toml`: a family's row of the same quantity replaces what it
-gives, and `not_assumed` lists the quantities to leave out. `{name}` stands for a text under `sources`, or for
-`{idle_mv}`.
+A table `drivers.<name>` has its `models` and its `assumptions`: quantity, value, evidence and checks of `Assumption`, and the
+models if they differ. In a family of function generators it also has the `makers`, the maker in the reply to `*IDN?` by the begin
+of the model's name, and, for a held range of the attenuator, `idle_mv`, the largest deviation of the idle level in mV. The
+assumptions of all such drivers are in `every_generator.toml`: a family's row of the same quantity replaces them, and
+`not_assumed` lists quantities to leave out. `{name}` is replaced by a text under `sources`, or by `idle_mv`.
 
-The table of docs/generators.md is written from here. An assumption without evidence is unproven: `tactor-bench commission`
-measures those that show at the output, before high voltage is on.
+The table of docs/generators.md is generated from these files. An assumption without evidence is unproven: `tactor-bench
+commission` measures the ones visible at the output, before high voltage is on.
 """
+
+from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from drivers.evidence.assumption import Assumption, OutputCheck
+if TYPE_CHECKING:
+    from drivers.evidence.assumption import Assumption
 
 CARD_INPUT, CARD_OUTPUT, SUPPLY = "card", "card-output", "dc-supply"
-"""Drivers of the tables: the card that measures, its analogue output, and the DC supplies."""
+"""Drivers of the tables: the card's inputs, its analogue output, and the DC supplies."""
 
 SUPPLY_MODELS = ("E36", "DP8", "SPD")
-"""How the names of the supplies of drivers.supplies.dialects begin."""
+"""Prefixes of the names of the supplies of drivers.supplies.dialects."""
 
 
 @dataclass(frozen=True, slots=True)
 class GeneratorFamily:
-    """A family of function generators, all of whose modules are found by one name.
+    """A family of function generators; one name leads to all its modules.
 
     Args:
-        driver: name of the driver, as a bench file has it.
-        module: of the driver in `drivers.generators`, of the simulated instruments in `sim_hardware.generators`, and the name of
-            the evidence file.
-        makers: maker in the reply to `*IDN?`, by the beginning of the model's name.
+        driver: name of the driver in a bench file.
+        module: name of the driver's module in `drivers.generators`, of the simulated instruments' module in
+            `sim_hardware.generators`, and of the evidence file.
+        makers: maker in the reply to `*IDN?`, by the begin of the model's name.
     """
 
     driver: str
@@ -56,7 +58,7 @@ def generator_families() -> dict[str, GeneratorFamily]:
 
 
 def assumptions_about(model: str) -> tuple[Assumption, ...]:
-    """Return the assumptions about a model of a function generator or supply; none about one without a driver of this package."""
+    """Return the assumptions about a model of a function generator or supply; none without a driver of this package."""
     is_supply = model.upper().startswith(SUPPLY_MODELS)
     return tuple(
         each
@@ -68,7 +70,7 @@ def assumptions_about(model: str) -> tuple[Assumption, ...]:
 
 
 def assumptions_about_card(*, plays: bool) -> tuple[Assumption, ...]:
-    """Return the assumptions about the card that measures, and about its output if that plays the drives."""
+    """Return the assumptions about the card's inputs, and about its output if it plays the drives."""
     drivers = (CARD_INPUT, CARD_OUTPUT) if plays else (CARD_INPUT,)
     return tuple(each for each in assumptions() if each.driver in drivers)
 
@@ -88,7 +90,7 @@ def _read(stem: str) -> dict[str, Any]:
 
 
 def _generator_rows(family: Mapping[str, Any]) -> Iterator[Assumption]:
-    """Yield the assumptions common to all generators in the form of a family, and then the family's own."""
+    """Yield the common assumptions of all generators, adapted to a family, and then the family's own."""
     for driver, table in family["drivers"].items():
         holds_range = "idle_mv" in table
         common = {
@@ -108,7 +110,9 @@ def _rows(tables: Mapping[str, Any]) -> Iterator[Assumption]:
 
 
 def _assumption(driver: str, table: Mapping[str, Any], row: Mapping[str, Any], tables: Mapping[str, Any]) -> Assumption:
-    """Return a row of a driver's table as an assumption, with its sources and numbers put in."""
+    """Return a row of a driver's table as an assumption, with sources and numbers inserted."""
+    from drivers.evidence.assumption import Assumption, OutputCheck  # opening a bench needs none
+
     names = tables.get("sources", {}) | {"idle_mv": table.get("idle_mv", "")}
     return Assumption(
         driver,

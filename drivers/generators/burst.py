@@ -1,14 +1,14 @@
 """Burst generators: the policy of all function generators, which rest in an armed burst.
 
-A change of function, load or range can drop an instrument's output to 0 V, which is -500 V on the specimen. So all of them
-are set once, before the output comes up. The function is always the arbitrary waveform: its first point is the idle level,
-which is the offset; a sine is one cycle of it repeated, a sweep or a series of steps is a waveform
-played once, and so is a held level with its ramps from and to rest. Every drive is a finite burst: it returns to the offset
-by itself if this computer fails. The offset itself moves on the way to rest only, and while an instrument is commissioned.
+A change of function, load or range can drop an instrument's output to 0 V, which is -500 V on the specimen. Therefore these are
+set once, before the output comes up. The function is always the arbitrary waveform, whose first point is the idle level, the
+offset; a sine is one cycle of it repeated, a sweep or a series of steps is a waveform played once, and so is a held level with
+its ramps from and to rest. Every drive is a finite burst: it returns to the offset by itself if this computer fails. The offset
+itself moves only on the way to rest, and during commissioning.
 
-Instruments differ in one respect that matters. Those that can freeze the range of their attenuator set a drive's amplitude
-as the amplitude, and are stopped by reducing it in small steps. Those that cannot would switch a relay on the way: they
-keep one amplitude, scale the drive in the points of the waveform, and are stopped by waiting for the end.
+Instruments that can freeze the range of their attenuator set the amplitude of a drive, and are stopped by reducing it in small
+steps. Other instruments would switch a relay on the way: they keep one amplitude, scale the drive in the points of the waveform,
+and are stopped by waiting for the end.
 
 The commands of a family, and what its instruments can do, are a `Dialect`.
 """
@@ -20,24 +20,22 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LevelPulse, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S, PlayableDrives
 from drivers.generators.dialect import Dialect, Levels
 from drivers.generators.output import HASTENED_END_S, BurstOutput
 from drivers.generators.settings import LEVEL_TOLERANCE_V, mismatches
-from drivers.generators.unsuitable import reason_unsuitable
 from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
-from drivers.level_pulse import LevelPulse
 from drivers.transport import Link, ScpiSession
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
-"""Slope at which a level that an earlier program left is ramped to rest before the instrument is configured."""
+"""Slope of the ramp to rest of an earlier program's level, before the instrument is configured."""
 
 
 class BurstGenerator:
-    """A `Source` (see drivers.interfaces); the driver of a family is one that names its dialect.
+    """A `Source` (see drivers.interfaces); the driver of a family is a subclass with its dialect.
 
     Args:
         link: the connection.
@@ -53,10 +51,10 @@ class BurstGenerator:
     dialect_type: ClassVar[type[Dialect]]
 
     single_session: ClassVar[bool] = False
-    """Whether its instruments answer one LAN client at a time."""
+    """Whether the instruments answer one LAN client at a time."""
     hastens_levels: bool = False
-    """Whether Stop plays what is left of a level faster, where its end could only be waited for. Only where commissioning has
-    measured that a change of frequency continues a running burst: no guide says so."""
+    """Whether Stop plays the remainder of a level faster, for instruments that cannot abort it. Only after a commissioning that
+    measured that a change of frequency continues a running burst: no guide states it."""
     hastened_end_s: ClassVar[float] = HASTENED_END_S
 
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
@@ -69,6 +67,8 @@ class BurstGenerator:
         self.identity: Identity = self._scpi.identify()
         if not self.supports_model(self.identity.model):
             link.close()
+            from drivers.generators.unsuitable import reason_unsuitable
+
             remedy = reason_unsuitable(self.identity) or "Correct the driver or the resource in the bench file"
             raise InstrumentError(
                 f"{link.name} answered as '{self.identity}'; this driver is for {self.capabilities.product_names}. {remedy[0].upper()}{remedy[1:]}"
@@ -87,7 +87,7 @@ class BurstGenerator:
 
     @classmethod
     def supports_model(cls, model: str) -> bool:
-        """Return whether this driver is for a model, by the name that `*IDN?` reports."""
+        """Return whether this driver supports a model, by the name that `*IDN?` reports."""
         return cls.dialect_type.capabilities.supports_model(model)
 
     def reconnect(self) -> None:
@@ -95,14 +95,14 @@ class BurstGenerator:
         seen = self._scpi.identify()
         if seen != self.identity:
             raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
-        self._output.stored_waveform = None  # it may have lost power in between
+        self._output.stored_waveform = None  # it may have lost power meanwhile
         self.dialect.forget_waveforms()
 
     def close(self) -> None:
         self._scpi.link.close()
 
     def lock_panel(self) -> str:
-        """Lock the front panel; return why it is not locked, empty if it is."""
+        """Lock the front panel; return the reason if it is not locked, empty if it is."""
         lock, _ = self.capabilities.panel_lock
         if not lock:
             return "this driver knows no command for it"
@@ -113,7 +113,7 @@ class BurstGenerator:
         return ""
 
     def unlock_panel(self) -> None:
-        """Unlock the front panel; one that cannot be reached any more stays locked."""
+        """Unlock the front panel; without connection it stays locked."""
         _, unlock = self.capabilities.panel_lock
         with suppress(InstrumentError):
             if unlock:
@@ -127,7 +127,7 @@ class BurstGenerator:
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         self._output.rest_v = rest_v
-        self._output.stored_waveform = None  # another one may have been loaded at the front panel
+        self._output.stored_waveform = None  # another waveform may have been loaded at the front panel
         self.dialect.forget_waveforms()
         if not self.is_output_on() or first_mismatch(self.dialect, Levels(rest_v, low_v, high_v)):
             return False
@@ -148,11 +148,11 @@ class BurstGenerator:
         self._output.rest_v, self._output.stored_waveform = rest_v, None
         self.dialect.clear_errors()
         if self.is_output_on() and has_our_setup(self.dialect, levels):
-            # A drive or level that an earlier program left goes to rest like any drive. High voltage is disabled here; but the
+            # A drive or level of an earlier program goes to rest like any drive. High voltage is disabled here; but the
             # operator may have switched off the wrong amplifier, and a slow ramp does not damage the specimen.
             self.stop()
             self.ramp_to(rest_v, abs(self.idle_level_v() - rest_v) / FOREIGN_OUTPUT_RAMP_V_PER_S)
-        # Where all is as expected, no setting that could drop the output is touched.
+        # If all settings are as expected, no setting that could drop the output is touched.
         if not self.is_output_on() or first_mismatch(self.dialect, levels):
             self._configure(levels)
         self._output.burst_end_s = self._clock.now()
@@ -195,7 +195,7 @@ class BurstGenerator:
         return self._output.start_burst(points, full_v, 1 / pulse.duration_s, 1, pulse.rest_v)
 
     def adopt_level(self, pulse: LevelPulse, end_s: float) -> None:
-        """Take over a level that another process started, and that ends by itself at a bench time."""
+        """Adopt a level started by another process, which ends by itself at a bench time."""
         points, _ = render_waveform(pulse, self.playable.max_points, self._step_v)
         self._output.keep_level(pulse, points.size)
         self._output.burst_end_s = end_s
@@ -231,17 +231,17 @@ class BurstGenerator:
         return self._output.predict_rest_s(distance_v, ramp_v_per_s)
 
     def upload_longest(self) -> None:
-        """Upload a waveform of the most points that the driver sends, without playing it: to time it.
+        """Upload a waveform with the driver's largest number of points without playing it, to measure the duration.
 
         Raises:
-            InstrumentError: it was rejected.
+            InstrumentError: the upload was rejected.
         """
         size = self.playable.max_points
         self._output.load_waveform(np.sin(2 * np.pi * np.arange(size) / size))
 
 
 def first_mismatch(dialect: Dialect, levels: Levels) -> str:
-    """Describe the first setting that is not as expected when armed and at rest; empty if all are."""
+    """Describe the first setting that differs from the armed state at rest; empty if none does."""
     settings = dialect.expected_settings(levels)
     for setting, answer in mismatches(settings, dialect.query_setting, dialect.query_optional_setting):
         return f"{setting.name} is {answer[:40]}, not {setting.expected}"
@@ -249,6 +249,6 @@ def first_mismatch(dialect: Dialect, levels: Levels) -> str:
 
 
 def has_our_setup(dialect: Dialect, levels: Levels) -> bool:
-    """Whether it is armed by this driver, whatever it plays or holds. In another state volts may mean other volts."""
+    """Whether it is armed by this driver, with any drive or level. In another state a setting of volts may give other volts."""
     modes = (s for s in dialect.expected_settings(levels) if s.keywords or math.isinf(s.high))
     return next(mismatches(modes, dialect.query_setting, dialect.query_optional_setting), None) is None

@@ -1,43 +1,42 @@
-"""Capabilities of a generator family, and which drives and levels one of its instruments can play."""
+"""Capabilities of a generator family, and the drives and levels that an instrument can play."""
 
 import re
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LevelPulse, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.generators.waveform import reason_memory_too_small, repetition
-from drivers.level_pulse import LevelPulse
 
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
 """Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""
 
 HOLD_MARGIN_S, MIN_HOLD_MARGIN_S = 2.0, 1.0
-"""How much longer than planned a level is held, so that its recording ends before it: late replies, a busy computer. The smaller
-margin is for an instrument whose drives cannot be ended early."""
+"""Spare duration of a held level, so that its recording ends before it: late replies, a busy computer. The smaller margin is for
+an instrument whose drives cannot be ended early."""
 
 SHORTEST_RISE_S = 0.01
 
 INTERPOLATED_STEP_FRACTION = 0.1
-"""Largest step from point to point, relative to the span, of a waveform that a filter smooths."""
+"""Largest step from point to point of a waveform smoothed by a filter, relative to the span."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capabilities:
-    """What the instruments of one family can do.
+    """Capabilities of the instruments of one family.
 
     Args:
         models: regular expression for the beginning of the supported model names.
         product_names: maker and series, for messages.
         holds_range: whether the range of the attenuator can be frozen, so that no change of the amplitude switches a relay.
         interpolates_points: whether a filter smooths the waveform from point to point.
-        amplitude_is_waveform_span: whether the amplitude setting means the span of the points as they are, or of the converter.
-        single_session: whether it answers one LAN client at a time: the watchdog connects after the program has ended.
+        amplitude_is_waveform_span: whether the amplitude setting is the span of the points, or of the converter.
+        single_session: whether it answers one LAN client at a time; then the watchdog connects after the program has ended.
         joins_commands: whether one message can carry several commands.
-        max_burst_cycles: most periods in a burst.
-        min_amplitude_vpp: smallest amplitude into a high-impedance load, where a drive could be smaller.
-        idle_amplitude_vpp: amplitude between drives where the range is held: too small to matter, and possible.
+        max_burst_cycles: largest number of periods in a burst.
+        min_amplitude_vpp: smallest amplitude into a high-impedance load, if a drive could be smaller.
+        idle_amplitude_vpp: amplitude between drives with a held range: negligible, and possible.
         panel_lock: commands that lock and unlock the front panel; empty without such a command.
-        usb_problem: why it cannot be used over USB, with the remedy; empty if it can.
+        usb_problem: reason why it cannot be used over USB, with the remedy; empty if it can.
     """
 
     models: str
@@ -60,12 +59,12 @@ class Capabilities:
 
 @dataclass(frozen=True, slots=True)
 class PlayableDrives:
-    """Which drives and levels one instrument can play.
+    """Drives and levels that one instrument can play.
 
     Args:
-        capabilities: of its family.
+        capabilities: capabilities of its family.
         instrument: its name, for messages.
-        max_points: most points of a waveform.
+        max_points: largest number of points of a waveform.
         step_v: largest step from point to point that may reach the amplifier.
         clock: bench time.
     """
@@ -77,17 +76,17 @@ class PlayableDrives:
     clock: Clock
 
     def level_pulse(self, level: Hold, rest_v: float, ramp_v_per_s: float) -> LevelPulse:
-        """Return the waveform as which a level is held."""
+        """Return the waveform of a held level."""
         rise_s = max(abs(level.level_v - rest_v) / ramp_v_per_s, SHORTEST_RISE_S)
         speed = max(float(getattr(self.clock, "speed", 1.0)), 1.0)
         margin_s = HOLD_MARGIN_S * speed
-        if not self.capabilities.holds_range:  # what is left of it has to be waited for
+        if not self.capabilities.holds_range:  # its remainder must be waited for
             left_s = MAX_UNSTOPPABLE_DRIVE_S - level.duration_s - 2 * rise_s
             margin_s = max(min(MIN_HOLD_MARGIN_S * speed, left_s), MIN_HOLD_MARGIN_S)
         return LevelPulse(rest_v, level.level_v, level.duration_s + margin_s, rise_s)
 
     def reason_level_unsupported(self, pulse: LevelPulse) -> str:
-        """Return why a level cannot be held as this waveform; empty if it can."""
+        """Return the reason why a level cannot be held as this waveform; empty if it can."""
         if not self.capabilities.holds_range and pulse.duration_s > MAX_UNSTOPPABLE_DRIVE_S:
             longest_s = MAX_UNSTOPPABLE_DRIVE_S - 2 * pulse.rise_s - MIN_HOLD_MARGIN_S
             return (
@@ -100,7 +99,7 @@ class PlayableDrives:
         return self._reason_too_small(pulse.high_v - pulse.low_v)
 
     def reason_unsupported(self, drive: Drive) -> str:
-        """Return why a drive cannot be played; empty if it can."""
+        """Return the reason why a drive cannot be played; empty if it can."""
         if isinstance(drive, LinearSweep | PeriodicSweep | Steps | SquareWave) and (
             why := reason_memory_too_small(drive, self.max_points, self.max_step_v(drive))
         ):

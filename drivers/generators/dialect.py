@@ -1,4 +1,4 @@
-"""Dialect of a family of function generators: its commands and settings, as `BurstGenerator` uses them."""
+"""Dialect of a family of function generators: its commands and settings for `BurstGenerator`."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Levels:
 
 
 class ConfirmedCommand(NamedTuple):
-    """A command, and a function that sends it and confirms it as far as the instrument allows."""
+    """A command, and a function that sends it and confirms it as well as the instrument allows."""
 
     text: str
     send: Callable[[], None]
@@ -38,7 +38,7 @@ class Dialect(Protocol):
     Args:
         scpi: the session.
         clock: bench time, for instruments that need pauses.
-        model: the model's name, as the instrument reports it.
+        model: name of the model, as reported by the instrument.
     """
 
     capabilities: ClassVar[Capabilities]
@@ -47,11 +47,11 @@ class Dialect(Protocol):
 
     @property
     def max_points(self) -> int:
-        """Most points of a waveform."""
+        """Largest number of points of a waveform."""
         ...
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
-        """Return all that `set_up` and `arm` set, as it reads back when armed and at rest, except the output switch."""
+        """Return all settings of `set_up` and `arm`, with their replies when armed and at rest, except the output switch."""
         ...
 
     def query_setting(self, name: str) -> str:
@@ -59,17 +59,17 @@ class Dialect(Protocol):
         ...
 
     def query_optional_setting(self, name: str) -> str | None:
-        """Query a setting that this model may not have; return None if the model does not know it."""
+        """Query a setting that this model may lack; return None if the model does not know it."""
         ...
 
     def reset_foreign_settings(self) -> None:
-        """Reset the settings of other users that persist and that the drive does not set: polarity, gating, a second channel."""
+        """Reset persistent settings of other users that the drive does not set: polarity, gating, a second channel."""
 
     def set_up(self, levels: Levels) -> None:
-        """Set load, idle level and formats, before the first waveform; a running burst ends once its amplitude is small."""
+        """Set load, idle level and formats, before the first waveform; a running burst ends after its amplitude is small."""
 
     def arm(self, levels: Levels) -> None:
-        """Set burst, trigger, range and limits, after the first waveform, with the output switch as it is."""
+        """Set burst, trigger, range and limits, after the first waveform, without changing the output switch."""
 
     def is_output_on(self) -> bool:
         """Query the output switch."""
@@ -82,7 +82,7 @@ class Dialect(Protocol):
         """Empty the error queue, which may hold errors of other programs."""
 
     def forget_waveforms(self) -> None:
-        """Forget which waveforms are in the instrument: another program may have replaced them."""
+        """Forget the waveforms in the instrument: another program may have replaced them."""
 
     def idle_level_v(self) -> float:
         """Query the offset."""
@@ -117,5 +117,5 @@ class Dialect(Protocol):
         """Start the burst."""
 
     def abort_commands(self) -> Sequence[ConfirmedCommand]:
-        """Return the commands that end a running burst immediately, once its amplitude has been reduced."""
+        """Return the commands that end a running burst immediately, after its amplitude was reduced."""
         ...

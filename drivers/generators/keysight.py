@@ -1,8 +1,9 @@
 """Agilent, Keysight and Picotest function generators.
 
-33500B, 33600A, EDU33210 and FG33530 (Trueform), and the older 33210A, 33220A, 33250A and G5100A. The older ones differ from a 33500B: one volatile waveform of 14-bit integers (33250A: 12-bit) that each download overwrites,
-a rate in whole periods, at most 50 000 cycles in a burst, at least 20 mVpp into a high-impedance load, no limits and no ABORt.
-A 33210A needs its option 002 for waveforms. A G5100A has the commands of a 33220A.
+33500B, 33600A, EDU33210 and FG33530 (Trueform), and the older 33210A, 33220A, 33250A and G5100A. The older models differ from a
+33500B: one volatile waveform of 14-bit integers (33250A: 12-bit), overwritten by each download, a rate in whole periods, at most
+50 000 cycles in a burst, at least 20 mVpp into a high-impedance load, no limits and no ABORt. A 33210A needs its option 002 for
+waveforms. A G5100A has the commands of a 33220A.
 
 Sources: 33500 Operating and Service Guide, chapters BURSt, DATA, FUNCtion, OUTPut, VOLTage; EDU33210 Series User's Guide
 (EDU33212-90002) p. 84 to 94, 134 to 139, 151, 156; 33220A User's Guide p. 66, 186 (range hold), 182 (smallest amplitude), 227
@@ -26,7 +27,7 @@ USB_POINTS = 200_000
 """Longest waveform over USB: above 1 MB a 33622A hung with pyvisa-py (its issue 286), and a point is four bytes."""
 
 FULL_SCALES = {"33250": 2047}
-"""Largest converter value by model, where it is not 8191: a 33250A has 12 bits and rejects more."""
+"""Largest converter value by model, if different from 8191: a 33250A has 12 bits and rejects larger values."""
 
 NORMAL_POLARITY = settings.NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"))
 NORMAL_GATE = settings.NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
@@ -37,7 +38,7 @@ TWO_CHANNEL_SETTINGS = (
     settings.NeutralSetting("SOUR1:TRAC", "OFF", ("OFF", "0")),
     settings.NeutralSetting("SOUR2:TRAC", "OFF", ("OFF", "0")),
 )
-"""With these, the second channel is added to the first, or moves it."""
+"""Settings that add the second channel to the first, or couple both."""
 
 
 class TrueformDialect(ScpiDialect):
@@ -83,12 +84,12 @@ class TrueformDialect(ScpiDialect):
         )
 
     def _limits_v(self, levels: Levels) -> tuple[float, float]:
-        """Return the output limits: the armed but idle burst counts against them, so they leave room for its small amplitude."""
+        """Return the output limits: the armed but idle burst counts against them, so that they include its small amplitude."""
         room_v = self.capabilities.idle_amplitude_vpp / 2
         return levels.low_v - room_v, levels.high_v + room_v
 
     def set_up(self, levels: Levels) -> None:
-        # Limits forbid changing the load, so they come off first and on last.
+        # Limits prevent a change of the load, so they are removed first and set last.
         self.write_checked("VOLT:LIM:STAT OFF")
         self.set_high_impedance_load()
         self.write_checked("VOLT:UNIT VPP", "UNIT:ANGL DEG", "VOLT:RANG:AUTO ON", "SWE:STAT OFF")
@@ -97,7 +98,7 @@ class TrueformDialect(ScpiDialect):
         self.write_checked("FORM:BORD SWAP", "DATA:VOL:CLE")
 
     def arm(self, levels: Levels) -> None:
-        # The step filter smooths without overshoot, and is not touched again.
+        # The step filter smooths without overshoot, and is never changed again.
         self.write_checked("FUNC ARB", "FUNC:ARB:FILT STEP")
         self.write_checked("BURS:MODE TRIG", "BURS:NCYC 1", "BURS:PHAS 0", "TRIG:SOUR BUS", "BURS:STAT ON")
         self.freeze_range(levels)

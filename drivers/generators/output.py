@@ -1,4 +1,4 @@
-"""Output of a burst generator: the waveform that is stored, the burst that plays, and the ways to rest."""
+"""Output of a burst generator: stored waveform, playing burst, and ways to rest."""
 
 import hashlib
 import math
@@ -6,29 +6,29 @@ import math
 import numpy as np
 
 from drivers.clock import Clock
+from drivers.drive_shapes import LevelPulse
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S
 from drivers.generators.dialect import Dialect
 from drivers.generators.settings import LEVEL_TOLERANCE_V, check_readback
 from drivers.generators.waveform import SINE_CYCLE, Points
-from drivers.level_pulse import LevelPulse
 from drivers.transport import RampDown, ScpiSession, join_commands
 
 SLOW_WIRE_ROUND_TRIPS = 7
-"""Replies that the way from a held level to rest waits for when its steps are pipelined."""
+"""Number of replies that the pipelined way from a held level to rest waits for."""
 
 HASTENED_END_S, HASTENED_V_PER_S = 1.2, 40.0
-"""When a level is at rest whose end is hastened, and the slope up to which its return may be: 40 mV in 1 ms."""
+"""Time to rest of a level with a hastened end, and largest slope of its return: 40 mV in 1 ms."""
 
 BURST_END_MARGIN_S = 0.1
-"""How much later than by the computer's clock a burst may end."""
+"""Largest delay of a burst's end relative to the computer's clock."""
 
 
 class BurstOutput:
-    """The output of one instrument, whose commands a dialect gives.
+    """The output of one instrument with the commands of a dialect.
 
     Args:
-        scpi: the session with the instrument.
+        scpi: session with the instrument.
         clock: bench time, which paces the staircases.
         dialect: the commands of its family.
         step_v: largest single step of a staircase in volts.
@@ -36,18 +36,18 @@ class BurstOutput:
     """
 
     rest_v: float | None = None
-    """The rest level: a ramp to it continues despite errors. None in a watchdog that only goes to rest: every ramp does there."""
+    """The rest level: a ramp to it continues despite errors. None in a watchdog, whose ramps all go to rest."""
     burst_end_s: float | None = None
-    """End of the burst that was started here; unknown at first."""
+    """End of the burst started here; unknown at first."""
     stored_waveform: str | None = None
     """Digest of the waveform in the instrument; unknown at first."""
     _waveform_span: float | None = None
     """Volts of the amplitude setting per volt of the waveform's largest point, between 1 (to one side) and 2; unknown at first."""
     _last_amplitude_vpp: float | None = None
     _last_offset_v: float | None = None
-    """The last settings sent, for use when they cannot be read back."""
+    """The last sent settings, used if they cannot be read back."""
     _level: tuple[LevelPulse, int] | None = None
-    """The level that was started last, and its number of points."""
+    """The last started level, and its number of points."""
 
     def __init__(
         self, scpi: ScpiSession, clock: Clock, dialect: Dialect, step_v: float, step_interval_s: float
@@ -82,13 +82,14 @@ class BurstOutput:
         if self._capabilities.holds_range:
             self._set_drive_amplitude(points, full_v)
         triggered_s = self._clock.now()
-        self.burst_end_s = triggered_s + seconds  # before it is sent: if the reply is lost, it must be assumed to play
+        # Before it is sent: if the reply is lost, a playing burst must be assumed.
+        self.burst_end_s = triggered_s + seconds
         self._dialect.trigger()
         self.burst_end_s = self._clock.now() + seconds
         return triggered_s
 
     def _scaled_to_amplitude(self, points: Points, full_v: float) -> tuple[Points, float]:
-        """Return the points that play a drive at the present amplitude, and the volts of a full-scale point there."""
+        """Return the points of a drive at the present amplitude, and the volts of a full-scale point."""
         most_v = self._dialect.amplitude_vpp() / 2
         if full_v > most_v + LEVEL_TOLERANCE_V:
             raise InstrumentError(
@@ -109,7 +110,7 @@ class BurstOutput:
         self._dialect.amplitude_command(vpp).send()
 
     def check_idle_level(self, level_v: float) -> None:
-        """Raise InstrumentError if the output does not idle at the level where a drive begins."""
+        """Raise InstrumentError if the output does not idle at the first level of a drive."""
         seen = self._dialect.idle_level_v()
         if abs(seen - level_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
@@ -117,11 +118,11 @@ class BurstOutput:
             )
 
     def keep_level(self, pulse: LevelPulse, point_count: int) -> None:
-        """Remember a level that is about to be played, so that its end can be hastened."""
+        """Remember a level before it is played, so that its end can be hastened."""
         self._level = pulse, point_count
 
     def hasten_end(self) -> None:
-        """Play what is left of a level faster; if that cannot be confirmed, its end is waited for as if it was not."""
+        """Play the remainder of a level faster; without confirmation the natural end is waited for."""
         begin_s, level, end_s = self._clock.now(), self._level, self.burst_end_s
         if level is None or end_s is None or end_s - begin_s <= HASTENED_END_S:
             return
@@ -129,7 +130,7 @@ class BurstOutput:
         ratio = min((end_s - begin_s) / HASTENED_END_S, HASTENED_V_PER_S / pulse.slew_v_per_s)
         if ratio <= 1:
             return
-        self._level = None  # hastened once
+        self._level = None  # only once
         try:
             self._dialect.set_rate(ratio / pulse.duration_s, size)
         except InstrumentError:
@@ -137,11 +138,11 @@ class BurstOutput:
         self.burst_end_s = self._clock.now() + (end_s - begin_s) / ratio
 
     def has_ended(self) -> bool:
-        """Whether the burst that was started here last is certainly over; False if another program may have started one."""
+        """Whether the last burst started here has certainly ended; False if another program may have started one."""
         return self.burst_end_s is not None and self._clock.now() > self.burst_end_s + BURST_END_MARGIN_S
 
     def stop(self, duration_s: float = 0.0) -> None:
-        """Reduce the amplitude in steps, in about `duration_s` or as fast as the steps may follow each other, and abort."""
+        """Reduce the amplitude in steps, in about `duration_s` or at the highest rate of steps, and abort."""
         if not self._capabilities.holds_range:
             self._wait_for_burst_end()
             return
@@ -152,7 +153,7 @@ class BurstOutput:
         if amplitude_vpp is None:
             amplitude_vpp = self._last_amplitude_vpp
         if amplitude_vpp is None:
-            way.raise_first_error()  # neither read nor set: a step could increase it
+            way.raise_first_error()  # neither read nor set: a step could increase the amplitude
             return
         idle_vpp = self._capabilities.idle_amplitude_vpp
         if self.has_ended() and amplitude_vpp <= idle_vpp * (1 + 1e-6):
@@ -169,7 +170,7 @@ class BurstOutput:
             self._check(left_vpp, idle_vpp, idle_vpp, "the amplitude in volts peak to peak")
 
     def _reduce_amplitude(self, way: RampDown, amplitude_vpp: float, duration_s: float) -> None:
-        """Set the amplitude to the idle one in steps that are no larger than `step_v` at the output."""
+        """Set the idle amplitude in steps of at most `step_v` at the output."""
         idle_vpp = self._capabilities.idle_amplitude_vpp
         span = self._waveform_span or (1.0 if self._capabilities.amplitude_is_waveform_span else 2.0)
         steps = max(math.ceil((amplitude_vpp - idle_vpp) / span / self._step_v), 0)
@@ -191,7 +192,7 @@ class BurstOutput:
         way.limit_duration(duration_s, steps, self._scpi.reply_s, getattr(self._clock, "speed", 1.0))
         for i in range(1, steps + 1):
             volts = start_v + (level_v - start_v) * i / steps
-            self._last_offset_v = volts  # before it is sent: if the reply is lost, it must be assumed to be set
+            self._last_offset_v = volts  # before it is sent: if the reply is lost, the new value must be assumed
             way.step(*self._dialect.offset_command(volts))
             self._clock.sleep(duration_s / steps)
         way.flush()
@@ -221,7 +222,7 @@ class BurstOutput:
         )
 
     def _wait_for_burst_end(self) -> None:
-        if self.burst_end_s is None:  # started by another program: in the worst case just now
+        if self.burst_end_s is None:  # started by another program, in the worst case just now
             try:
                 longest_s = self._dialect.burst_duration_s()
             except LinkError:

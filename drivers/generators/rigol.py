@@ -1,16 +1,16 @@
 """Rigol DG1000Z, DG800, DG900, DG2000 and DG4000 function generators.
 
-Peculiarities: a packet of a waveform carries 16 384 bytes, half of what the guide says, and 8 points at least; nothing
-follows a packet in its message; the trigger source is set anew before each burst. VOLT:OFFS? replies 0 whatever a DC level
-is, only the query APPL? reports it (the command APPL would switch the output on; the query does not); switches are replied
-as ON and OFF; a download to a DG1000Z selects the waveform function by itself, and one of more than 8192 points the sample-rate
-mode, so that mode is set from the start.
+Peculiarities: a packet of a waveform carries 16 384 bytes, half of the value in the guide, and 8 points at least; nothing follows
+a packet in its message; the trigger source is set anew before each burst. VOLT:OFFS? replies 0 for any DC level; only the query
+APPL? reports it (the command APPL would switch the output on; the query does not); switches are replied as ON and OFF; a download
+to a DG1000Z selects the waveform function by itself, and one of more than 8192 points the sample-rate mode, so that mode is set
+from the start.
 
-DG800, DG900, DG2000 and DG4000 have no range that could be held, so that the amplitude stays and every drive is in the
-points; no sample-rate mode, so that a waveform with fewer points than the memory takes is stretched by the instrument, and is
-therefore sent with exactly that number; limits that count the amplitude wherever the burst idles. A DG4000 has neither limits
-nor a choice of the idle level, and its upload goes to the channel that is selected on its front panel, whatever the command
-says: it is verified that channel 1 took it, and that channel 2 did not.
+DG800, DG900, DG2000 and DG4000 have no range that could be held, so that the amplitude is constant and every drive is in the
+points; no sample-rate mode, so that a waveform with fewer points than the memory is stretched by the instrument, and is therefore
+sent with the full number; limits that count the amplitude at any idle level. A DG4000 has neither limits nor a choice of the idle
+level, and its upload goes to the channel selected on its front panel, independent of the command: the driver verifies that
+channel 1 received it, and channel 2 did not.
 
 Sources: Menlo Systems' DG1000Z driver (packets, trigger source); DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold);
 DG2000 Programming Guide (PGB12000, firmware 00.02.01), command lists of OUTPut, SOURce:BURSt, SOURce:FUNCtion,
@@ -118,7 +118,8 @@ class Dg1000zDialect(RigolDialect):
         self.freeze_range(levels)
 
     def download_waveform(self, points: Points) -> None:
-        packets = np.array_split(points, math.ceil(points.size / PACKET_POINTS))  # of equal size: none is too small
+        # Pieces of equal size: none is too small.
+        packets = np.array_split(points, math.ceil(points.size / PACKET_POINTS))
         for number, packet in enumerate(packets, 1):
             flag = "END" if number == len(packets) else "CON"
             block = definite_length_block(converter_codes(packet))
@@ -136,8 +137,8 @@ NEUTRAL_DG4000 = (
 class Dg800Dialect(RigolDialect):
     """A DG800 keeps one amplitude and carries every drive in the points of its waveform.
 
-    A DG4000 has no limits and no choice of the idle level, which is the first point, and downloads to the channel that is
-    selected on its front panel.
+    A DG4000 has no limits and no choice of the idle level, which is the first point, and downloads to the channel selected on its
+    front panel.
     """
 
     capabilities = Capabilities(
@@ -153,7 +154,7 @@ class Dg800Dialect(RigolDialect):
 
     @property
     def max_points(self) -> int:
-        """Points of every waveform; fewer are stretched by the instrument."""
+        """Number of points of every waveform; the instrument stretches fewer points."""
         return DG4000_POINTS if self._is_dg4000 else PACKET_POINTS
 
     @property
@@ -186,7 +187,7 @@ class Dg800Dialect(RigolDialect):
         self.set_high_impedance_load()
         self.write_checked(":SOUR1:VOLT:UNIT VPP", ":SOUR1:SWE:STAT OFF", ":SOUR1:VOLT 0.1", ":SOUR1:BURS:STAT OFF")
         self.write_checked(f":SOUR1:VOLT:OFFS {levels.rest_v:.6f}")
-        if self._is_dg4000:  # a download selects the waveform where it arrives
+        if self._is_dg4000:  # a download selects the waveform of the receiving channel
             self.write_checked(":SOUR1:FUNC SIN", ":SOUR2:FUNC SIN")
 
     def arm(self, levels: Levels) -> None:

@@ -14,7 +14,7 @@ from drivers.transport import ScpiSession
 
 
 class ScpiDialect:
-    """The part of a `Dialect` that SCPI generators share: confirmed by the error queue and, where it matters, read back.
+    """The common part of the `Dialect` of SCPI generators: commands are confirmed by the error queue and, if relevant, read back.
 
     A family adds `capabilities`, `max_points`, `expected_settings`, `set_up`, `arm` and `download_waveform`.
     """
@@ -33,11 +33,11 @@ class ScpiDialect:
     def __init__(self, scpi: ScpiSession, clock: Clock, model: str) -> None:
         del clock
         self.scpi, self.model = scpi, model.upper()
-        self._unknown_headers: set[str] = set()  # optional settings that this instrument has said it does not know
+        self._unknown_headers: set[str] = set()  # optional settings that this instrument has rejected as unknown
 
     @property
     def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
-        """Settings of other users that persist; by default the polarity, for a plug-in's instrument that may have none."""
+        """Persistent settings of other users; by default the polarity, if the instrument has it."""
         return (settings.NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
 
     def write_checked(self, *commands: str) -> None:
@@ -71,7 +71,7 @@ class ScpiDialect:
         self.write_checked("*CLS")
 
     def forget_waveforms(self) -> None:
-        """Do nothing: the only waveform that is used is the one that was downloaded last."""
+        """Do nothing: only the last downloaded waveform is used."""
 
     def idle_level_v(self) -> float:
         return self.scpi.query_float(f"{self.SOURCE_PREFIX}VOLT:OFFS?")
@@ -109,11 +109,11 @@ class ScpiDialect:
         self.write_checked(self.TRIGGER_COMMAND)
 
     def abort_commands(self) -> Sequence[ConfirmedCommand]:
-        # Burst mode that is switched on again waits for its trigger; in between a few millivolts are played.
+        # Burst mode waits for its trigger after it is switched on again; in between a few millivolts are played.
         return [self._command(f"{self.SOURCE_PREFIX}BURS:STAT {state}") for state in ("OFF", "ON")]
 
     def common_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
-        """Return the expected settings whose headers all these instruments share."""
+        """Return the expected settings with common headers."""
         source = self.SOURCE_PREFIX
         yield from (
             settings.expect_keyword(f"{source}VOLT:UNIT", "VPP"),
@@ -131,7 +131,7 @@ class ScpiDialect:
 
     @property
     def expected_idle_amplitude(self) -> settings.ExpectedSetting:
-        """The amplitude between drives where the range is held."""
+        """The amplitude between drives with a held range."""
         return settings.expect_range(f"{self.SOURCE_PREFIX}VOLT", 0.0, 2 * self.capabilities.idle_amplitude_vpp)
 
     def set_high_impedance_load(self) -> None:
@@ -141,8 +141,8 @@ class ScpiDialect:
     def freeze_range(self, levels: Levels) -> None:
         """Freeze the attenuator at the range of the largest sine on this bench.
 
-        A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99). No guide says
-        whether the idle amplitude is possible in that range.
+        A relay switching later would drop the output to 0 V for some milliseconds (E1441A guide p. 99). No guide states whether
+        the idle amplitude is possible in this range.
         """
         source, idle_vpp = self.SOURCE_PREFIX, self.capabilities.idle_amplitude_vpp
         self.write_checked(

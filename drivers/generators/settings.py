@@ -1,7 +1,7 @@
-"""Expected settings: what an armed instrument must read back, as a table.
+"""Expected settings: replies of an armed instrument, as a table.
 
-Each driver lists the whole state it configures in such a table. `initialize_at_rest` ends with reading it, and `is_at_rest`
-reads the same table, so that changes at the front panel or by another program between two runs are detected.
+Each driver lists its whole configured state in such a table. `initialize_at_rest` and `is_at_rest` read the same table, so that
+changes at the front panel or by another program between two runs are detected.
 """
 
 import math
@@ -19,10 +19,10 @@ class ExpectedSetting:
 
     Args:
         name: its header in the driver's queries, e.g. `BURS:PHAS`.
-        keywords: in capitals; empty for a number.
+        keywords: valid replies in capitals; empty for a number.
         low: smallest number.
         high: largest number.
-        optional: whether models without this setting are possible; one that does not know it counts as expected.
+        optional: whether models may lack this setting; a missing one counts as expected.
     """
 
     name: str
@@ -32,7 +32,7 @@ class ExpectedSetting:
     optional: bool = False
 
     def matches(self, answer: str) -> bool:
-        """Whether a reply is as expected; a reply that should be a number and is not does not match."""
+        """Whether a reply is as expected; an invalid number does not match."""
         if self.keywords:
             return answer.strip().upper() in self.keywords
         try:
@@ -58,13 +58,13 @@ def expect_keyword(name: str, *keywords: str, optional: bool = False) -> Expecte
 
 @dataclass(frozen=True, slots=True)
 class NeutralSetting:
-    """A setting that persists from other users and changes the output beside the drive: polarity, gating, combining.
+    """A persistent setting of other users that changes the output: polarity, gating, combining.
 
     Args:
         header: in commands and queries, e.g. `OUTP:POL`.
-        value: at which it leaves the output alone, as a command has it.
-        replies: how that value is replied, in capitals.
-        optional: whether models without it are possible.
+        value: value without effect on the output, as in a command.
+        replies: replies for this value, in capitals.
+        optional: whether models may lack it.
     """
 
     header: str
@@ -91,7 +91,7 @@ def expect_range(name: str, low: float, high: float) -> ExpectedSetting:
 def mismatches(
     settings: Iterable[ExpectedSetting], query: Callable[[str], str], query_optional: Callable[[str], str | None]
 ) -> Iterator[tuple[ExpectedSetting, str]]:
-    """Query the settings in turn; yield each that is not as expected, with the answer."""
+    """Query the settings in turn; yield each unexpected one with its reply."""
     for setting in settings:
         answer = query_optional(setting.name) if setting.optional else query(setting.name)
         if answer is not None and not setting.matches(answer):
@@ -99,7 +99,7 @@ def mismatches(
 
 
 def check_readback(instrument: str, readback: float, setpoint: float, tolerance: float, quantity: str) -> None:
-    """Raise InstrumentError if a setting reads back otherwise than it was set."""
+    """Raise InstrumentError if a setting reads back differently."""
     if not abs(readback - setpoint) <= tolerance:
         raise InstrumentError(
             f"{instrument}: {quantity} was set to {setpoint:.6g} and reads back {readback:.6g} (limit {tolerance:.2g}); "

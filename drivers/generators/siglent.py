@@ -1,13 +1,13 @@
 """Siglent SDG1000X, SDG2000X and SDG6000X function generators (also sold as Teledyne T3AFG).
 
-Not SCPI: parameters come in pairs (`C1:BSWV OFST,2.5`), replies carry the header and units, and there is no error queue: a
-value that the instrument cannot do is clipped silently. So every setting is read back, and a different value is an error.
-Burst mode must be on before its other parameters are accepted.
+Not SCPI: parameters come in pairs (`C1:BSWV OFST,2.5`), replies carry the header and units, and there is no error queue: an
+impossible value is clipped silently. Therefore every setting is read back, and a different value is an error. Burst mode must be
+on before its other parameters are accepted.
 
-A waveform is uploaded as bare bytes in a line, so that no byte of it may be 0x0A, which would end the message. It is selected
-as soon as it has arrived, is silent about it for seconds, and a selection may have to be repeated. Waveforms are read back
-before they are played, are kept in the instrument and selected again, and stay below 64 kB: several larger ones hang the
-instrument's remote and panel with its output running. Over USB uploads are lost without a word. One connection is served.
+A waveform is uploaded as bare bytes in a line, so that no byte of it may be 0x0A, which would end the message. It is selected on
+arrival, the instrument then does not reply for seconds, and a selection may have to be repeated. Waveforms are read back before
+they are played, are kept in the instrument and selected again, and stay below 64 kB: several larger ones hang the instrument's
+remote and panel with its output running. Over USB uploads are lost without an error. One connection is served.
 
 Sources: SDG Series Programming Guide PG02-E05B; benchctrl at 0c6e51e (SDG1032X, firmware 1.01.01.33R1B6);
 dmm6500-serial-decode at 0465be2 (SDG2122X, firmware 2.01.01.38R4 and 39R7).
@@ -36,11 +36,11 @@ T = TypeVar("T")
 
 FULL_SCALE = 32767
 WAVEFORM_NAMES = tuple(f"tbench{i}" for i in range(1, 9))
-"""Names of the waveforms that are kept in the instrument."""
+"""Names of the waveforms kept in the instrument."""
 
 LINE_FEED = 0x0A
 ANSWER_ATTEMPTS, ANSWER_PATIENCE_S, ATTEMPT_PAUSE_S = 4, 8.0, 0.5
-"""How often and how long a query is repeated at least while a waveform is taken in; each attempt waits for the reply timeout."""
+"""Smallest number and duration of a query's repeats while a waveform is being stored; each attempt waits for the reply timeout."""
 
 SELECTION_ATTEMPTS = 6
 UPLOAD_BYTES_PER_S, UPLOAD_SETTLE_S = 100e3, 0.12
@@ -50,10 +50,10 @@ REPLY_DIGITS = 1e-5
 """Relative accuracy of the numbers in replies, which have six digits."""
 
 NOTHING = "nothing"
-"""In place of a parameter that a reply does not have."""
+"""Placeholder for a parameter missing in a reply."""
 
 COUPLED = "any"
-"""Stands for any of the switches of a reply."""
+"""Placeholder for any switch of a reply."""
 
 
 class SiglentSession:
@@ -65,7 +65,7 @@ class SiglentSession:
 
     def parameters(self, command: str) -> dict[str, str]:
         """Query the parameters of a command; return them by name."""
-        query = f"{_full_header(command)}?"
+        query = f"{'' if command == 'COUP' else 'C1:'}{command}?"
         answer = self.scpi.query(query)
         header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
         if header is None or header[1] != command:
@@ -82,7 +82,7 @@ class SiglentSession:
         return dict(zip(fields[::2], fields[1::2], strict=False))
 
     def setting(self, name: str) -> str:
-        """Query a setting by command and parameter, e.g. `BSWV OFST`; a number comes without its unit."""
+        """Query a setting by command and parameter, e.g. `BSWV OFST`; a number is returned without its unit."""
         command, _, parameter = name.partition(" ")
         parameters = self.parameters(command)
         if parameter == COUPLED:
@@ -92,13 +92,13 @@ class SiglentSession:
         return number[0] if number else text
 
     def optional_setting(self, name: str) -> str | None:
-        """Query a setting that the model may not have; return None if it has not."""
+        """Query a setting that the model may lack; return None if it does."""
         if name in self._unknown:
             return None
         try:
             answer = self.setting(name)
         except LinkError:
-            self.parameters("OUTP")  # it answers, so that it does not know the other query
+            self.parameters("OUTP")  # it answers, so it does not know the other query
             self._unknown.add(name)
             return None
         return None if answer == NOTHING else answer
@@ -132,7 +132,7 @@ class SiglentSession:
                 )
 
     def send(self, command: str) -> None:
-        """Send a command that cannot be confirmed; a query then shows at least that the instrument still replies."""
+        """Send a command that cannot be confirmed; a query then shows that the instrument still replies."""
         self.scpi.link.write(command)
         self.parameters("OUTP")
 
@@ -150,14 +150,14 @@ class WaveformStore:
         self._kept.clear()
 
     def play(self, points: Points) -> None:
-        """Select the waveform of these points, uploaded unless it is kept, and check that the levels have not changed."""
+        """Select the waveform of these points, upload it if it is not stored, and check that the levels have not changed."""
         data = without_line_feeds(np.rint(points * FULL_SCALE).astype("<i2")).tobytes()
         levels = [self._session.number(f"BSWV {name}") for name in ("FRQ", "AMP", "OFST")]
-        # Selecting a waveform may restore the levels that it was stored with: only one that has the present ones is used again.
+        # Selecting a waveform may restore the levels stored with it: only a waveform with the present levels is reused.
         digest = hashlib.sha256(data + repr(levels[1:]).encode()).hexdigest()
         name = next((kept for kept, held in self._kept.items() if held == digest), "") if self._selects_by_name else ""
         if name and self._model.startswith("SDG6") and not self._is_selected(name):
-            self._selects_by_name, name = False, ""  # it is uploaded again, which selects it
+            self._selects_by_name, name = False, ""  # uploaded again, which selects it
         if not name:
             name = self._name_to_overwrite()
             self._kept.pop(name, None)
@@ -169,16 +169,16 @@ class WaveformStore:
             settings.check_readback(self._session.scpi.instrument, seen, level, settings.LEVEL_TOLERANCE_V, setting)
 
     def _name_to_overwrite(self) -> str:
-        """Return a name that is not on the output: a free one, or the one that was not used for longest."""
+        """Return a name that is not on the output: a free one, or the least recently used one."""
         selected = self._selected_name()
         names = [name for name in WAVEFORM_NAMES if name not in self._kept] + list(self._kept)
         return next(name for name in names if name != selected)
 
     def _upload(self, name: str, data: bytes, levels: Sequence[float]) -> None:
-        """Store a waveform and read it back; it is selected as soon as it has arrived."""
+        """Store a waveform and read it back; it is selected on arrival."""
         hertz, vpp, offset = levels
-        # A header with levels was seen to work on an SDG1032X, one without on an SDG2122X, each not to work on the other.
-        # On an SDG6022X a public driver sends levels, too.
+        # A header with levels works on an SDG1032X, one without on an SDG2122X, but neither on the other model.
+        # A public driver sends levels also to an SDG6022X.
         bare = self._model.startswith("SDG2")
         brought = "" if bare else f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0,"
         scpi = self._session.scpi
@@ -192,7 +192,7 @@ class WaveformStore:
             )
 
     def _is_selected(self, name: str) -> bool:
-        """Select a stored waveform, and return whether it is; a selection that did not take is sent again."""
+        """Select a stored waveform and return the success; a selection without effect is sent again."""
         for _ in range(SELECTION_ATTEMPTS):
             if self._repeat_until_answered(self._selected_name) == name:
                 return True
@@ -211,7 +211,7 @@ class WaveformStore:
         return self._session.parameters("ARWV").get("NAME", "").removesuffix(".bin")
 
     def _repeat_until_answered(self, query: Callable[[], T]) -> T:
-        """Repeat a query that the instrument does not answer while it takes a waveform in."""
+        """Repeat a query that the instrument does not answer while it stores a waveform."""
         begin_s, attempts = self._clock.now(), 0
         while True:
             try:
@@ -274,7 +274,7 @@ class SiglentDialect:
         )
 
     def _foreign_settings(self) -> Iterable[tuple[str, tuple[str, ...], Sequence[str]]]:
-        """Yield settings of other users that persist: name, neutral values, and the commands that restore them."""
+        """Yield persistent settings of other users: name, neutral values, and the commands that restore them."""
         is_sdg1000 = not self._model.startswith(("SDG2", "SDG6"))
         yield "INVT STATE", ("OFF",), ("C1:INVT OFF",)
         yield "CMBN STATE", ("OFF",), ("C1:CMBN OFF",)
@@ -370,7 +370,7 @@ def number_command(name: str, value: float) -> str:
 
 
 def without_line_feeds(codes: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Return the codes with none of their bytes 0x0A: moved by one, or to the nearest code outside 2560 to 2815."""
+    """Return the codes without a byte 0x0A: changed by one, or to the nearest code outside 2560 to 2815."""
     moved = codes.astype(np.int32)
     in_high_byte = (moved >> 8) == LINE_FEED
     moved[in_high_byte] = np.where(
@@ -378,10 +378,6 @@ def without_line_feeds(codes: NDArray[np.int16]) -> NDArray[np.int16]:
     )
     moved[(moved & 0xFF) == LINE_FEED] += 1
     return moved.astype("<i2")
-
-
-def _full_header(command: str) -> str:
-    return command if command == "COUP" else f"C1:{command}"
 
 
 def _block_size(header: str) -> int:

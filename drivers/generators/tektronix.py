@@ -1,10 +1,10 @@
 """Tektronix AFG3000, AFG31000 and AFG1000 function generators.
 
-Peculiarities: no range that could be frozen; a trigger source whose default, the internal timer, repeats the burst for
-ever; a built-in DC whose offset has no effect (AFG1000), which an idle burst does not need; and on an AFG1000 a load that
-can neither be set nor queried remotely: set High Z once at the front panel. If that is forgotten, the amplifier's input
-gets twice the volts, which is measured at arming, before high voltage is enabled. On an AFG31000 the level between bursts is
-a setting of its own, and a sequencer may be on in the place of the generator.
+Peculiarities: no range that could be frozen; a trigger source whose default, the internal timer, repeats the burst for ever; a
+built-in DC whose offset has no effect (AFG1000), which an idle burst does not need; and on an AFG1000 a load that can neither be
+set nor queried remotely: set High Z once at the front panel. If it is not set, the amplifier's input gets twice the volts, which
+is measured at arming, before high voltage is enabled. On an AFG31000 the level between bursts is a separate setting, and a
+sequencer may be on in place of the generator.
 
 Sources: AFG3000 Series Programmer Manual (DATA, TRIGger); the README of asvela/tektronix-func-gen for the AFG1022;
 public AFG31000 drivers (Karabo: BURSt:IDLE; after programmer manual 077-148-803: SEQControl:STATe); tm_devices at db887dd.
@@ -95,9 +95,9 @@ class AfgDialect(ScpiDialect):
         # On the external trigger the burst waits for ever, and *TRG fires it all the same.
         self.write_checked("TRIG:SOUR EXT", "SOUR1:BURS:MODE TRIG", "SOUR1:BURS:NCYC 1", "SOUR1:BURS:TDEL 0")
         if self._is_afg31000:
-            self.write_checked("SOUR1:BURS:IDLE START")  # the first point; it may be the last one, too
+            self.write_checked("SOUR1:BURS:IDLE START")  # the first point; the instrument may also wait at the last one
         self.write_checked("SOUR1:BURS:STAT ON", f"SOUR1:VOLT {levels.span_v:.6f}")
-        if not self._is_afg1000:  # the amplitude counts wherever the burst idles, although it does not play
+        if not self._is_afg1000:  # the limits count the amplitude at any idle level, although it does not play
             room_v = levels.span_v / 2
             self.write_checked(
                 f"SOUR1:VOLT:LIM:LOW {levels.low_v - room_v:.6f}", f"SOUR1:VOLT:LIM:HIGH {levels.high_v + room_v:.6f}"

@@ -1,6 +1,6 @@
 """Unsuitable generators: models advised against by name, because nothing guarantees the level at which they idle.
 
-They are recognised by their identity before anything else is sent. 0 V at the amplifier's input is -500 V on the specimen.
+They are recognised by their identity before any other message. 0 V at the amplifier's input is -500 V on the specimen.
 """
 
 import re
@@ -15,10 +15,10 @@ class UnsuitableGenerator:
 
     Args:
         name: maker and series.
-        maker: regular expression for the maker in the reply to `*IDN?`; empty where its form varies.
+        maker: regular expression for the maker in the reply to `*IDN?`; empty if its form varies.
         model: regular expression for the model.
-        reason: what its output does, as part of a sentence.
-        evidence: guide, public driver with commit, or empty if the reason is that no source says otherwise.
+        reason: behaviour of its output, as part of a sentence.
+        evidence: guide, public driver with commit, or empty if the reason is a missing source.
     """
 
     name: str
@@ -33,7 +33,7 @@ class UnsuitableGenerator:
         return all(re.match(p, t, re.IGNORECASE) for p, t in ((self.maker, maker), (self.model, model)))
 
 
-NOT_DOCUMENTED = "no guide and no public driver available to us says at which level its output waits between two bursts"
+NOT_DOCUMENTED = "no guide and no public driver available to us states the level of its output between two bursts"
 
 UNSUITABLE_GENERATORS = (
     UnsuitableGenerator(
@@ -49,7 +49,7 @@ UNSUITABLE_GENERATORS = (
         "",
         r"SDG8[013][05](?!X)|T3AFG(5|10)$",
         "it has a USB port only, on which a Siglent loses uploaded waveforms without an error, so that its output waits on another "
-        "one than was sent",
+        "waveform than the sent one",
         "benchctrl at 0c6e51e (uploads over USB); SDG programming guide (WVDT: numbered memories on SDG800)",
     ),
     UnsuitableGenerator(
@@ -69,7 +69,7 @@ UNSUITABLE_GENERATORS = (
 
 
 def reason_unsuitable(identity: Identity) -> str:
-    """Return why an instrument is advised against, as a sentence with the remedy; empty if it is not."""
+    """Return the reason against an instrument, as a sentence with the remedy; empty for a suitable one."""
     for series in UNSUITABLE_GENERATORS:
         if series.is_about(identity):
             return (

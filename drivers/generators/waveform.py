@@ -5,28 +5,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive_shapes import LinearSweep, PeriodicSweep, SquareWave, Steps
-from drivers.level_pulse import LevelPulse
+from drivers.drive_shapes import LevelPulse, LinearSweep, PeriodicSweep, SquareWave, Steps
 
 Points = NDArray[np.float64]
-"""Values between -1 and 1; 0 is the level where the source idles, and the first value."""
+"""Values between -1 and 1; 0 is the idle level, and the first value."""
 
 ArbitraryDrive = LinearSweep | PeriodicSweep | Steps | SquareWave | LevelPulse
-"""Drives that no generator has built in."""
+"""Drives that generators do not have built in."""
 
 MIN_POINTS = 256
 OVERSAMPLED_POINTS = 16_384
 """Number of points up to which a waveform is oversampled if the memory allows."""
 
 QUANTIZATION_MARGIN = 0.98
-"""Share of the largest step that points may use: the converter, 12 bits at least, rounds both points."""
+"""Usable share of the largest step: the converter, 12 bits at least, rounds both points."""
 
 SINE_CYCLE: Points = np.sin(2 * np.pi * np.arange(4096) / 4096)
-"""One cycle; it steps by less than a thousandth of its span from point to point."""
+"""Number of points of one cycle, with steps below a thousandth of its span."""
 
 
 def reason_memory_too_small(drive: ArbitraryDrive, max_points: int, max_step_v: float) -> str:
-    """Return why a memory of `max_points` is too small for a drive, as part of a message; empty if it is not."""
+    """Return the reason why a memory of `max_points` is too small for a drive, as part of a message; empty if it is not."""
     needed = required_points(drive, max_step_v)
     if needed <= max_points:
         return ""
@@ -65,7 +64,7 @@ def render_waveform(drive: ArbitraryDrive, max_points: int, max_step_v: float) -
 
 
 def repetition(drive: ArbitraryDrive) -> tuple[float, int]:
-    """Return how often per second the waveform of a drive is played, and how many times."""
+    """Return the repetition rate of a drive's waveform per second, and the number of repetitions."""
     match drive:
         case PeriodicSweep():
             return 1 / drive.period_s, drive.periods

@@ -1,7 +1,7 @@
 """NI DAQ cards (USB-6341 and other X-series): analogue input over `nidaqmx`.
 
-One option selects where the card is: `server=None` is the local driver, `server="host:port"` NI's gRPC device server,
-which also serves the simulated card. Raw 16-bit integers are kept, with the card's own scaling.
+One option selects the place of the card: `server=None` is the local driver, `server="host:port"` NI's gRPC device server, which
+also serves the simulated card. Raw 16-bit integers are kept, with the card's own scaling.
 """
 
 import contextlib
@@ -22,41 +22,40 @@ from nidaqmx.system import System
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.closing import Closeable
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
-from drivers.interfaces import Block, Identity, Scale
+from drivers.interfaces import Block, Closeable, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
-"""Real seconds of scans that the NI driver buffers: how long the program may be busy without losing any."""
+"""Real seconds of scans in the NI driver's buffer: longest pause of the program without lost scans."""
 
 READ_TIMEOUT_S = 5.0
 """Longest wait for a block beyond its duration; after that the card counts as disconnected."""
 
 START_UNCERTAINTY_S, START_QUERIES = 0.005, 5
-"""The moment of the first scan is known to this, in real time, or else from the best of so many counts of scans."""
+"""Accuracy of the time of the first scan, in real time; otherwise the best of this number of counts of scans."""
 
 INPUT, OUTPUT, READBACK = "input", "output", "read-back"
-"""Roles of the tasks on one card. A gRPC device server keeps a task, and with it the card, until a client clears it, also when
-the program that created it is dead. So tasks there are sessions with names, by which the next program finds them."""
+"""Roles of the tasks on one card. A gRPC device server keeps a task, and with it the card, until a client clears it, even after
+the death of the program that created it. Therefore its tasks are sessions with names, by which the next program finds them."""
 
 ABANDONED_AFTER_S = 3.0
-"""An input session that has not been read for so long belongs to a program that has ended: a running one reads every block."""
+"""Time without a read after which an input session counts as left by an ended program: a running one reads every block."""
 
 POLL_S = 0.25
 _RUNNING: "WeakValueDictionary[tuple[str, str], NiStream]" = WeakValueDictionary()
-"""The acquisitions of this program that run, by the `key` of their card."""
+"""Running acquisitions of this program, by the `key` of their card."""
 
 GROUND_CHANNEL = "_aignd_vs_aignd"
-"""The card's ground, converted before the drive where the rate leaves time: an open input shows what was converted before it,
-and must not look like rest because the laser's output is near 2.5 V."""
+"""The card's ground, converted before the drive if the rate allows it: an open input shows the previously converted voltage, and
+must not look like rest because the laser's output is near 2.5 V."""
 
 OUTPUT_END_TIMEOUT_S = 10.0
-"""Longest wait for the drive of a dead program to end before its output task is cleared."""
+"""Longest wait for the end of a dead program's drive before its output task is cleared."""
 
 
 class NiConnection:
-    """Connection to one card: the local driver, or a gRPC device server. Input and output have one each.
+    """Connection to one card: the local driver, or a gRPC device server. Input and output have separate connections.
 
     Args:
         device: the card's name, e.g. `Dev1`.
@@ -79,7 +78,7 @@ class NiConnection:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Which card this is: the server, empty for this computer, and the name of the device there."""
+        """Identity of the card: the server, empty for this computer, and the name of the device."""
         return self._server or "", self.device.lower()
 
     @property
@@ -97,7 +96,7 @@ class NiConnection:
             options = [
                 # The default limit of 4 MB is half a million samples: one late read would exceed it.
                 ("grpc.max_receive_message_length", -1),
-                # Channels of one process share a connection and its back-off after a failure: a second without access.
+                # Channels of one process share a connection and its back-off of a second after a failure.
                 ("grpc.use_local_subchannel_pool", 1),
             ]
             self._rpc = grpc.insecure_channel(self._server, options=options)
@@ -119,7 +118,7 @@ class NiConnection:
         """Return a new NI task on this card's driver; at a gRPC server the task of a dead program is cleared first.
 
         Raises:
-            CardInUseError: the card is in use by another program that runs, or by a task of this one.
+            CardInUseError: the card is in use by another running program, or by a task of this one.
             AcquisitionError: the server does not answer.
         """
         if not self._server:
@@ -146,10 +145,10 @@ class NiConnection:
             task.close()
 
     def clear_abandoned(self, *roles: str) -> None:
-        """Clear the sessions that a dead program, or a broken connection of this one, left at the gRPC server.
+        """Clear the sessions of a dead program, or of a broken connection of this one, at the gRPC server.
 
         Raises:
-            CardInUseError: the program that created them runs.
+            CardInUseError: their program is running.
         """
         if not self._server or self._rpc is None:
             return
@@ -175,7 +174,7 @@ class NiConnection:
         return self._create_session(role, SessionInitializationBehavior.ATTACH_TO_SERVER_SESSION)
 
     def _create_session(self, role: str, behavior: SessionInitializationBehavior) -> Any:
-        """Create or attach to the session of a role; return None if it exists already, or does not exist."""
+        """Create or attach to the session of a role; return None if creation finds it existing, or attachment finds none."""
         name = self._session_name(role)
         options = nidaqmx.GrpcSessionOptions(self._rpc, name, initialization_behavior=behavior)
         try:
@@ -234,12 +233,12 @@ class NiDigitizer:
         with translate_errors(where, remote=self._connection.is_remote):
             if self._connection.device_properties().ai_simultaneous_sampling_supported:
                 raise ScanOrderError(f"{where} has a converter for each input, and takes each once in a scan")
-        # A channel that is converted several times needs a name for each.
+        # A repeatedly converted channel needs a name for each conversion.
         inputs = [(self._channels[k], f"conversion {slot}") for slot, k in enumerate(order)]
         return self._start(rate_hz, block_scans, inputs, grounded=False)
 
     def _start(self, rate_hz: float, block_scans: int, inputs: Sequence[tuple[str, str]], grounded: bool) -> "NiStream":
-        """Begin to acquire terminals, each under a name of its own, after the card's ground if wanted."""
+        """Begin to acquire terminals, each under its own name, optionally after the card's ground."""
         task, where = self._connection.new_task(INPUT), self._connection.description
         try:
             with translate_errors(where, remote=self._connection.is_remote):
@@ -252,7 +251,7 @@ class NiDigitizer:
                         min_val=-self._range_v,
                         max_val=self._range_v,
                     )
-                speed = float(getattr(self._clock, "speed", 1.0))  # of a simulated bench; real ones have 1
+                speed = float(getattr(self._clock, "speed", 1.0))  # speed of a simulated bench; 1 for a real one
                 task.timing.cfg_samp_clk_timing(
                     rate_hz,
                     sample_mode=AcquisitionType.CONTINUOUS,
@@ -275,7 +274,7 @@ class NiDigitizer:
             raise
 
     def _add_ground(self, task: Any, rate_hz: float) -> int:
-        """Add the card's ground as the first channel, if it has one converter and time for it; return how many were added."""
+        """Add the card's ground as the first channel, if the card has one converter and time; return the number of added channels."""
         try:
             card = self._connection.device_properties()
             if card.ai_simultaneous_sampling_supported or card.ai_max_multi_chan_rate < rate_hz * (
@@ -294,7 +293,7 @@ class NiDigitizer:
 
 
 REMOTE_COUNT_S = 1.0
-"""How often the card's own count is asked for over a network: each question costs as much time as reading a block."""
+"""Interval between queries of the card's own count over a network: each query takes as long as reading a block."""
 
 
 class NiStream(Closeable):
@@ -316,7 +315,7 @@ class NiStream(Closeable):
         self._grounded = grounded
         self._count_s, self._counted_s = count_s, -math.inf
         self._restarted_scan = 0
-        """Scan at which the task began to count, or began again after scans were lost."""
+        """Scan at the begin of the task's count, or at its restart after lost scans."""
         self.rate_hz = float(task.timing.samp_clk_rate)
         convert_s = _convert_interval_s(task)
         self.scales = tuple(
@@ -329,15 +328,15 @@ class NiStream(Closeable):
         self.start_time_s = self._start() + grounded * convert_s
 
     def _start(self) -> float:
-        """Start the acquisition; return when, as the card's count of scans shows it where a busy computer delayed the reply."""
-        asked_s = begin_s = self._clock.now()
+        """Start the acquisition; return the time, corrected by the card's count of scans if a busy computer delayed the reply."""
+        requested_s = begin_s = self._clock.now()
         self._task.start()
         start_s = answered_s = self._clock.now()
         limit_s = START_UNCERTAINTY_S * getattr(self._clock, "speed", 1.0)
         for _ in range(START_QUERIES):
-            if answered_s - asked_s <= limit_s:
+            if answered_s - requested_s <= limit_s:
                 break
-            asked_s = self._clock.now()
+            requested_s = self._clock.now()
             scans = self._task.in_stream.total_samp_per_chan_acquired
             answered_s = self._clock.now()
             start_s = min(start_s, answered_s - scans / self.rate_hz)
@@ -347,9 +346,9 @@ class NiStream(Closeable):
         return self._read_ahead.popleft() if self._read_ahead else self._read_block()
 
     def newest_drive_volts(self, timeout_s: float) -> NDArray[np.float64] | None:
-        """Return the drive in a block that was taken after this call; `read` returns it, and those before it, later.
+        """Return the drive in a block acquired after this call; `read` returns this block and earlier ones later.
 
-        None if no such block has arrived in time: on a slow wire this program does not catch up with the card.
+        None if no such block arrives in time: on a slow connection this program lags behind the card.
         """
         called_s = self._clock.now()
         while self._clock.now() - called_s <= timeout_s:
@@ -366,8 +365,8 @@ class NiStream(Closeable):
             self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
         start = self._next_scan
         if time.monotonic() - self._counted_s >= self._count_s:
-            with contextlib.suppress(DaqError):  # then scans are counted here
-                # The task's own count: scans that another reader took, or that a lost reply held, are a gap between two blocks.
+            with contextlib.suppress(DaqError):  # then the scans are counted by this program
+                # The task's own count: scans read by another reader, or lost with a reply, are a gap between two blocks.
                 position = int(self._task.in_stream.curr_read_pos)
                 start = max(self._restarted_scan + position - self._raw.shape[1], start)
             self._counted_s = time.monotonic()
@@ -378,7 +377,7 @@ class NiStream(Closeable):
     def restart(self) -> None:
         """Acquire again after scans were lost (see drivers.interfaces.RestartableStream)."""
         with translate_errors(self._description):
-            with contextlib.suppress(DaqError):  # it reports once more what has ended the task
+            with contextlib.suppress(DaqError):  # it repeats the error that ended the task
                 self._task.stop()
             start_s = self._start()
         self._next_scan = max(round((start_s - self.start_time_s) * self.rate_hz), self._next_scan)
@@ -388,13 +387,13 @@ class NiStream(Closeable):
         """Stop the card."""
         task, self._task = self._task, None
         if task is not None:
-            # An unplugged card or a dead server cannot be stopped, and need not be.
+            # An unplugged card or a dead server cannot and need not be stopped.
             with contextlib.suppress(InstrumentError):
                 self._close_task()
 
 
 def newest_drive_volts(key: tuple[str, str], timeout_s: float) -> NDArray[np.float64] | None:
-    """Return the drive as this program's acquisition on a card measures it now; None if it runs none, fails or is late."""
+    """Return the drive now measured by this program's acquisition on a card; None if there is none, or it fails or is late."""
     stream = _RUNNING.get(key)
     try:
         return None if stream is None else stream.newest_drive_volts(timeout_s)
@@ -403,13 +402,13 @@ def newest_drive_volts(key: tuple[str, str], timeout_s: float) -> NDArray[np.flo
 
 
 def acquisition_rate_hz(key: tuple[str, str]) -> float:
-    """Return scans per second of this program's acquisition on a card; NaN if it runs none."""
+    """Return scans per second of this program's acquisition on a card; NaN without one."""
     stream = _RUNNING.get(key)
     return math.nan if stream is None else stream.rate_hz
 
 
 def _is_being_read(task: Any) -> bool:
-    """Watch for `ABANDONED_AFTER_S` whether a program reads an input task."""
+    """Return whether a program reads an input task within `ABANDONED_AFTER_S`."""
     deadline = time.monotonic() + ABANDONED_AFTER_S
     try:
         first = task.in_stream.curr_read_pos
@@ -423,7 +422,7 @@ def _is_being_read(task: Any) -> bool:
 
 
 def _wait_until_done(task: Any) -> None:
-    """Wait for the end of a drive, so that it is not cut in mid-wave."""
+    """Wait for the end of a drive, so that it is not cut within a wave."""
     deadline = time.monotonic() + OUTPUT_END_TIMEOUT_S
     with contextlib.suppress(DaqError):
         while not task.is_task_done() and time.monotonic() < deadline:
@@ -431,7 +430,7 @@ def _wait_until_done(task: Any) -> None:
 
 
 def _convert_interval_s(task: Any) -> float:
-    """Seconds between the conversions of two channels of one scan; 0 on a card that has a converter for each."""
+    """Seconds between the conversions of two channels of one scan; 0 for a card with a converter per channel."""
     if all(device.ai_simultaneous_sampling_supported for device in task.devices):
         return 0.0
     return 1 / float(task.timing.ai_conv_rate)

@@ -1,13 +1,13 @@
 """NI analogue output as a `Source`: renders drives to samples, on the same timebase as the input.
 
-A drive is rendered and written to the card completely before it starts, so that a drive ends by itself if the program
-hangs. A level other than rest is held by a finite buffer, too, which returns to rest unless the program renews it. Input
-and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
+A drive is rendered and written to the card completely before it starts, so that a drive ends by itself if the program hangs. A
+level other than rest is also held by a finite buffer, which returns to rest unless the program renews it. Input and output divide
+one 100 MHz timebase: a frequency that is exact in one is exact in the other.
 
-Never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and stopping a
-task in mid-wave unless its output is measured (it stays at the sample it had reached). A drive is stopped by rewriting the
-samples that are not on their way yet as a fade-out; its task is released only when the output is measured where it then
-idles. Where NI's driver does not take a rewrite, the sample that was reached is kept, measured, and left in a line.
+Never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and stopping a task
+within a wave unless its output is measured (it stays at the present sample). A drive is stopped by rewriting the samples not yet
+on their way as a fade-out; its task is released only when the output is measured at its idle level. If NI's driver refuses a
+rewrite, the present sample is kept, measured, and left by a ramp.
 
 Sources: X Series User Manual ch. 5 (FIFO, reference); NI-DAQmx help: regeneration, states after a reset, internal
 channels. Rewriting a running buffer was not tested on a real card: see docs/decisions/0014-analogue-output.md.
@@ -45,10 +45,10 @@ from drivers.nidaq.rendering import (
 
 LEVEL_TOLERANCE_V = 5e-3
 RELEASE_S = 0.2
-"""Allowance, in the prediction of the way to rest, for measuring the level at which a task is released."""
+"""Allowance in the prediction of the way to rest for measuring the level at the release of a task."""
 
 HOLD_TASK_LEASES = 6
-"""Length of a held level's buffer; where it comes to its end, the next one takes over at the same level."""
+"""Duration of a held level's buffer; at its end the next buffer continues at the same level."""
 
 STOP_ROUND_TRIPS, RAMP_ROUND_TRIPS = 12, 24
 
@@ -61,18 +61,17 @@ class NiAnalogOutput:
         channel: the output, e.g. `ao0`.
         clock: bench time, which paces the waits.
         server: `host:port` of a gRPC device server, or None for the local driver.
-        start_trigger: empty, or the signal that starts a drive, e.g. `ai/SampleClock`: the drive's first sample then
-            falls on a scan of the running input, whose phase is so the same each time.
-        margin_s: how far ahead of the samples on their way a stopped drive is rewritten: the time that the computer and
-            the bus have for it.
-        lease_s: how long a level other than rest is held without `renew_hold`.
+        start_trigger: empty, or the signal that starts a drive, e.g. `ai/SampleClock`: the drive's first sample then falls on a
+            scan of the running input, so that its phase is reproducible.
+        margin_s: lead of the rewrite of a stopped drive over the samples on their way: time for computer and bus.
+        lease_s: duration of a level other than rest without `renew_hold`.
 
     Raises:
-        InstrumentError: the driver, the server or the card is not there.
+        InstrumentError: driver, server or card is missing.
     """
 
     holds_rewrites_back: bool = False
-    """Whether NI's driver did not take a rewrite of a running task."""
+    """Whether NI's driver refused a rewrite of a running task."""
 
     def __init__(
         self,
@@ -100,9 +99,9 @@ class NiAnalogOutput:
         self._hold: HeldLevel | None = None
         self._start_s = self._renew_at_s = 0.0
         self._rest_v: float | None = None
-        self._found_queue: OutputQueue | None = None
+        self._measured_queue: OutputQueue | None = None
         self._reply_s = 0.0
-        with contextlib.suppress(CardInUseError):  # by a program that runs: starting the acquisition reports it
+        with contextlib.suppress(CardInUseError):  # by a running program: starting the acquisition reports it
             self._connection.clear_abandoned(INPUT, OUTPUT, READBACK)
         self._level_v = self._readback.inside_v()
 
@@ -125,7 +124,7 @@ class NiAnalogOutput:
         measured = self._readback.inside_v()
         self._level_v = self._level_v if measured is None else measured
         if self._level_v is None:
-            self._write_level(rest_v)  # the level is not known; high voltage is disabled here
+            self._write_level(rest_v)  # the level is unknown; high voltage is disabled here
         else:
             self.ramp_to(rest_v, 0.5)
         seen = self._readback.inside_v()
@@ -148,7 +147,7 @@ class NiAnalogOutput:
 
     @property
     def starts_on_scan(self) -> bool:
-        """Whether a drive is to start on a scan of the running input."""
+        """Whether a drive starts on a scan of the running input."""
         return bool(self._trigger)
 
     @property
@@ -200,18 +199,17 @@ class NiAnalogOutput:
         progress = PlaybackProgress(task, self._clock, self._margin_s)
         if progress.first_changeable() >= hold.return_sample:
             raise self._late_renewal(hold)
-        wanted = progress.generated + math.ceil(self.lease_s * task.rate_hz)
-        if self.holds_rewrites_back or wanted > hold.latest_return_sample:
+        target = progress.generated + math.ceil(self.lease_s * task.rate_hz)
+        if self.holds_rewrites_back or target > hold.latest_return_sample:
             self._hand_over(hold, progress)
             return
         begins = hold.return_sample
-        renewed = replace(hold, return_sample=wanted)
+        renewed = replace(hold, return_sample=target)
         try:
-            is_in_time = task.rewrite(begins, renewed.samples(begins, wanted + hold.fall + 1 - begins), progress)
+            is_in_time = task.rewrite(begins, renewed.samples(begins, target + hold.fall + 1 - begins), progress)
         except AcquisitionError:
-            progress = PlaybackProgress(
-                task, self._clock, self._margin_s
-            )  # a card that does not answer raises here, too
+            # A card that does not answer raises here as well.
+            progress = PlaybackProgress(task, self._clock, self._margin_s)
             self.holds_rewrites_back = True
             self._hand_over(hold, progress)
             return
@@ -237,7 +235,7 @@ class NiAnalogOutput:
         self._control.fill(task, remainder, level_v, end)
         if self._control.await_sample(task, end):
             self._await_level(task, level_v)
-        else:  # armed, but the trigger never came: nothing has moved
+        else:  # armed, but never triggered: nothing has moved
             level_v = drive.end_levels_v[0]
         self._release_task()
         self._write_level(level_v)
@@ -280,14 +278,14 @@ class NiAnalogOutput:
     def reconnect(self) -> None:
         expected_v = self._expected_v()
         with contextlib.suppress(BenchError):
-            self._release_task()  # with a lost connection the task is gone, too
+            self._release_task()  # with a lost connection the task is lost, too
         self._task = self._drive = self._hold = None
         self._connection.reopen()
         measured = self._readback.inside_v()
         if measured is not None:
             self._level_v = measured
         elif expected_v is not None:
-            # The input is busy. A reading of the drive's cable may confirm a level, but is no level to start from.
+            # The input is busy. A reading of the drive's cable may confirm a level, but cannot serve as a start level.
             seen = self._readback.cable_volts()
             confirmed = seen is not None and bool(np.abs(seen - expected_v).max() <= RELEASE_TOLERANCE_V)
             self._level_v = expected_v if confirmed else None
@@ -303,16 +301,16 @@ class NiAnalogOutput:
         self._connection.close()
 
     def _queue(self) -> OutputQueue:
-        if self._found_queue is None:
+        if self._measured_queue is None:
             begin_s = self._clock.now()
-            self._found_queue = find_queue(
+            self._measured_queue = find_queue(
                 self._connection, self._physical_channel, self._description, SAMPLE_RATES_HZ[0]
             )
             self._reply_s = (self._clock.now() - begin_s) / STOP_ROUND_TRIPS
-        return self._found_queue or OutputQueue()
+        return self._measured_queue or OutputQueue()
 
     def _rate_for(self, drive: Drive) -> float:
-        """Return the sample rate of a drive: fine enough, and not slower than the queue permits."""
+        """Return the sample rate of a drive: fine enough, and fast enough for the queue."""
         queue, limit_s = self._queue(), self._queue_limit_s()
         slowest = next(
             (rate for rate in SAMPLE_RATES_HZ if queue.samples_at(rate) <= limit_s * rate), SAMPLE_RATES_HZ[-1]
@@ -320,7 +318,7 @@ class NiAnalogOutput:
         return sample_rate_for(drive, slowest)
 
     def _queue_limit_s(self) -> float:
-        """Return the longest time that samples of a drive are on their way; longer only on a card that leaves no choice."""
+        """Return the longest time for which samples of a drive are on their way; longer only on a card without a choice."""
         return max(QUEUE_S, self._queue().samples_at(LONG_DRIVE_RATE_HZ) / LONG_DRIVE_RATE_HZ)
 
     def _start_hold(self, from_v: float, level_v: float, duration_s: float) -> None:
@@ -328,8 +326,7 @@ class NiAnalogOutput:
         ramp = Ramp(from_v, level_v, max(duration_s, 1e-3))
         queue, fine = self._queue(), ramp.slew_v_per_s / STEP_V
         rate = next(
-            (r for r in HOLD_RATES_HZ if r >= fine and queue.samples_at(r) <= self.lease_s / 4 * r),
-            HOLD_RATES_HZ[-1],
+            (r for r in HOLD_RATES_HZ if r >= fine and queue.samples_at(r) <= self.lease_s / 4 * r), HOLD_RATES_HZ[-1]
         )
         lease = math.ceil(self.lease_s * rate)
         rise, fall = math.ceil(ramp.duration_s * rate), math.ceil(abs(level_v - rest_v) / RETURN_V_PER_S * rate) + 1
@@ -341,7 +338,7 @@ class NiAnalogOutput:
         self._renew_at_s = self._start_s + ramp.duration_s + self.lease_s / 4
 
     def _hand_over(self, hold: HeldLevel, progress: PlaybackProgress) -> None:
-        """Release the task of a level and begin the next: the output stays at the sample converted last, the level itself."""
+        """Release the task of a level and begin the next: the output stays at the last converted sample, the level."""
         if not progress.is_released_before(hold.return_sample):
             raise self._late_renewal(hold)
         self._release_task()
@@ -355,9 +352,9 @@ class NiAnalogOutput:
         )
 
     def _end_hold(self, to_rest: bool = False) -> None:
-        """Let go of a held level: stay at it, or at rest where its return has begun.
+        """Release a held level: stay at it, or at rest if its return has begun.
 
-        With `to_rest` its return is awaited on a wire on which a ramp to rest would begin later.
+        With `to_rest` its return is awaited on a connection on which a ramp to rest would begin later.
         """
         hold, task = self._hold, self._task
         if hold is None or task is None:
@@ -373,15 +370,11 @@ class NiAnalogOutput:
         self._write_level(level_v)
 
     def _start(
-        self,
-        task: OutputTask,
-        render: Callable[[int, int], Array],
-        drive: Drive | None,
-        hold: HeldLevel | None,
+        self, task: OutputTask, render: Callable[[int, int], Array], drive: Drive | None, hold: HeldLevel | None
     ) -> None:
         try:
             task.write(render, self._clock)
-            # Set before the task starts: if the reply is lost, the drive must be assumed to play.
+            # Set before the task starts: if the reply is lost, a playing drive must be assumed.
             self._task, self._drive, self._hold, self._start_s = task, drive, hold, self._clock.now()
             task.start()
         except BaseException:
@@ -391,12 +384,12 @@ class NiAnalogOutput:
             raise
 
     def _stop_where_it_is(self, task: OutputTask, drive: Drive, refused: AcquisitionError) -> None:
-        """Release a drive that cannot be rewritten: the output keeps the sample that was reached, which is then measured.
+        """Release a drive that cannot be rewritten: the output keeps the present sample, which is then measured.
 
         Raises:
             InstrumentError: its output cannot be measured, and it plays to its end; or it is not steady afterwards.
         """
-        played = task.generated()  # raises where the card itself does not answer
+        played = task.generated()  # raises if the card itself does not answer
         self.holds_rewrites_back = True
         waits = bool(task.trigger) and played == 0
         amplitude_v = (drive.high_v - drive.low_v) / 2
@@ -413,14 +406,14 @@ class NiAnalogOutput:
         self._write_level(self._readback.steady_v(drive.low_v, drive.high_v))
 
     def _await_level(self, task: OutputTask, level_v: float) -> None:
-        """Wait until the output is measured at a level, where it can be measured, before its task is released.
+        """Wait until the output is measured at a level, if it is measurable, before its task is released.
 
         Raises:
-            InstrumentError: it is not there; the task is kept.
+            InstrumentError: the output is not at the level; the task is kept.
         """
         deadline_s = self._clock.now() + RELEASE_TIMEOUT_S
         while True:
-            seen = self._readback.volts(RELEASE_TIMEOUT_S)  # as long as the level is sure to be played
+            seen = self._readback.volts(RELEASE_TIMEOUT_S)  # as long as the level is certainly played
             if seen is None or np.abs(seen - level_v).max() <= RELEASE_TOLERANCE_V or task.is_done():
                 return
             if self._clock.now() > deadline_s:
@@ -433,7 +426,7 @@ class NiAnalogOutput:
             self._clock.sleep(0.01)
 
     def _expected_v(self) -> float | None:
-        """Return the volts of the sample at which the task is, or was when its connection broke; None if unknown."""
+        """Return the volts of the task's present sample, or of its last one before its connection broke; None if unknown."""
         task, drive, hold = self._task, self._drive, self._hold
         if task is None:
             return self._level_v

@@ -48,8 +48,7 @@ SCANS_LOST = (-200279, -200361)
 def translate_errors(device_name: str, *, remote: bool = False) -> Iterator[None]:
     """Raise AcquisitionError in place of NI's errors, or InstrumentError if the NI driver is not installed.
 
-    A card of this computer (not `remote`) that is reserved raises CardInUseError: NI's driver clears what a dead program
-    reserved.
+    A reserved card of this computer (not `remote`) raises CardInUseError: NI's driver clears the reservation of a dead program.
     """
     try:
         yield

@@ -14,17 +14,17 @@ from drivers.nidaq.output_task import OutputTask
 from drivers.nidaq.rendering import Array
 
 RELEASE_TOLERANCE_V = 0.05
-"""Largest deviation of the output, as the run's acquisition measures it, from the level at which its task is released."""
+"""Largest deviation of the output, measured by the run's acquisition, from the level at the release of its task."""
 
 FOLLOWED_SHARE = 0.1
 """Largest deviation (rms) of the cable's volts from a playing drive, in parts of its amplitude; at least RELEASE_TOLERANCE_V."""
 
 CABLE_TIMEOUT_S = 2.0
-"""Longest wait for the block that is being taken, where earlier ones have to be read first; and for one without a change."""
+"""Longest wait for the present block, if earlier ones must be read first; and for a block without a change."""
 
 COMPARED_SCANS, LAGS_AT_A_TIME = 64, 10_000
 COUNT_MARGIN_S = 0.02
-"""By how much the time of the first scan, and with it what the input sees, may be off the card's count of samples; wall time."""
+"""Largest error of the time of the first scan, and thus of the input, against the card's count of samples; wall time."""
 
 
 class OutputReadback:
@@ -33,7 +33,7 @@ class OutputReadback:
     Args:
         connection: the card.
         channel: the output inside the card, e.g. `Dev1/_ao0_vs_aognd`.
-        description: of the output, for messages.
+        description: name of the output, for messages.
         clock: bench time.
     """
 
@@ -41,7 +41,7 @@ class OutputReadback:
         self._connection, self._channel, self._description, self._clock = connection, channel, description, clock
 
     def inside_v(self) -> float | None:
-        """Return the output as measured inside the card; None if its converter is busy or has no such channel."""
+        """Return the output measured inside the card; None if its converter is busy or has no such channel."""
         task = None
         try:
             task = self._connection.new_task(READBACK)
@@ -56,25 +56,25 @@ class OutputReadback:
                     self._connection.close_task(task, READBACK)
 
     def cable_volts(self, timeout_s: float | None = None) -> Array | None:
-        """Return the drive as the run's acquisition measures it now; None if none runs, or is late (two seconds of wall time)."""
+        """Return the drive now measured by the run's acquisition; None without one, or if it is late (two seconds of wall time)."""
         late_s = CABLE_TIMEOUT_S * float(getattr(self._clock, "speed", 1.0))
         return newest_drive_volts(self._connection.key, late_s if timeout_s is None else timeout_s)
 
     def volts(self, timeout_s: float | None = None) -> Array | None:
-        """Return the output as measured now: inside the card, or by the run's acquisition, or None."""
+        """Return the output measured now: inside the card, or by the run's acquisition, or None."""
         inside = [self.inside_v()]
         if inside[0] is None:
             return self.cable_volts(timeout_s)
-        for _ in range(2):  # one reading of a wave may happen to be the level
+        for _ in range(2):  # one reading of a wave may equal the level by chance
             self._clock.sleep(0.007)
             inside.append(self.inside_v())
         return np.array([seen for seen in inside if seen is not None])
 
     def steady_v(self, low_v: float, high_v: float) -> float:
-        """Return the level at which the output stays, as soon as it is measured without change.
+        """Return the level of a steady output.
 
         Raises:
-            InstrumentError: it is not measured, not steady, or beyond the limits by more than the tolerance.
+            InstrumentError: the output is not measurable, not steady, or beyond the limits by more than the tolerance.
         """
         deadline_s = self._clock.now() + CABLE_TIMEOUT_S * float(getattr(self._clock, "speed", 1.0))
         while True:
@@ -93,9 +93,9 @@ class OutputReadback:
             self._clock.sleep(0.01)
 
     def follows(self, task: OutputTask, render: Callable[[int, int], Array], amplitude_v: float) -> bool:
-        """Whether the output is measured: inside the card, or by a cable that shows what the task plays now.
+        """Whether the output is measured: inside the card, or by a cable that shows the present output of the task.
 
-        An open input shows anything, so that a level may be taken from the cable only where it has just shown the drive.
+        An open input shows any voltage, so that a level of the cable is valid only after it has shown the drive.
         """
         if self.inside_v() is not None:
             return True
@@ -108,7 +108,7 @@ class OutputReadback:
         compared = np.linspace(0, seen.size - 1, min(seen.size, COMPARED_SCANS)).astype(int)
         places = np.rint(compared * task.rate_hz / rate_hz).astype(int)
         limit_v = max(RELEASE_TOLERANCE_V, FOLLOWED_SHARE * amplitude_v)
-        # When the block was taken in between is not known: it is compared at every sample at which it may begin.
+        # The time of the block is uncertain: it is compared at every sample at which it may begin.
         for begin in range(0, expected.size - int(places[-1]), LAGS_AT_A_TIME):
             lags = np.arange(begin, min(begin + LAGS_AT_A_TIME, expected.size - int(places[-1])))
             away = expected[lags[:, None] + places] - seen[compared]

@@ -1,8 +1,8 @@
-"""NI output task: a finite buffer of samples that is written whole, started, and rewritten while it plays.
+"""NI output task: a finite buffer of samples, written completely, started, and rewritten during play.
 
-Samples on their way to the converter cannot be rewritten any more: those in the card's FIFO (8191 on X Series, user
-manual ch. 5) and, on USB, those in the transfer requests that NI's driver keeps under way (NI-DAQmx properties
-AO.UsbXferReqSize and AO.UsbXferReqCount; 4 requests of 32 768 bytes on a USB-6281, README of NIDAQ.jl).
+Samples on their way to the converter cannot be rewritten: the ones in the card's FIFO (8191 on X Series, user manual ch. 5) and,
+on USB, in the pending transfer requests of NI's driver (NI-DAQmx properties AO.UsbXferReqSize and AO.UsbXferReqCount; 4 requests
+of 32 768 bytes on a USB-6281, README of NIDAQ.jl).
 """
 
 import contextlib
@@ -25,23 +25,24 @@ from drivers.nidaq.rendering import Array
 FIFO_SAMPLES = 8191
 BYTES_PER_SAMPLE = 2
 USB_REQUESTS, USB_REQUEST_BYTES = 4, 32_768
-"""Assumed where a card does not report them."""
+"""Assumed values for a card that does not report them."""
 
 USB_QUEUE_S = 0.15
-"""Seconds of samples in USB requests that the driver asks for: enough for a busy computer, short for a stop."""
+"""Requested duration of samples in USB requests: long enough for a busy computer, short for a stop."""
 
 USB_PACKET_BYTES = 512
 WRITE_PAUSE_S = 1e-4
 """Pause after each message of a long drive, in which the clock sends its heartbeat."""
 
 SAMPLES_PER_WRITE = 200_000
-"""Samples in one message: below the 4 MB of gRPC's own default, which NI's server lifts (grpc-device at c1ddf51) and a proxy may not."""
+"""Number of samples in one message: below gRPC's default of 4 MB, which NI's server lifts (grpc-device at c1ddf51), but a proxy
+may not."""
 
 WRITE_TIMEOUT_S, REWRITE_TIMEOUT_S = 10.0, 0.1
-"""How long NI's driver may hold samples back: nidaqmx's default, and while the task runs. A copy to memory has no need to wait."""
+"""Longest wait of NI's driver for a write: nidaqmx's default, and during the task, as a copy to memory need not wait."""
 
 WRITE_MESSAGES = 3
-"""Messages of one write: the offset, the number of channels, which `nidaqmx` asks for, and the samples."""
+"""Number of messages of one write: offset, number of channels, which `nidaqmx` queries, and samples."""
 
 _UNSUPPORTED = DaqError, RpcError
 _WITHOUT_USB = (BusType.PCI, BusType.PCIE, BusType.PXI, BusType.PXIE)
@@ -49,7 +50,7 @@ _WITHOUT_USB = (BusType.PCI, BusType.PCIE, BusType.PXI, BusType.PXIE)
 
 @dataclass(frozen=True, slots=True)
 class OutputQueue:
-    """What lies between NI's buffer and the converter, and whether its USB part can be made shorter."""
+    """Queue between NI's buffer and the converter, and whether its USB part can be shortened."""
 
     fifo: int = FIFO_SAMPLES
     requests: int = USB_REQUESTS
@@ -57,19 +58,19 @@ class OutputQueue:
     adjustable: bool = False
 
     def samples_at(self, rate_hz: float) -> int:
-        """Return how many samples are on their way at a sample rate, after `adjusted_request_bytes` was asked for."""
+        """Return the number of samples on their way at a sample rate, after a request of `adjusted_request_bytes`."""
         return self.samples_in_requests_of(
             self.adjusted_request_bytes(rate_hz) if self.adjustable else self.request_bytes
         )
 
     def samples_in_requests_of(self, request_bytes: int) -> int:
-        """Return how many samples are on their way with USB requests of this size."""
+        """Return the number of samples on their way with USB requests of this size."""
         return self.fifo + math.ceil(self.requests * request_bytes / BYTES_PER_SAMPLE)
 
     def adjusted_request_bytes(self, rate_hz: float) -> int:
-        """Return the size of a request at which all of them are USB_QUEUE_S of samples; never more than it was."""
-        wanted = USB_QUEUE_S * rate_hz * BYTES_PER_SAMPLE / max(self.requests, 1)
-        return min(max(math.ceil(wanted / USB_PACKET_BYTES), 1) * USB_PACKET_BYTES, self.request_bytes)
+        """Return the size of a request for a total of USB_QUEUE_S of samples; at most the present size."""
+        needed_bytes = USB_QUEUE_S * rate_hz * BYTES_PER_SAMPLE / max(self.requests, 1)
+        return min(max(math.ceil(needed_bytes / USB_PACKET_BYTES), 1) * USB_PACKET_BYTES, self.request_bytes)
 
 
 class OutputTask:
@@ -80,8 +81,8 @@ class OutputTask:
         physical_channel: e.g. `Dev1/ao0`.
         description: of the output, for messages.
         rate_hz: samples per second.
-        total: number of samples; 0 for a task that only reports its queue.
-        trigger: terminal whose edge starts it; empty starts it at once.
+        total: number of samples; 0: a task that only reports its queue.
+        trigger: terminal whose edge starts it; empty: immediate start.
     """
 
     def __init__(
@@ -96,7 +97,7 @@ class OutputTask:
         self._connection, self._description = connection, description
         self.trigger, self.total = trigger, total
         self.write_s = 0.0
-        """Longest time that a message with samples has taken: over a network more than a reply without."""
+        """Longest duration of a message with samples: over a network longer than other messages."""
         self._task: Any = connection.new_task(OUTPUT)
         try:
             with translate_errors(description):
@@ -111,7 +112,7 @@ class OutputTask:
                 self.rate_hz = float(self._task.timing.samp_clk_rate)
             self.queue = self._find_queue(channel)
             self.queue_samples = self._shorten_queue(channel)
-            """Samples that may be on their way to the converter, as the card reports them."""
+            """Number of samples on their way to the converter, as reported by the card."""
         except BaseException:
             self.release()
             raise
@@ -131,12 +132,12 @@ class OutputTask:
             self._task.start()
 
     def rewrite(self, first: int, wave: Array, progress: "PlaybackProgress | None" = None) -> bool:
-        """Replace samples from `first` on; return False, with none replaced, if `progress` says that they may be on their way.
+        """Replace samples from `first`; return False, without a replacement, if they may be on their way by `progress`.
 
-        The last message is written first: what follows on a slow wire is in place when the first sample changes.
+        The last message is written first: on a slow connection later samples are in place when the first sample changes.
 
         Raises:
-            AcquisitionError: NI's driver holds the samples back or refuses them, or does not answer.
+            AcquisitionError: NI's driver delays or refuses the samples, or does not answer.
         """
         with translate_errors(self._description):
             self._task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
@@ -153,7 +154,7 @@ class OutputTask:
         return True
 
     def generated(self) -> int:
-        """Return how many samples have been converted."""
+        """Return the number of converted samples."""
         with translate_errors(self._description):
             return int(self._task.out_stream.total_samp_per_chan_generated)
 
@@ -162,7 +163,7 @@ class OutputTask:
             return bool(self._task.is_task_done())
 
     def release(self) -> None:
-        """Clear the task; the output stays at the sample that was converted last."""
+        """Clear the task; the output stays at the last converted sample."""
         self._connection.close_task(self._task, OUTPUT)
 
     def _write(self, samples: Array, timeout_s: float = WRITE_TIMEOUT_S) -> None:
@@ -174,7 +175,7 @@ class OutputTask:
             )
 
     def _find_queue(self, channel: Any) -> OutputQueue:
-        """Return what the card reports, or what is assumed of one that does not."""
+        """Return the queue reported by the card, or the assumed one."""
         fifo, requests, request_bytes, adjustable = FIFO_SAMPLES, USB_REQUESTS, USB_REQUEST_BYTES, False
         with contextlib.suppress(*_UNSUPPORTED):
             fifo = max(int(self._task.out_stream.output_onbrd_buf_size), fifo)
@@ -188,7 +189,7 @@ class OutputTask:
         return OutputQueue(fifo, requests, request_bytes, adjustable)
 
     def _shorten_queue(self, channel: Any) -> int:
-        """Ask for short USB requests; return how many samples may then be on their way."""
+        """Request short USB requests; return the largest number of samples then on their way."""
         request_bytes = self.queue.request_bytes
         if self.queue.adjustable:
             with contextlib.suppress(*_UNSUPPORTED):
@@ -199,23 +200,23 @@ class OutputTask:
 
 
 class PlaybackProgress:
-    """Samples converted so far, and which ones a message still reaches: a slow wire or a pause of this program takes time, too.
+    """Number of converted samples, and the samples that a message can still reach on a slow connection or after a pause.
 
     Args:
-        task: it is asked now.
+        task: task, queried now.
         clock: bench time.
         margin_s: allowance for computer and bus.
     """
 
     def __init__(self, task: OutputTask, clock: Clock, margin_s: float) -> None:
         self._clock, self._margin_s, self._rate_hz = clock, margin_s, task.rate_hz
-        self._asked_s = clock.now()
+        self._queried_s = clock.now()
         self.generated = task.generated()
-        self.reply_s = clock.now() - self._asked_s
+        self.reply_s = clock.now() - self._queried_s
         self._queue, self._write_s = task.queue_samples, task.write_s
 
     def first_changeable(self, samples: int = 1) -> int:
-        """Return the first sample that a rewrite of so many reaches which begins now."""
+        """Return the first sample that a rewrite with this number of samples reaches if it begins now."""
         writes = math.ceil(samples / SAMPLES_PER_WRITE)
         messages_s = (2 + WRITE_MESSAGES * writes) * self.reply_s + writes * self._write_s
         return self.generated + self._queue + math.ceil((self._margin_s + messages_s) * self._rate_hz)
@@ -223,16 +224,16 @@ class PlaybackProgress:
     def reaches(self, sample: int, messages: int, writes: int = 0) -> bool:
         """Return whether the last of these messages, sent now, arrives before a sample is on its way to the converter.
 
-        So many `writes` of them carry samples.
+        `writes` is the number of messages with samples.
         """
         return self._at_arrival(messages, self._margin_s / 2 + writes * self._write_s) + self._queue <= sample
 
     def is_released_before(self, sample: int) -> bool:
-        """Return whether a task that is released now has not converted a sample."""
+        """Return whether a task released now has not yet converted a sample."""
         return self._at_arrival(1, self._margin_s) < sample
 
     def _at_arrival(self, messages: int, margin_s: float) -> int:
-        elapsed_s = self._clock.now() - self._asked_s + messages * self.reply_s + margin_s
+        elapsed_s = self._clock.now() - self._queried_s + messages * self.reply_s + margin_s
         return self.generated + math.ceil(elapsed_s * self._rate_hz)
 
 
@@ -248,7 +249,7 @@ def write_level(connection: NiConnection, physical_channel: str, description: st
 
 
 def find_queue(connection: NiConnection, physical_channel: str, description: str, rate_hz: float) -> OutputQueue | None:
-    """Return the queue of an output, from a task that is never started; None if the card does not answer or is in use."""
+    """Return the queue of an output, by a task that is not started; None if the card does not answer or is in use."""
     try:
         probe = OutputTask(connection, physical_channel, description, rate_hz, 0)
     except BenchError:

@@ -1,4 +1,4 @@
-"""Control of a playing NI output task: its drive is rewritten as a fade-out, and its samples are waited for."""
+"""Control of a playing NI output task: rewriting of its drive as a fade-out, and waiting for its samples."""
 
 import math
 
@@ -11,10 +11,10 @@ from drivers.nidaq.output_task import OutputTask, PlaybackProgress
 from drivers.nidaq.rendering import fade_out, idle_level_after_stop_v
 
 RELEASE_TIMEOUT_S = 2.0
-"""Longest wait for the output to be measured at the level at which its task is released."""
+"""Longest wait for a measurement of the output at the level of its task's release."""
 
 RELEASE_ROUND_TRIPS = 90
-"""Longest way from a stopped drive to its released task: the output is measured with 13 messages, up to six times."""
+"""Longest time from a stopped drive to its released task: up to six measurements of the output with 13 messages each."""
 
 
 class PlaybackControl:
@@ -23,7 +23,7 @@ class PlaybackControl:
     Args:
         clock: bench time.
         margin_s: allowance for computer and bus in a rewrite.
-        description: of the output, for messages.
+        description: name of the output, for messages.
     """
 
     def __init__(self, clock: Clock, margin_s: float, description: str) -> None:
@@ -32,10 +32,10 @@ class PlaybackControl:
     def fade_out(self, task: OutputTask, drive: Drive) -> tuple[float, int, int]:
         """Rewrite a running drive so that it fades out.
 
-        Returns the level at which it then idles, the sample where it reaches that, and the first of the drive's remainder.
+        Returns the idle level after the fade-out, the sample that reaches it, and the first sample of the drive's remainder.
 
         Raises:
-            AcquisitionError: NI's driver does not take the samples, or the card does not answer.
+            AcquisitionError: NI's driver refuses the samples, or the card does not answer.
         """
         rate, margin_s = task.rate_hz, self._margin_s
         while True:
@@ -49,13 +49,13 @@ class PlaybackControl:
             end = first + wave.size
             if task.rewrite(first, np.concatenate((wave, np.full(min(hold, task.total - end), level_v))), progress):
                 break
-            margin_s = max(2 * margin_s, 0.1)  # this program was held up
+            margin_s = max(2 * margin_s, 0.1)  # this program was delayed
         return level_v, end, end + hold
 
     def fill(self, task: OutputTask, first: int, level_v: float, played: int) -> None:
         """Rewrite the remainder of a stopped drive with its idle level, until the fade-out has been played.
 
-        What is left of the drive would follow the fade if this program died before it releases the task.
+        Otherwise the remainder would follow the fade if this program died before it releases the task.
         """
         piece = math.ceil(task.rate_hz)
         while first < task.total and task.generated() < played:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drivers.drive_shapes import Drive, LinearSweep, PeriodicSweep, Sine, SquareWave
 
 SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 250e3, 500e3)
-"""Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
+"""Integer fractions of an NI card's 100 MHz timebase; the slowest fine enough one is used."""
 
 HOLD_RATES_HZ = (2e3, 5e3, *SAMPLE_RATES_HZ)
 """Sample rates of a held level, whose ramps are slow."""
@@ -18,13 +18,13 @@ STEP_V = 0.02
 """Largest step between two samples: 12 V on the specimen."""
 
 COARSE_STEP_V = 0.035
-"""Largest step of a drive that would need more than MAX_SAMPLES otherwise: 21 V on the specimen."""
+"""Largest step of a drive that would otherwise need more than MAX_SAMPLES: 21 V on the specimen."""
 
 MAX_SAMPLES = 80_000_000
-"""Samples of the longest drive: 160 MB in NI's driver, and the paper's sweep of 300 s at 5 V peak to peak."""
+"""Number of samples of the longest drive: 160 MB in NI's driver, and the paper's sweep of 300 s at 5 V peak to peak."""
 
 QUEUE_S = 0.5
-"""Longest time that samples are on their way to the converter; a sample rate is taken at which they are not for longer."""
+"""Longest time for which samples are on their way to the converter, which limits the sample rate from below."""
 
 LONG_DRIVE_RATE_HZ = 250e3
 """Sample rate of the steepest drive of MAX_SAMPLES."""
@@ -53,18 +53,18 @@ def sample_rate_for(drive: Drive, slowest_hz: float = 0.0) -> float:
 
 
 def sample_count(drive: Drive, rate_hz: float) -> int:
-    """Samples of the whole drive; the last one is where it ends."""
+    """Return the samples of the whole drive; the last one is its final level."""
     return math.ceil(drive.duration_s * rate_hz) + 1
 
 
 def render_samples(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
-    """Samples `first` to `first + count`, shape (count,); beyond its end the drive stays where it ended."""
+    """Return the samples `first` to `first + count`, shape (count,); beyond its end the drive keeps its final level."""
     t = np.arange(first, first + count) / rate_hz
     return np.ascontiguousarray(drive.volts(np.minimum(t, drive.duration_s)))
 
 
 def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
-    """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
+    """Return the idle level of a drive stopped at sample `first`: its offset, or its present level."""
     last = sample_count(drive, rate_hz) - 1
     if isinstance(drive, Sine | LinearSweep | PeriodicSweep | SquareWave) and first <= last:
         return drive.offset_v
@@ -72,7 +72,7 @@ def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
 
 
 def fade_out(drive: Drive, rate_hz: float, first: int) -> Array:
-    """Return the samples, from `first` on, in which a drive dies down to where it idles; fewer near its end."""
+    """Return the samples from `first` of the fade to the idle level; fewer near the end of the drive."""
     fade = min(math.ceil(FADE_S * rate_hz), sample_count(drive, rate_hz) - first)
     level_v = idle_level_after_stop_v(drive, rate_hz, first)
     wave = np.full(fade, level_v)
@@ -83,13 +83,13 @@ def fade_out(drive: Drive, rate_hz: float, first: int) -> Array:
 
 @dataclass(slots=True)
 class HeldLevel:
-    """A level that is reached in a straight line, held, and left for rest in another line unless it is renewed.
+    """A level reached by a straight line, held, and left for rest by another line unless it is renewed.
 
     Attributes:
-        start_v, level_v, rest_v: where it begins, what is held, where it returns.
-        rise, fall: samples of the two lines.
-        return_sample: where the line to rest begins; moved by a renewal.
-        total: samples altogether, the last of them at rest.
+        start_v, level_v, rest_v: first level, held level, final level.
+        rise, fall: numbers of samples of both lines.
+        return_sample: first sample of the line to rest; changed by a renewal.
+        total: number of samples, the last one at rest.
     """
 
     start_v: float

@@ -1,9 +1,9 @@
 """Temperature and humidity sensors on a serial port that send their readings as text.
 
-Read are a number followed by a unit of temperature (`'C`, `C`, `'F`, `K`) and one followed by `%` or `%RH`; the first of each
-counts, since transmitters send relative humidity and temperature before what they compute of them. Vaisala HMT330 answers `SEND` by
-`RH= 98.4 %RH T= 31.1 'C` (User's Guide M210566EN, p. 102), HMP230 by
-`RH= 43.0 %RH T= 21.0 'C Tdp= 8.0 'C ...` (M210225en, p. 87).
+A reading has a number followed by a unit of temperature (`'C`, `C`, `'F`, `K`) and a number followed by `%` or `%RH`; the first
+of each counts, because transmitters send relative humidity and temperature before derived quantities. Vaisala HMT330 answers
+`SEND` by `RH= 98.4 %RH T= 31.1 'C` (User's Guide M210566EN, p. 102), HMP230 by `RH= 43.0 %RH T= 21.0 'C Tdp= 8.0 'C ...`
+(M210225en, p. 87).
 """
 
 import math
@@ -21,12 +21,12 @@ NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 TEMPERATURE = re.compile(rf"{NUMBER}\s*'?\s*(C|F|K)\b")
 HUMIDITY = re.compile(rf"{NUMBER}\s*%")
 LOWEST_C, HIGHEST_C = -40.0, 85.0
-"""Temperatures outside are no air of a laboratory."""
+"""Plausible temperatures of laboratory air."""
 
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentReading:
-    """Temperature in degrees Celsius and relative humidity from 0 to 1; None for what the sensor does not measure."""
+    """Temperature in degrees Celsius and relative humidity from 0 to 1; None for a quantity that the sensor does not measure."""
 
     temperature_c: float | None
     humidity: float | None
@@ -41,7 +41,7 @@ class EnvironmentSensor(Protocol):
         """Return the present reading.
 
         Raises:
-            InstrumentError: no reply, or one that is not a reading.
+            InstrumentError: no reply, or a reply without a reading.
         """
         ...
 
@@ -54,7 +54,7 @@ class TextEnvironmentSensor:
 
     Args:
         port: the serial port.
-        request: line that asks for a reading; empty for a sensor that sends by itself.
+        request: line that requests a reading; empty for a sensor that sends by itself.
     """
 
     def __init__(self, port: "SerialPort", request: str = "") -> None:
@@ -64,10 +64,10 @@ class TextEnvironmentSensor:
     def read(self) -> EnvironmentReading:
         if self._request:
             answer = self._port.query(f"{self._request}\r".encode(), b"\n")
-            if answer.casefold().lstrip(">").strip() == self._request.casefold():  # it repeats what it is sent
+            if answer.casefold().lstrip(">").strip() == self._request.casefold():  # it echoes commands
                 answer = self._port.read_line(b"\n")
         else:
-            self._port.query(b"", b"\n")  # its beginning may have been sent before
+            self._port.query(b"", b"\n")  # its begin may have been sent earlier
             answer = self._port.read_line(b"\n")
         return parse_reading(answer, self._port.name)
 
@@ -79,21 +79,20 @@ def parse_reading(line: str, where: str) -> EnvironmentReading:
     """Return the reading in a line of text.
 
     Raises:
-        LinkError: there is neither temperature nor humidity in it, or one that no laboratory has.
+        LinkError: it has no temperature and no humidity, or an implausible value.
     """
     temperature, humidity = TEMPERATURE.search(line), HUMIDITY.search(line)
     if temperature is None and humidity is None:
         raise LinkError(
             f"{where} sent '{line[:40]}', which is neither a temperature nor a humidity; check [environment]"
         )
-    celsius = math.nan if temperature is None else _to_celsius(float(temperature[1]), temperature[2])
+    celsius = math.nan
+    if temperature is not None:
+        value = float(temperature[1])
+        celsius = {"C": value, "F": (value - 32) / 1.8, "K": value - 273.15}[temperature[2]]
     share = math.nan if humidity is None else float(humidity[1]) / 100
     if not (math.isnan(celsius) or LOWEST_C <= celsius <= HIGHEST_C) or not (math.isnan(share) or 0 <= share <= 1):
         raise LinkError(
             f"{where} sent '{line[:40]}'; expected are {LOWEST_C:g} to {HIGHEST_C:g} °C and 0 to 100 %. Check the sensor"
         )
     return EnvironmentReading(None if temperature is None else celsius, None if humidity is None else share)
-
-
-def _to_celsius(value: float, unit: str) -> float:
-    return {"C": value, "F": (value - 32) / 1.8, "K": value - 273.15}[unit]

@@ -34,7 +34,7 @@ class KeyenceLkg:
         output: output of the controller to read, 1 or 2.
 
     Raises:
-        LinkError: nothing answers on the port, or something else does.
+        LinkError: no answer on the port, or another device.
     """
 
     def __init__(self, port: SerialPort, clock: Clock, *, output: int = 1) -> None:

@@ -1,9 +1,9 @@
 """Laser displacement sensor on an analogue input: calibration in volts, and presets by model.
 
-`[sensor] preset = "..."` fills in what the bench file leaves out. A preset is a starting point, not a calibration. Its
-`confirmed` names the values of a public document; everything else is from memory and depends on the settings of the controller
-(output scaling, averaging, response time): confirm it on your sensor, then write it into the bench file, which takes
-precedence over the preset.
+`[sensor] preset = "..."` supplies values missing in the bench file. A preset is a starting point, not a calibration. Its
+`confirmed` names the values of a public document; all others are from memory and depend on the settings of the controller (output
+scaling, averaging, response time): confirm it on your sensor, then write it into the bench file, which takes precedence over the
+preset.
 """
 
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ class LaserSensor:
     """Calibration of a laser sensor: volts to metres, and the valid range.
 
     Args:
-        name: maker and model, as an operator calls it.
+        name: maker and model, for people.
         gain_m_per_v: displacement per volt; negative where a closer target gives more volts.
         zero_v: volts at zero displacement.
         valid_low_v, valid_high_v: outside this band the output means "out of range", not a displacement.

@@ -1,12 +1,13 @@
 """Micro-Epsilon optoNCDT 1420/1750/1900 laser sensors over RS-422: single readings for static tests.
 
-The sensor continuously sends a word of three bytes for each measurement: 00 and six low bits, 01 and six middle bits,
-10 and the high bits (ILD1402/1420 manuals, ch. RS422); 11 marks an additional value such as the intensity (ILD1420 p. 84). Millimetres are (x 102 / 65520 - 1) / 100 of the measuring range;
-values above 65520 are codes for "no target", "too near", "too far", and never a displacement. With a master value another
-formula holds (p. 65): both settings of an earlier user are taken back when the sensor is opened.
+The sensor continuously sends a word of three bytes for each measurement: 00 and six low bits, 01 and six middle bits, 10 and the
+high bits (ILD1402/1420 manuals, ch. RS422); 11 marks an additional value such as the intensity (ILD1420 p. 84). Millimetres are
+(x 102 / 65520 - 1) / 100 of the measuring range; values above 65520 are codes for "no target", "too near", "too far", and never a
+displacement. With a master value another formula holds (p. 65): both settings of an earlier user are reset when the sensor is
+opened.
 
-RS-422 and the analogue output exclude each other (ILD1420 manual p. 116): a bench that records the sensor through the card
-cannot use this driver on the same sensor. The fields of GETINFO are from memory: a different range raises an error.
+RS-422 and the analogue output exclude each other (ILD1420 manual p. 116): a bench that records the sensor by the card cannot use
+this driver on the same sensor. The fields of GETINFO are from memory: a different range raises an error.
 """
 
 import math
@@ -30,7 +31,7 @@ class OptoNcdt:
         range_m: the sensor's measuring range, 10 mm for an ILD1420-10.
 
     Raises:
-        LinkError: nothing answers on the port, or something else does.
+        LinkError: no answer on the port, or another device.
         InstrumentError: the sensor reports another measuring range.
     """
 
@@ -38,7 +39,7 @@ class OptoNcdt:
         self._port, self._clock, self._range_m = port, clock, range_m
         try:
             port.query(b"OUTPUT NONE\r\n", b"->")
-            port.query(b"OUTADD_RS422 NONE\r\n", b"->")  # if refused, additional values are recognised by their flag
+            port.query(b"OUTADD_RS422 NONE\r\n", b"->")  # if rejected, additional values are recognised by their flag
             self._remove_master_value()
             info = port.query(b"GETINFO\r\n", b"->")
             port.write(b"OUTPUT RS422\r\n")
@@ -85,8 +86,8 @@ class OptoNcdt:
 
     def _parse_identity(self, info: str) -> Identity:
         def field(name: str) -> str:
-            found = re.search(rf"{name}:\s*(\S+)", info, re.IGNORECASE)
-            return found[1] if found else ""
+            match = re.search(rf"{name}:\s*(\S+)", info, re.IGNORECASE)
+            return match[1] if match else ""
 
         model = field("Name")
         if not model:

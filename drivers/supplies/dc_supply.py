@@ -1,12 +1,12 @@
-"""Programmable DC supplies as a `Source` that holds and steps.
+"""Programmable DC supplies as a `Source` of levels and steps.
 
-A supply raises its output within a millisecond and lets it *fall* as its load discharges it: without a load that takes
-tenths of a second to seconds. So a level counts as reached when the supply measures it, and a fall that takes longer than
-the bench file allows is an error. The card's drive channel remains the reference for the volts.
+A supply raises its output within a millisecond and lets it *fall* as its load discharges it: without a load this takes tenths of
+a second to seconds. Therefore a level counts as reached when the supply measures it, and a fall that takes longer than the bench
+file allows is an error. The card's drive channel remains the reference for the volts.
 
-The output is never switched off: off is 0 V (on an E3631A up to 0.6 V of the *other* sign), -500 V on the specimen.
-Over-voltage protection trips the output off with the same effect: it is rejected if it could trip. So does over-current
-protection at an inrush, unlike the current limit: it is switched off, as are tracking and pairing of outputs.
+The output is never switched off: off is 0 V (on an E3631A up to 0.6 V of the *other* sign), -500 V on the specimen. Over-voltage
+protection trips the output off with the same effect: it is rejected if it could trip. Over-current protection, unlike the current
+limit, trips it at an inrush: it is switched off, as are tracking and pairing of outputs.
 
 A supply has no memory for a waveform: a thread steps it along a drive during the run.
 """
@@ -25,7 +25,7 @@ from drivers.transport import Link, RampDown, join_commands
 
 STEP_PERIOD_S = 2e-3
 SLOW_WIRE_ROUND_TRIPS = 7
-"""Replies that the way from a held level to rest waits for when its steps are pipelined, without the fall of the output."""
+"""Number of replies that the pipelined way from a held level to rest waits for, without the fall of the output."""
 
 
 class StaircaseThread(threading.Thread):
@@ -48,7 +48,7 @@ class StaircaseThread(threading.Thread):
                     self._supply.set_level(level_v)
                 elif t >= self._drive.duration_s:
                     return
-        except Exception as error:  # noqa: BLE001 - returned by `stop` to the thread of the run
+        except Exception as error:  # noqa: BLE001 - `stop` returns it to the thread of the run
             self._failure = error
 
     def stop(self) -> BaseException | None:
@@ -71,7 +71,7 @@ POLL_S = 0.01
 
 
 class DcSupply:
-    """One output of a supply as a `Source` (see drivers.interfaces). It holds and steps.
+    """One output of a supply as a `Source` (see drivers.interfaces) of levels and steps.
 
     Args:
         link: the connection.
@@ -82,7 +82,7 @@ class DcSupply:
         step_v: largest single step of a staircase.
 
     Attributes:
-        longest_settling_s: the longest wait for a level so far, in bench seconds.
+        longest_settling_s: the longest wait for a level, in bench seconds.
 
     Raises:
         LinkError: nothing answers.
@@ -138,7 +138,7 @@ class DcSupply:
                 "another level: switch it off at the front panel"
             )
         self._output.set_current_limit(self._current_limit_a)
-        if self._output.is_output_on():  # a level that an earlier program left is ramped to rest like any other
+        if self._output.is_output_on():  # a level of an earlier program is ramped to rest like any other
             self.ramp_to(rest_v, abs(self.idle_level_v() - rest_v) / FOREIGN_OUTPUT_RAMP_V_PER_S)
         self.set_level(rest_v)
         self._output.enable_output()
@@ -185,7 +185,7 @@ class DcSupply:
         self._stop_staircase()
         way = RampDown(
             self._output.link,
-            best_effort=self._rest_v in (None, level_v),  # unknown in a watchdog, which only goes to rest
+            best_effort=self._rest_v in (None, level_v),  # unknown in a watchdog, which only ramps to rest
             slow_reply_s=lambda: self._output.slow_reply_s,
             now=self._clock.now,
             join=join_commands,
@@ -202,7 +202,7 @@ class DcSupply:
             way.flush()
         except LinkError:
             if way.is_pipelined:
-                self._level_v = math.nan  # how many of the steps were carried out is measured before the next ramp
+                self._level_v = math.nan  # the number of executed steps is measured before the next ramp
             raise
         way.raise_first_error()
         self._wait_for_level(level_v)
@@ -216,7 +216,7 @@ class DcSupply:
 
     def idle_level_v(self) -> float:
         if math.isnan(self._level_v):
-            self._level_v = self._output.measured_v()  # set by an earlier program: start from the measured level
+            self._level_v = self._output.measured_v()  # level of an earlier program: start from the measured level
         return self._level_v
 
     def is_output_on(self) -> bool:

@@ -1,8 +1,8 @@
 """DC supply dialects: the commands of each family as a table, and one output as a channel.
 
 Sources: E3631A manual p. 74, 79; E3632A guide p. 88; E36300 programming guide; DP800 programming guide p. 2-6, 2-35, 2-57;
-PyMeasure at 32503b8 (keysightE364xA, keysightE36312A, siglent_spdbase). What rests on none of them is marked unproven in
-the table of assumptions (docs/generators.md).
+PyMeasure at 32503b8 (keysightE364xA, keysightE36312A, siglent_spdbase). Properties without a source are marked unproven in the
+table of assumptions (docs/generators.md).
 """
 
 import re
@@ -19,14 +19,14 @@ from drivers.transport import Link, ScpiSession
 
 @dataclass(frozen=True, slots=True)
 class PersistentSetting:
-    """A setting that persists from other users and can switch the output off or shift it.
+    """A persistent setting of other users that can switch the output off or shift it.
 
     Args:
         name: for messages, after "its".
-        query: asks for it.
-        neutral: replies at which it does nothing, in capitals.
+        query: its query.
+        neutral: replies of a setting without effect, in capitals.
         reset: command that sets it to neutral.
-        optional: whether models of the family without it are possible.
+        optional: whether models of the family may lack it.
     """
 
     name: str
@@ -44,15 +44,15 @@ class SupplyDialect:
     """The commands of one family; `{ch}` is the output's number, `{v}` a value.
 
     Args:
-        name: of the family, for messages.
+        name: name of the family, for messages.
         model_pattern: regular expression for the start of the model in the `*IDN?` reply.
         set_voltage, set_current, enable_output: commands.
         query_current, measure_voltage, query_output: queries.
         query_ovp_enabled, query_ovp_level, query_ovp_tripped: queries of the over-voltage protection;
             empty if it has no remote access.
         persistent_settings: over-current protection, which switches the output off at an inrush, tracking and pairing.
-        output_in_status_word: whether `query_output` is answered by a word of bits: bit 4 is output 1, bit 5 output 2, and
-            bit 3 says that they are in series or parallel.
+        output_in_status_word: whether `query_output` is answered by a word of bits: bit 4 is output 1, bit 5 output 2, and bit 3
+            reports series or parallel operation.
         accepts_compound_messages: whether a setting and the query that confirms it may share a message.
     """
 
@@ -86,7 +86,7 @@ def _keysight(
     channel_list: bool = False,
     has_ovp: bool = True,
 ) -> SupplyDialect:
-    """Return the dialect of a family of one output, or whose outputs are selected before a command or listed after it."""
+    """Return the dialect of a family with one output, or with outputs selected before a command or listed after it."""
     of_setting, of_query = (",(@{ch})", " (@{ch})") if channel_list else ("", "")
     protection: dict[str, Any] = {
         "query_ovp_enabled": f"{select}VOLT:PROT:STAT?{of_query}",
@@ -113,9 +113,8 @@ SUPPLY_DIALECTS = (
     _keysight(
         "Keysight E36200/E36300",
         r"E36(3\d\d|23[34])",
-        PersistentSetting(
-            OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"
-        ),  # it acts at the current limit itself
+        # It trips at the current limit itself.
+        PersistentSetting(OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"),
         PersistentSetting("pairing of outputs", "OUTP:PAIR?", ("OFF", "NONE"), "OUTP:PAIR OFF", optional=True),
         channel_list=True,
     ),
@@ -125,7 +124,7 @@ SUPPLY_DIALECTS = (
     _keysight("Keysight E3632A/E3633A/E3634A", r"E363[234]", OCP_SWITCH),
     _keysight("Keysight E3640A-E3645A", r"E364[0-5]"),
     _keysight("Keysight E3646A-E3649A", r"E364[6-9]", TRACKING, select=SELECT),
-    # All outputs of an E3631A come on together; which one a setting means is selected in the same message.
+    # All outputs of an E3631A come on together; the output of a setting is selected in the same message.
     _keysight("Keysight E3631A", r"E3631A", TRACKING, select=SELECT, has_ovp=False),
     SupplyDialect(
         "Rigol DP800",
@@ -144,7 +143,7 @@ SUPPLY_DIALECTS = (
             PersistentSetting("tracking", ":OUTP:TRAC? CH{ch}", OFF_REPLIES, ":OUTP:TRAC CH{ch},OFF", optional=True),
         ),
     ),
-    # One command a message, no query for the output, no protection over the wire.
+    # One command per message, no query for the output, no remote access to protections.
     SupplyDialect(
         "Siglent SPD",
         r"SPD[13]",
@@ -164,7 +163,7 @@ TRUE_REPLIES, FALSE_REPLIES = ("1", "+1", "ON", "YES"), ("0", "+0", "OFF", "NO")
 
 
 class SupplyChannel:
-    """One output of a DC supply. May be used by several threads.
+    """One output of a DC supply, for use by several threads.
 
     Args:
         link: the connection.
@@ -191,7 +190,7 @@ class SupplyChannel:
                 "Correct the driver or the resource in the bench file"
             )
         self._dialect = fits[0]
-        self._unknown: set[str] = set()  # queries that this model does not know
+        self._unknown: set[str] = set()  # queries unknown to this model
         self._scpi.instrument = self.name = f"DC supply {self.identity.model}"
 
     def reopen(self) -> None:
@@ -209,7 +208,7 @@ class SupplyChannel:
 
     @property
     def slow_reply_s(self) -> float:
-        """Time of a reply if the wire is slow and several commands may be sent without waiting, else 0."""
+        """Time of a reply if the connection is slow and several commands may be sent without waiting, else 0."""
         return self._scpi.slow_reply_s if self._dialect.accepts_compound_messages else 0.0
 
     def voltage_command(self, volts: float) -> str:
@@ -227,7 +226,7 @@ class SupplyChannel:
         self._write_checked(self._dialect.enable_output.format(ch=self._channel))
 
     def clear_error_queue(self) -> None:
-        """Empty the error queue of what other programs left there."""
+        """Empty the error queue of errors of other programs."""
         self._write_checked("*CLS")
 
     def measured_v(self) -> float:
@@ -250,7 +249,7 @@ class SupplyChannel:
             raise LinkError(f"{self.name}: '{answer[:60]}' is not a status word; check the cable") from None
 
     def reason_ovp_may_trip(self, min_level_v: float) -> str:
-        """Return why the over-voltage protection may trip below `min_level_v`; empty if it cannot."""
+        """Return the reason why the over-voltage protection may trip below `min_level_v`; empty if it cannot."""
         dialect = self._dialect
         if dialect.query_ovp_tripped and self._query_bool(dialect.query_ovp_tripped):
             return "its over-voltage protection has tripped; clear it at the front panel"
@@ -266,7 +265,7 @@ class SupplyChannel:
         return ""
 
     def persistent_mismatch(self) -> str:
-        """Describe the first setting left by another user that can switch the output off or shift it; empty without any."""
+        """Describe the first setting of another user that can switch the output off or shift it; empty without one."""
         if self._dialect.output_in_status_word and self._status_word() >> 3 & 1:
             return "its outputs are in series or parallel"
         for setting in self._dialect.persistent_settings:
@@ -276,7 +275,7 @@ class SupplyChannel:
         return ""
 
     def reset_persistent_settings(self) -> None:
-        """Reset what other users left: over-current protection, tracking, pairing."""
+        """Reset settings of other users: over-current protection, tracking, pairing."""
         if self._dialect.output_in_status_word and self._status_word() >> 3 & 1:
             self._write_checked("OUTP:TRACK 0")
         for setting in self._dialect.persistent_settings:

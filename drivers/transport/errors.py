@@ -8,7 +8,7 @@ from drivers.errors import LinkError
 
 @contextlib.contextmanager
 def translate_errors(name: str, remedy: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
-    """Raise LinkError, naming the wire, the reason and the remedy, in place of an error of one of `kinds`."""
+    """Raise LinkError with connection, reason and remedy in place of an error of one of `kinds`."""
     try:
         yield
     except LinkError:

@@ -1,8 +1,8 @@
 """Instrument locks: one controlling program per instrument, across all users and programs of a computer.
 
-A lock is a file in a folder of the computer, locked by the operating system: it is free when its program has ended, however
-that ended. Each instrument has two locks, one by address and one by serial number, because it may have several addresses.
-The watchdog holds a second file of each, so that an instrument stays locked until program and watchdog have ended.
+A lock is a file in a folder of the computer, locked by the operating system: it is free after any end of its program. Each
+instrument has two locks, one by address and one by serial number, because it may have several addresses. The watchdog holds a
+second file of each, so that an instrument stays locked until program and watchdog have ended.
 """
 
 import contextlib
@@ -20,15 +20,14 @@ from pathlib import Path
 import psutil
 from filelock import FileLock, Timeout
 
-from drivers.closing import Closeable
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError, UnsafeError
-from drivers.interfaces import Identity
+from drivers.interfaces import Closeable, Identity
 
 WATCHDOG_TIMEOUT_S = 10.0
 """Longest wait for the watchdog of a program that has ended: it may be bringing the source to rest."""
 
 RELEASED = "{}"
-"""Record of an instrument that its last program released."""
+"""Record of an instrument released by its last program."""
 
 LOOPBACK = re.compile(r"(?<![\w.-])(localhost|127(\.\d+){3}|\[::1\])(?![\w.-])", re.IGNORECASE)
 
@@ -50,7 +49,7 @@ def address_key(address: str) -> str:
 def identity_key(identity: Identity, address: str) -> str:
     """Return the key of an identity; empty if it has no serial number.
 
-    It is also empty at a loopback address: that is a simulated instrument, whose serial number others have, too.
+    It is also empty at a loopback address, of a simulated instrument, whose serial number is not unique.
     """
     if not identity.serial or LOOPBACK.search(address):
         return ""
@@ -62,28 +61,28 @@ class InstrumentLocks(Closeable):
 
     Args:
         bench: the name of the bench, for the message that another program shows.
-        simulated: whether it is a simulated bench of this program, with its own ports: nothing is locked then.
+        simulated: whether it is a simulated bench of this program, with its own ports; then nothing is locked.
     """
 
     def __init__(self, bench: str, simulated: bool = False) -> None:
         self._bench, self._simulated = bench, simulated
         self._locks: dict[str, FileLock] = {}
         self.left_by = ""
-        """The program that ended without releasing one of the instruments; empty if all were released."""
+        """The program that ended without releasing an instrument; empty if all were released."""
         self._left_records: dict[str, str] = {}
-        """Records of that program, by lock."""
+        """Records of this program, by lock."""
 
     def lock_address(self, instrument: str, address: str) -> None:
         """Lock an instrument by its address, before it is opened.
 
         Raises:
             InstrumentError: another program controls it; the message names that program.
-            UnsafeError: that program is stopped, or has ended and its watchdog has not: the specimen may be live.
+            UnsafeError: the other program is stopped, or has ended without its watchdog: the specimen may be live.
         """
         self._lock(address_key(address), f"{instrument} at {address}")
 
     def lock_identity(self, instrument: str, identity: Identity, address: str) -> None:
-        """Lock an instrument by its serial number, which it has reported.
+        """Lock an instrument by its reported serial number.
 
         Raises:
             InstrumentError: another program controls it at another address; the message names that program.
@@ -97,12 +96,12 @@ class InstrumentLocks(Closeable):
         return tuple(self._locks)
 
     def forget_earlier_program(self) -> None:
-        """Take the instruments over: all of them reply, and what an earlier program left is measured by the next run."""
+        """Take over the instruments: all of them reply, and the next run measures the state left by an earlier program."""
         self.left_by = ""
         self._left_records.clear()
 
     def close(self) -> None:
-        """Release all locks; what an earlier program left stays on record until a program has taken the instruments over."""
+        """Release all locks; an earlier program stays on record until a program has taken over the instruments."""
         for path, lock in self._locks.items():
             _write_record(Path(path), self._left_records.get(path, RELEASED))
             lock.release()
@@ -143,7 +142,7 @@ class InstrumentLocks(Closeable):
 
 
 def lock_as_watchdog(files: Sequence[str]) -> list[FileLock]:
-    """Take the watchdog's locks, which are held until the watchdog ends.
+    """Acquire the watchdog's locks, which are held until the watchdog ends.
 
     Raises:
         InstrumentError: another watchdog has one.
@@ -171,7 +170,7 @@ def _watchdog_file(path: Path) -> Path:
 
 
 def _make_lock(path: Path) -> FileLock:
-    """Return the lock of a file that every user may open. It is never replaced by an existence check, which outlives a crash."""
+    """Return the lock of a file that every user may open, never an existence check, which outlives a crash."""
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.parent.chmod(0o1777)
@@ -192,9 +191,9 @@ def _write_holder(path: Path, bench: str) -> None:
 
 
 def _write_record(path: Path, record: str) -> None:
-    """Write who holds a lock into the file beside it."""
+    """Write the holder of a lock into the file beside it."""
     file = path.with_suffix(".json")
-    # Without O_CREAT where it exists: Linux rejects that in a shared folder for a file of another user.
+    # Without O_CREAT for an existing file: Linux rejects that in a shared folder for a file of another user.
     flags = os.O_WRONLY | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | (0 if file.exists() else os.O_CREAT)
     with contextlib.suppress(OSError), os.fdopen(os.open(file, flags, 0o666), "w", encoding="utf-8") as out:
         out.write(record)

@@ -7,12 +7,12 @@ from drivers.transport.scpi import Link
 
 
 class ObservedLink:
-    """A link that calls `on_message` with each message before it is sent; everything else is that link's.
+    """A link that calls `on_message` with each message before it is sent; all other behaviour is the original link's.
 
     Args:
         link: the connection.
-        on_message: may sleep, so that messages are separated in time.
-        on_reply: called after each reply.
+        on_message: callback that may sleep, to separate messages in time.
+        on_reply: callback after each reply.
         confirms_steps: whether a driver must wait for the reply to each step of a ramp, because its effect is observed.
     """
 

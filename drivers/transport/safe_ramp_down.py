@@ -11,32 +11,32 @@ from drivers.transport.scpi import Link
 T = TypeVar("T")
 
 FIRST_STEPS, PIPELINED_STEPS = 4, 64
-"""Steps up to the first confirmation on a slow wire, and between two later ones."""
+"""Number of steps up to the first confirmation on a slow connection, and between later ones."""
 
 RAMP_PATIENCE_S, REPLIES_PER_STEP = 5.0, 4
-"""By how much a ramp away from rest may take longer than commanded, in real time, and the replies of a step beside that."""
+"""Largest delay of a ramp away from rest, in real time, in addition to the replies of a step."""
 
 WIRE_LIMITED = 1.5
-"""A batch of steps that was confirmed within so many reply times was held up by the wire, not by the instrument."""
+"""Number of reply times within which a confirmed batch of steps was delayed by the connection, not by the instrument."""
 
 
 class RampDown:
     """Sends the steps of one ramp and collects the errors, to be raised when the ramp is complete.
 
-    The instrument confirms each step as long as its replies can be read. After the first unreadable reply nothing more is
-    queried and the rest is sent without queries: an instrument carries out what it receives, whether or not its reply arrives.
+    The instrument confirms each step as long as its replies can be read. After the first unreadable reply the remaining steps are
+    sent without queries: an instrument executes received commands even if its reply is lost.
 
-    On a slow wire the steps are pipelined: after the first few, which show whether the time is due to the wire or to the
-    instrument, only every `PIPELINED_STEPS`th one is confirmed, and the caller reads the result back at the end. The instrument
-    carries the steps out one after the other, so that none is larger than commanded.
+    On a slow connection the steps are pipelined: after the first few, which show whether connection or instrument is slow, only
+    every `PIPELINED_STEPS`th one is confirmed, and the caller reads the result back at the end. The instrument executes the steps
+    one after the other, so that none is larger than commanded.
 
     Args:
         link: the link to the instrument.
-        best_effort: whether to continue after an error; a ramp that does not lead to rest raises the first one instead.
-        slow_reply_s: returns the time of a reply if the wire is slow and the ramp may be pipelined, else 0; asked before each step
-            that would wait for its reply.
+        best_effort: whether to continue after an error; a ramp that does not lead to rest raises the first error instead.
+        slow_reply_s: function, called before each step that would wait for its reply, that returns the time of a reply if the
+            connection is slow and the ramp may be pipelined, else 0.
         now: bench time.
-        join: joins commands to one message; None where each needs a separate message.
+        join: function that joins commands to one message; None: separate messages.
     """
 
     def __init__(
@@ -60,9 +60,9 @@ class RampDown:
         self._latest_s = math.inf
 
     def limit_duration(self, duration_s: float, steps: int, reply_s: float, speed: float) -> None:
-        """Let the steps fail from when they take much longer than commanded: of a ramp that does not lead to rest.
+        """Limit the duration of a ramp that does not lead to rest: steps fail if they take much longer than commanded.
 
-        While it lasts, nobody reads the card. `reply_s` is the time of a reply when the ramp begins.
+        The card is not read during the ramp. `reply_s` is the time of a reply at its begin.
         """
         if not self._best_effort:
             self._latest_s = (
@@ -70,7 +70,7 @@ class RampDown:
             )
 
     def query(self, action: Callable[[], T]) -> T | None:
-        """Return what the action returns; None if it failed, or if replies cannot be read any more."""
+        """Return the result of the action; None if it failed, or if replies cannot be read any more."""
         if self.blind:
             return None
         try:
@@ -111,7 +111,7 @@ class RampDown:
                     self._batch = PIPELINED_STEPS if wire_limited else 1
             except InstrumentError as error:
                 if isinstance(error, LinkError) and self.is_pipelined:
-                    raise  # how many of the steps were carried out is unknown: the ramp begins again at the present level
+                    raise  # the number of executed steps is unknown: the ramp begins again at the present level
                 self._record_error(error)
         if self.blind:
             self._link.write(command)
@@ -121,7 +121,7 @@ class RampDown:
         return self._slow_reply_s > 0
 
     def flush(self) -> None:
-        """Send the steps that wait to be joined to one message.
+        """Send the pending steps as one message.
 
         Raises:
             LinkError: the connection is lost.
@@ -134,7 +134,7 @@ class RampDown:
                 self._link.write(command)
 
     def raise_first_error(self) -> None:
-        """Raise the first error of the ramp, if there was one.
+        """Raise the first error of the ramp, if any.
 
         Raises:
             InstrumentError: a step failed; LinkError if replies could not be read.

@@ -15,18 +15,18 @@ from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 
 SCPI_INFINITY = 9.9e37
-"""How SCPI writes infinity; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
+"""Infinity in SCPI; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
 
 UNDEFINED_HEADER = "-113"
-"""Code of the error that an unknown command leaves in the error queue (SCPI-99, vol. 2, 21.8.9)."""
+"""Code of the error of an unknown command (SCPI-99, vol. 2, 21.8.9)."""
 
 MEASURED_REPLIES = 15
 MAX_BLOCK_HEADER = 512
 """Longest text before the bytes of a reply."""
 
 SLOW_REPLY_S = 0.01
-"""From this reply time on, the steps of a ramp to rest are sent without waiting for the reply to each. A serial or USB line is
-never slow in this sense: its bytes take the time."""
+"""Reply time above which the steps of a ramp to rest are sent without waiting for each reply. A serial or USB line is never slow
+in this sense: its bytes take the time."""
 
 
 class Link(Protocol):
@@ -42,7 +42,7 @@ class Link(Protocol):
         ...
 
     def clear(self) -> None:
-        """Discard pending replies: after a timeout the late reply would be mistaken for the next query's."""
+        """Discard pending replies: a late reply after a timeout would be mistaken for the next query's reply."""
 
     def reopen(self) -> None:
         """Close and open again. Raises LinkError if nothing answers."""
@@ -67,14 +67,14 @@ class ScpiSession:
 
     @property
     def reply_s(self) -> float:
-        """Median time from a query to its reply, of the last ones; 0 before the first."""
+        """Median time from a query to its reply, of the last queries; 0 before the first."""
         return statistics.median(self._reply_times_s) if self._reply_times_s else 0.0
 
     @property
     def slow_reply_s(self) -> float:
-        """Time of a reply if a ramp to rest must not wait for the reply to each of its steps, else 0.
+        """Time of a reply if a ramp to rest must not wait for each reply, else 0.
 
-        The last two replies count as well as the median: a wire may become slow at any time.
+        The last two replies count in addition to the median, because a connection may become slow at any time.
         """
         if getattr(self.link, "confirms_steps", False):
             return 0.0
@@ -86,7 +86,7 @@ class ScpiSession:
         """Return the reply to a query.
 
         Raises:
-            LinkError: no reply, or a broken connection; it has been resynchronised if possible.
+            LinkError: no reply, or a broken connection, resynchronised if possible.
         """
         begin_s = self._now()
         try:
@@ -108,7 +108,7 @@ class ScpiSession:
         """
         try:
             return self.query(query)
-        except LinkError:  # an unknown header is not answered; the error queue tells it from a lost reply
+        except LinkError:  # an unknown header is not answered; the error queue distinguishes it from a lost reply
             code = self.query("SYST:ERR?").strip().replace("  ", ",").partition(",")[0]
             if code.strip() != UNDEFINED_HEADER:
                 raise
@@ -134,7 +134,7 @@ class ScpiSession:
         return value
 
     def query_block(self, query: str, marker: bytes, size: Callable[[str], int]) -> bytes:
-        """Return the bytes that follow `marker` in the reply to a query; `size` returns their number from what precedes it.
+        """Return the bytes after `marker` in the reply to a query; `size` returns their number from the preceding text.
 
         Raises:
             LinkError: no such reply, or this kind of connection does not carry bytes.
@@ -150,9 +150,8 @@ class ScpiSession:
                 if len(header) > MAX_BLOCK_HEADER:
                     raise LinkError(f"no waveform, but '{header[:60].decode('latin-1')}'")
             data = read_bytes(size(header.decode("latin-1")))
-            self.link.write(
-                "*IDN?"
-            )  # whether an end of line follows the bytes differs: the next line of text is the identity
+            # An end of line may or may not follow the bytes: the next line of text is the identity.
+            self.link.write("*IDN?")
             if not self.link.read().strip():
                 self.link.read()
         except LinkError as error:

@@ -1,8 +1,8 @@
 """VISA link: TCP socket, VXI-11, HiSLIP, USB-TMC or serial, chosen by the resource string.
 
-pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises other
-exceptions: all become LinkError. After a reply that did not come, the next reply must not be mistaken for it: a socket is
-reopened, a serial line is read until it is quiet, and all others have a device clear.
+pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises other exceptions:
+all become LinkError. After a missing reply the next one must not be mistaken for it: a socket is reopened, a serial line is read
+until it is quiet, and all other connections have a device clear.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, 
 """Exceptions of pyvisa and pyvisa-py when a connection fails; the last three come from its HiSLIP."""
 
 BITS_PER_BYTE = 11
-"""Bits of a byte on a serial line: start, eight, parity, stop."""
+"""Number of bits of a byte on a serial line: start, eight, parity, stop."""
 
 MAX_DRAIN_S = 5.0
 """Longest wait for a serial line to become quiet; after that another device is connected, or the baud rate is wrong."""
@@ -42,7 +42,7 @@ class VisaLink:
         backend: the VISA library; `@py` is pyvisa-py, `@ivi` a vendor's.
 
     Raises:
-        LinkError: nothing answers there.
+        LinkError: no answer at the resource.
     """
 
     def __init__(self, resource: str, timeout_s: float = 2.0, backend: str = "@py", *, baud: int = 9600) -> None:
@@ -82,7 +82,7 @@ class VisaLink:
         with self._translate_errors():
             session = self._open_session()
             self._raise_if_closed(0.0)
-            if self._is_serial:  # a long waveform needs time at this baud rate
+            if self._is_serial:  # time for a long waveform at this baud rate
                 session.timeout = 1000 * (self.timeout_s + BITS_PER_BYTE * len(message) / self._baud)
             try:
                 # Latin-1 carries every byte of a binary block unchanged.
@@ -99,7 +99,7 @@ class VisaLink:
             return answer
 
     def read_bytes(self, count: int) -> bytes:
-        """Return that many bytes of a reply. Raises LinkError if they do not come in time."""
+        """Return a number of bytes of a reply. Raises LinkError if they do not arrive in time."""
         with self._translate_errors():
             session = self._open_session()
             self._raise_if_closed(self.timeout_s)
@@ -107,9 +107,9 @@ class VisaLink:
             return data
 
     def _raise_if_closed(self, timeout_s: float) -> None:
-        """Wait for input on a socket; raise LinkError if none comes, or if the other side has closed it.
+        """Wait for input on a socket; raise LinkError if none arrives, or if the other side has closed it.
 
-        pyvisa-py takes a closed connection for silence.
+        pyvisa-py mistakes a closed connection for silence.
         """
         wire: Any = self._wire_session()
         sock: Any = getattr(wire, "interface", None)
@@ -130,8 +130,8 @@ class VisaLink:
         return None
 
     def clear(self) -> None:
-        # pyvisa-py 0.8.1 reads a raw socket until nothing is readable: one that the peer has closed stays readable for
-        # ever, and clear() never returns. A new connection discards a late reply just as well.
+        # pyvisa-py 0.8.1 reads a raw socket until nothing is readable: a socket closed by the peer stays readable for ever,
+        # and clear() never returns. A new connection also discards a late reply.
         if self.name.upper().endswith("::SOCKET"):
             self.reopen()
         elif self._is_serial:
@@ -140,7 +140,7 @@ class VisaLink:
             try:
                 with self._translate_errors():
                     self._open_session().clear()
-            except LinkError:  # pyvisa-py's HiSLIP fails on a late reply that has arrived already
+            except LinkError:  # pyvisa-py's HiSLIP fails on a late reply that has arrived
                 self.reopen()
 
     def _read_until_quiet(self) -> None:
@@ -170,7 +170,7 @@ class VisaLink:
             self._disable_nagle()
 
     def _disable_nagle(self) -> None:
-        """Two messages before an answer wait 44 ms for each other on a socket; pyvisa-py has no setting for that."""
+        """Disable Nagle's algorithm: two messages before a reply take 44 ms on a socket, and pyvisa-py has no setting for it."""
         with contextlib.suppress(AttributeError, OSError, TypeError):
             self._wire_session().interface.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -189,9 +189,8 @@ class VisaLink:
         if session is not None:
             sock: Any = getattr(wire, "interface", None)
             if isinstance(sock, socket.socket):
-                with contextlib.suppress(
-                    OSError
-                ):  # an instrument of one session serves the next one once it knows of the end
+                # An instrument of one session serves the next one after it has noticed the end.
+                with contextlib.suppress(OSError):
                     sock.shutdown(socket.SHUT_RDWR)
             with contextlib.suppress(*VISA_ERRORS):
                 session.close()
@@ -223,11 +222,11 @@ def _close_manager(manager: pyvisa.ResourceManager) -> None:
 
 
 def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
-    """Return the resource strings that VISA discovers, and messages on interfaces that could not be searched."""
+    """Return the resource strings discovered by VISA, and messages on interfaces that could not be searched."""
     manager = pyvisa.ResourceManager(backend)
     try:
         with warnings.catch_warnings():
-            # Its discovery leaves sockets open and warns about missing packages.
+            # VISA's discovery leaves sockets open and warns about missing packages.
             warnings.simplefilter("ignore")
             names = sorted(manager.list_resources("?*"))
         debug_info = str(manager.visalib.get_debug_info())

@@ -1,4 +1,4 @@
-"""Activity of another process: how long it was silent, and how much of that time it could have run (busy computer)."""
+"""Activity of another process: duration of its silence, and the part in which it could have run (busy computer)."""
 
 import contextlib
 import time
@@ -9,25 +9,25 @@ import psutil
 
 SAMPLE_PERIOD_S = 0.05
 OWN_PAUSE_S = 0.25
-"""Longest interval between two samples that counts: a longer one is a pause of the observing process."""
+"""Longest valid interval between two samples: a longer one is a pause of the observing process."""
 
 BUSY_PERCENT = 90.0
-"""Use of the processors, percent, from which a process may have to wait for one."""
+"""Use of the processors, percent, above which a process may have to wait for one."""
 
 BUSY_EXTRA_S = 1.0
-"""Longest additional silence on a busy computer: also a process that got no processor time counts as hung after that."""
+"""Longest additional silence on a busy computer, after which even a process without processor time counts as hung."""
 
 STARVED_EXTRA_S = 2.5
-"""The same for a process whose threads are known to wait for a processor (Linux)."""
+"""Longest additional silence of a process whose threads are observed waiting for a processor (Linux)."""
 
 NOT_RUNNING = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
 
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """Seconds since the last heartbeat of a process, without the pauses of the observer: all of them, and those in which it could run.
+    """Seconds since the last heartbeat of a process, without pauses of the observer: total, and the part in which it could run.
 
-    `waited_s` are those of them in which one of its threads is known to have waited for a processor.
+    `waited_s` is the part in which one of its threads was observed waiting for a processor.
     """
 
     elapsed_s: float
@@ -35,7 +35,7 @@ class Silence:
     waited_s: float = 0.0
 
     def exceeds(self, allowed_s: float) -> bool:
-        """Whether the process counts as dead where `allowed_s` are allowed."""
+        """Whether the process counts as dead with an allowance of `allowed_s`."""
         return (
             self.available_s > allowed_s
             or self.elapsed_s - self.waited_s > allowed_s + BUSY_EXTRA_S
@@ -44,9 +44,9 @@ class Silence:
 
 
 class ProcessActivity:
-    """Observes a process: on a busy computer only the processor time that it got counts as time in which it could run.
+    """Observes a process: on a busy computer only its processor time counts as time in which it could run.
 
-    A stopped process could have run all the time, and so could one that waits although a processor is free.
+    A stopped process, or one that waits despite a free processor, could have run all the time.
     """
 
     def __init__(self, pid: int) -> None:
@@ -56,7 +56,7 @@ class ProcessActivity:
         self._elapsed_s = self._available_s = self._processor_s = self._waited_s = 0.0
         self._tasks = Path(f"/proc/{pid}/task")
         self._queued_s: dict[str, float] = {}
-        """How long each thread has waited for a processor so far."""
+        """Total waiting time of each thread for a processor."""
         self._sampled_s = time.monotonic()
         self._fraction(1.0)
 
@@ -83,7 +83,7 @@ class ProcessActivity:
         self._waited_s += min(self._longest_wait_s(), counted_s)
 
     def _longest_wait_s(self) -> float:
-        """Return how long a thread has waited for a processor since the last call, the one that waited longest; 0 if unknown."""
+        """Return the longest waiting time of a thread for a processor since the last call; 0 if unknown."""
         before, self._queued_s = self._queued_s, {}
         with contextlib.suppress(OSError, ValueError, IndexError):
             for task in self._tasks.iterdir():
@@ -104,6 +104,6 @@ class ProcessActivity:
 
 
 def raise_own_priority() -> None:
-    """Run before other programs of a busy computer, where the operating system permits it."""
+    """Raise the priority of this process on a busy computer, if the operating system permits it."""
     with contextlib.suppress(psutil.Error, OSError):
         psutil.Process().nice(getattr(psutil, "HIGH_PRIORITY_CLASS", -10))

@@ -1,8 +1,8 @@
 """Watchdog client: starts the process that brings the source to rest if this program is killed or hangs.
 
 The run thread sends a heartbeat with every block it reads and every step it commands, and a second thread reports that the
-interpreter runs at all. If `drivers.watchdog.process` receives neither while the bench is live, it brings the source to
-rest over its own connection (docs/decisions/0020-watchdog.md).
+interpreter runs. If `drivers.watchdog.process` receives neither while the bench is live, it brings the source to rest over its
+own connection (docs/decisions/0020-watchdog.md).
 """
 
 import contextlib
@@ -15,8 +15,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from drivers.bench import HEARTBEAT_PERIOD_S
+from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError
-from drivers.level_pulse import LevelPulse
 from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.origin import describe_copy
@@ -24,7 +24,7 @@ from drivers.watchdog.subprocesses import python_command, python_environment, te
 
 START_TIMEOUT_S = 15.0
 WATCHDOG_SILENCE_S = 1.0
-"""Longest silence of the watchdog while the bench is live; after that it counts as dead. It reports four times a second."""
+"""Longest silence of the watchdog while the bench is live; after it the watchdog counts as dead. It reports four times a second."""
 
 REPLY_MARGIN_S = 1.0
 REST_REQUEST_TIMEOUT_S = 12.0
@@ -62,7 +62,7 @@ class WatchdogClient:
     def arm(self) -> None:
         if not self._wait_until_ready():
             self.close()
-            self._start()  # one that ended since the last run is replaced; one that ends again is reported
+            self._start()  # a watchdog that ended since the last run is replaced; one that ends again is reported
             if not self._wait_until_ready():
                 raise BenchError(
                     f"the watchdog does not watch{': ' + self._failed if self._failed else ''}. The bench does not go live "
@@ -77,7 +77,7 @@ class WatchdogClient:
         if not self._live.is_set():
             return
         if time.monotonic() - self._last_heartbeat_s > self._config.silence_s:
-            # This process was held up, possibly stopped: reports of the watchdog may still be in the pipe.
+            # This process was delayed, possibly stopped: reports of the watchdog may still be in the pipe.
             with self._changed:
                 self._changed.wait_for(lambda: bool(self._takeover_reason or self._ended), 2 * HEARTBEAT_PERIOD_S)
         self._last_heartbeat_s = time.monotonic()
@@ -96,7 +96,7 @@ class WatchdogClient:
                 else f"has sent nothing for {silence.elapsed_s:.1f} s"
             )
             raise BenchError(
-                f"the watchdog {how}, and the bench does not stay live without it. Find out what ended it (too little "
+                f"the watchdog {how}, and the bench does not stay live without it. Find the cause (too little "
                 "memory, a task manager), then run again"
             )
 
@@ -125,7 +125,7 @@ class WatchdogClient:
         self._takeover_outcome = ""
         self._send(f"help {_single_line(reason)}")
         with self._changed:
-            # Two attempts, and what each needs beside Stop.
+            # Two attempts, with their time beside Stop.
             self._changed.wait_for(
                 lambda: bool(self._takeover_outcome or self._ended),
                 REST_REQUEST_TIMEOUT_S + self._config.retry_time_s(0.0),

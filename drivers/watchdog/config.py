@@ -10,7 +10,7 @@ from model import AmplifierMap
 
 @dataclass(frozen=True, slots=True)
 class WatchdogConfig:
-    """All that the watchdog needs to bring the source to rest without the program.
+    """Configuration with which the watchdog brings the source to rest without the program.
 
     Args:
         source: `module:Class` of the source's driver, called with (link, clock, **options).
@@ -22,12 +22,12 @@ class WatchdogConfig:
         map: input range and rest level of the amplifier.
         limits: drive limits of the ramp to rest.
         speed: bench seconds per wall second of a simulated bench.
-        time_file: of the bench time that a simulated bench shares with its program, or empty.
+        time_file: file of the bench time shared by a simulated bench and its program, or empty.
         silence_s: longest silence of the run thread while live.
-        own_connection: whether the source accepts a second connection in addition to the program's. Where it does not, the
-            watchdog kills a program that hangs, and connects then.
-        patience_s: how long it retries.
-        locks: lock files of the instruments; they stay locked until the watchdog has ended, too.
+        own_connection: whether the source accepts a second connection in addition to the program's. If not, the watchdog kills a
+            hung program before it connects.
+        patience_s: duration of the retries.
+        locks: lock files of the instruments; they stay locked until the watchdog has also ended.
         measured_stop_s: duration of Stop, from the commissioning record of the source; 0 if unknown.
         measured_reply_s: longest time from a message to its reply, from the same record; 0 if unknown.
     """
@@ -51,11 +51,11 @@ class WatchdogConfig:
 
     @property
     def longest_reply_s(self) -> float:
-        """How long the program may wait for a reply without counting as dead: the timeout, or what was measured if longer."""
+        """Longest wait of the program for a reply without counting as dead: the timeout, or the measured time if longer."""
         return max(self.timeout_s, self.measured_reply_s)
 
     def retry_time_s(self, assumed_s: float) -> float:
-        """Return for how long a failed way to rest is retried: a second attempt must fit, by the measured Stop."""
+        """Return the duration of retries of a failed way to rest: long enough for a second attempt with the measured Stop."""
         return max(assumed_s, 2 * self.measured_stop_s)
 
     def as_line(self) -> str:

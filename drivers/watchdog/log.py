@@ -8,11 +8,11 @@ from pathlib import Path
 LOG_NAME = "watchdog.log"
 REPORTED_MARK = "the lines above were shown at the next start"
 FORMER_MARK = "the lines above were told at the next start"
-"""Logs of earlier versions have it."""
+"""Mark of logs of earlier versions."""
 
 
 def append_line(folder: Path, message: str) -> None:
-    """Append a line and flush it to disk. A folder that cannot be written is ignored: the watchdog must continue."""
+    """Append a line and flush it to disk. An unwritable folder is ignored: the watchdog must continue."""
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / LOG_NAME).open("a", encoding="utf-8") as log:

@@ -1,4 +1,4 @@
-"""Version and folder of the running copy of the program, which program and watchdog compare."""
+"""Version and folder of the running copy of the program, compared by program and watchdog."""
 
 from importlib import metadata
 from pathlib import Path
@@ -7,7 +7,7 @@ PACKAGE_FOLDER = Path(__file__).resolve().parents[2]
 """Folder that holds the packages of this program."""
 
 UNKNOWN_VERSION = "of an unknown version"
-"""Of a folder that was never installed."""
+"""Version of a folder without installation."""
 
 
 def version() -> str:

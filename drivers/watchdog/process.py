@@ -1,8 +1,8 @@
 """Watchdog process: brings the source to rest when the program's heartbeats stop while live.
 
-`python -m drivers.watchdog.process` reads its configuration as the first line of standard input, then one command a line,
-and ends with that pipe. Its actions are logged in the folder of the runs. It never judges whether the specimen is safe, because only
-the program's card can measure that: it passes on the reports of the source, and gives the manual steps if the source does not answer.
+`python -m drivers.watchdog.process` reads its configuration as the first line of standard input, then one command a line, and
+ends with that pipe. Its actions are logged in the folder of the runs. It never judges the safety of the specimen, which only the
+program's card can measure: it passes on the reports of the source, and gives the manual steps if the source does not answer.
 """
 
 import contextlib
@@ -21,9 +21,9 @@ from typing import NoReturn
 
 from drivers.bench import HvAmplifier
 from drivers.clock import SharedTime, WallClock
+from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
-from drivers.level_pulse import LevelPulse
 from drivers.transport import lock_as_watchdog
 from drivers.watchdog.activity import ProcessActivity, raise_own_priority
 from drivers.watchdog.config import WatchdogConfig
@@ -34,15 +34,13 @@ POLL_PERIOD_S = 0.02
 TICK_PERIOD_S = 0.25
 RETRY_INTERVAL_S = 0.25
 WARNING_AFTER_S = 3.0
-"""A way to rest that takes longer is reported meanwhile: a source that does not reply may keep its driver waiting."""
+"""Duration after which a way to rest is reported while it lasts: a silent source may keep its driver waiting."""
 
 REQUESTED_REST_TIMEOUT_S = 2.0
-"""How long it retries when the program requested rest: the program waits, and measures afterwards."""
+"""Duration of retries after a request of the program, which waits and measures afterwards."""
 
 MIN_RAMP_V_PER_S = 10.0
-"""Slope of its ramp to rest if that of the bench file is slower: 2.5 V in a quarter of a second, in the same steps.
-
-A sine of 5 V peak to peak is steeper than that from 1 Hz on.
+"""Smallest slope of its ramp to rest: 2.5 V in a quarter of a second, in equal steps. A sine of 5 V peak to peak is steeper above 1 Hz.
 """
 
 SWITCH_OFF_INSTRUCTION = "Switch the high voltage OFF at the amplifier itself before anybody touches the specimen"
@@ -60,7 +58,7 @@ class WatchdogLoop:
         self._log_folder: Path | None = None
         self._live = self._took_over = False
         self._level: tuple[LevelPulse, float] | None = None
-        """A level of the program whose end may be hastened, and the bench time at which it ends by itself."""
+        """A level of the program with an end that may be hastened, and the bench time of its natural end."""
         self._last_tick_s = time.monotonic()
         self._program = ProcessActivity(os.getppid())
         self._last_heartbeat = self._last_pulse = self._program.mark()
@@ -160,7 +158,7 @@ class WatchdogLoop:
             while True:
                 try:
                     self._try_to_rest(reconnect=bool(first))
-                except Exception as error:  # noqa: BLE001 - make-safe: whatever fails is retried
+                except Exception as error:  # noqa: BLE001 - make-safe: any failure is retried
                     warn(f"the source does not obey: {error}. The watchdog tries again for {timeout_s:g} s")
                     first = first or f"{error}"
                     self._close_source()
@@ -182,15 +180,15 @@ class WatchdogLoop:
 
     @contextlib.contextmanager
     def _warning_if_late(self, reason: str, enabled: bool) -> Iterator[Callable[[str], None]]:
-        """Log that the specimen may be live, once: when the result is called, or when the block takes WARNING_AFTER_S.
+        """Log once that the specimen may be live: at the call of the result, or after WARNING_AFTER_S in the block.
 
-        Only if the program is dead or hangs: else it warns by itself.
+        Only for a dead or hung program: a running program warns by itself.
         """
         once = threading.Lock()
 
-        def warn(what: str) -> None:
+        def warn(subject: str) -> None:
             if enabled and once.acquire(blocking=False):
-                self._log(f"{reason}. The specimen may be live: {what}. {SWITCH_OFF_INSTRUCTION}")
+                self._log(f"{reason}. The specimen may be live: {subject}. {SWITCH_OFF_INSTRUCTION}")
 
         timer = threading.Timer(WARNING_AFTER_S, warn, (f"the source is not at rest after {WARNING_AFTER_S:g} s",))
         timer.daemon = True
@@ -199,7 +197,7 @@ class WatchdogLoop:
             yield warn
         finally:
             timer.cancel()
-            once.acquire(blocking=False)  # a timer that fires at this moment is too late
+            once.acquire(blocking=False)  # a timer firing at this moment is too late
 
     def _try_to_rest(self, reconnect: bool) -> None:
         if self._amplifier is None or self._source is None:
@@ -209,7 +207,7 @@ class WatchdogLoop:
         if reconnect:
             self._source.reconnect()
         if self._level is not None:
-            with contextlib.suppress(Exception):  # its end is then waited for
+            with contextlib.suppress(Exception):  # then the natural end is waited for
                 self._amplifier.adopt_level(*self._level)
         self._amplifier.force_rest()
         if not self._amplifier.is_source_at_rest():
@@ -241,7 +239,7 @@ class WatchdogLoop:
             self._source = self._amplifier = None
 
     def _kill_program(self) -> None:
-        """Kill the program, which hangs and holds the only connection, and wait until it has ended."""
+        """Kill the hung program, which holds the only connection, and wait until it has ended."""
         with contextlib.suppress(OSError):
             os.kill(os.getppid(), getattr(signal, "SIGKILL", signal.SIGTERM))
         deadline = time.monotonic() + 1.0
@@ -282,7 +280,7 @@ def main() -> NoReturn:
     line = sys.stdin.readline()
     if line:
         WatchdogLoop(WatchdogConfig.from_line(line)).run()
-    os._exit(0)  # a thread still blocks in a read of standard input; there is nothing to tear down
+    os._exit(0)  # a thread still blocks in a read of standard input; there is nothing to clean up
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.watchdog.origin import PACKAGE_FOLDER
 
 EXIT_TIMEOUT_S = 5.0
-"""Longest wait for it to end by itself."""
+"""Longest wait for the natural end of a process."""
 
 
 def python_command(*arguments: str) -> list[str]:
@@ -23,13 +23,13 @@ def python_environment() -> dict[str, str]:
     return {
         **os.environ,
         "PYTHONPATH": os.pathsep.join([str(PACKAGE_FOLDER), *(p for p in inherited if Path(p).is_absolute())]),
-        "PYTHONSAFEPATH": "1",  # for the processes that it starts
-        "OPENBLAS_NUM_THREADS": "1",  # the matrices are small; a second thread would slow them down
+        "PYTHONSAFEPATH": "1",  # for its child processes
+        "OPENBLAS_NUM_THREADS": "1",  # the matrices are small; a second thread would be slower
     }
 
 
 def terminate(child: "subprocess.Popen[str]") -> None:
-    """Close its standard input, which makes it end, and wait; kill it at the timeout."""
+    """Close its standard input, which ends it, and wait; kill it at the timeout."""
     if child.stdin is not None:
         with contextlib.suppress(OSError):
             child.stdin.close()

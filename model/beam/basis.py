@@ -1,8 +1,8 @@
 """The shape functions of the Galerkin solution, Eqs. (15)-(17), on the dimensionless half beam xi = x / L in [0, 1].
 
-Eq. (15) as printed subtracts cosh from sinh and loses all digits from about the tenth shape on. Referred to the centre
-the symmetric shapes are `cos(b (1 - xi)) / cos b - cosh(b (1 - xi)) / cosh b`, the very same function with the same
-scale, and the hyperbolic part is a sum of decaying exponentials. Eqs. (16) and (17) are scaled to 1 at the centre.
+Eq. (15) as printed subtracts cosh from sinh and loses all digits from about the tenth shape on. Referred to the centre, the
+symmetric shapes are `cos(b (1 - xi)) / cos b - cosh(b (1 - xi)) / cosh b`, the same function with the same scale, and the
+hyperbolic part is a sum of decaying exponentials. Eqs. (16) and (17) are scaled to 1 at the centre.
 """
 
 from functools import lru_cache
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from model import Array, ParameterError
 
 N_MAX = 300
-"""Further shapes gain nothing: the error is below 1e-7 there, and the rounding of the supplementary shapes begins to show."""
+"""Largest useful number of shapes: the error is below 1e-7, and rounding of the supplementary shapes becomes visible."""
 
 
 def check_shape_count(n: int) -> int:

@@ -87,10 +87,10 @@ def _integrate(l1: Array, l2: Array, n: int) -> Gram:
 
 
 def _basis(N: Array, N2: Array, w: Array, n: int) -> Array:
-    """Rows that take N of Eqs. (15)-(17) to the basis computed with: the same space, better conditioned.
+    """Rows that transform N of Eqs. (15)-(17) into the basis of the computation: the same space, better conditioned.
 
-    Ever more modes all but span the two supplementary shapes. Their part outside the modes, scaled to unit norm, keeps M as
-    good as orthogonal at n = 40. N and N2 (second derivative) have shape (..., n, 3, nodes).
+    With many modes the two supplementary shapes are nearly linear combinations of them. Their part outside the modes, scaled to
+    unit norm, keeps M as good as orthogonal at n = 40. N and N2 (second derivative) have shape (..., n, 3, nodes).
     """
     flat, flat2, weight = (a.reshape(*a.shape[:-2], -1) for a in (N, N2, w))
     inside = (flat2[..., -2:, :] * weight[..., None, :]) @ np.swapaxes(flat2[..., :-2, :], -1, -2)

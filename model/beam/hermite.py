@@ -1,4 +1,4 @@
-"""Hermite beam elements: Gram integrals of cubic shapes, which need fewer unknowns than the paper's where high accuracy is asked for.
+"""Hermite beam elements: Gram integrals of cubic shapes, which need fewer unknowns than the paper's shapes at high accuracy.
 
 The unknowns are deflection and slope at the nodes; L1 and L2 are nodes, so that the jump of w'' at L1 costs no accuracy.
 (Przemieniecki, Theory of Matrix Structural Analysis, 1968, ch. 5 and 11.)
@@ -12,7 +12,7 @@ from model.beam.galerkin import Gram
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) / 420
 BENDING = np.array([[12.0, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
 SLOPE_POWERS = np.array([0, 1, 0, 1])
-"""A slope is worth the length of its element in deflections."""
+"""A slope times the length of its element has the size of a deflection."""
 
 
 def hermite_gram(l1: float | Array, l2: float | Array, n: int) -> Gram:

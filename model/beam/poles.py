@@ -16,8 +16,8 @@ from scipy.linalg.lapack import dgeev, dpotrf, dtrtri
 from model import Array, Complex
 
 DOUBLE_POLE_TOLERANCE = 1e-4
-"""Where left and right vector are this close to orthogonal, two poles all but meet and their residues cancel to fewer than
-eight digits. The damping is then changed in its eighth digit, which parts them and is all the error there is."""
+"""Limit of the product of left and right vector below which two poles nearly coincide and their residues cancel to fewer than
+eight digits. The damping is then changed in its eighth digit, which separates them and is the whole error."""
 
 
 class ModalForm(NamedTuple):
@@ -127,7 +127,7 @@ def _all_eigenpairs(A: Array) -> tuple[Complex, Complex]:
 
 
 def _sort_real_last(s: Complex, z: Complex) -> tuple[Complex, Complex]:
-    """Real eigenvalues, an even number of them, move to the end; then first and second of each pair are parted."""
+    """Move the real eigenvalues, an even number, to the end; then separate first and second of each pair."""
     order = np.argsort(s.imag == 0, axis=-1, kind="stable")  # LAPACK has conjugates as neighbours
     order = np.concatenate((order[..., ::2], order[..., 1::2]), axis=-1)
     return np.take_along_axis(s, order, -1), np.take_along_axis(z, order[..., None, :], -1)

@@ -1,5 +1,7 @@
 from .adequacy import Adequacy as Adequacy
 from .adequacy import assess_adequacy as assess_adequacy
+from .attribution.cause_text import describe_cause as describe_cause
+from .attribution.cause_text import format_size as format_size
 from .attribution.diagnosis import diagnose as diagnose
 from .attribution.explanation import Diagnosis as Diagnosis
 from .attribution.explanation import Explanation as Explanation
@@ -7,9 +9,6 @@ from .attribution.model_error import with_model_error as with_model_error
 from .attribution.model_error import with_temperature_error as with_temperature_error
 from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
-from .attribution.words import describe_cause as describe_cause
-from .attribution.words import format_size as format_size
-from .bounded_priors import prior_moments as prior_moments
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
 from .chain_difference import ChainDifference as ChainDifference
@@ -55,12 +54,13 @@ from .parameters import parameter_spec as parameter_spec
 from .parameters import parse_elongation as parse_elongation
 from .posterior import Posterior as Posterior
 from .posterior import sample_posterior as sample_posterior
+from .priors.bounded import prior_moments as prior_moments
+from .priors.usual import ASSUMED_PARAMETERS as ASSUMED_PARAMETERS
+from .priors.usual import USUAL_EFFECTS as USUAL_EFFECTS
+from .priors.usual import assumed_parameters as assumed_parameters
+from .priors.usual import usual_effects as usual_effects
 from .profile_likelihood import ProfileInterval as ProfileInterval
 from .profile_likelihood import profile_interval as profile_interval
 from .uncertainty_budget import NOISE as NOISE
 from .uncertainty_budget import UncertaintyBudget as UncertaintyBudget
 from .uncertainty_budget import uncertainty_budget as uncertainty_budget
-from .usual_effects import ASSUMED_PARAMETERS as ASSUMED_PARAMETERS
-from .usual_effects import USUAL_EFFECTS as USUAL_EFFECTS
-from .usual_effects import assumed_parameters as assumed_parameters
-from .usual_effects import usual_effects as usual_effects

@@ -13,26 +13,21 @@ from scipy.special import chdtrc, gammaln
 from model import Array, Mask
 from model.identification import attribution
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
-from model.identification.forward_model import (
-    Values,
-    beam_under,
-    equation_factors,
-    skin_from_values,
-)
+from model.identification.forward_model import Values, beam_under, equation_factors, skin_from_values
 from model.identification.nonidealities import loop_harmonic, specimen_harmonic, values_of_run
 from model.identification.observations import FrequencyResponseObservation
 from model.identification.receptance import ReceptanceSolver
 
 SIGNIFICANCE_LEVEL = 0.03
-"""Probability, over all tests together, below which the model is not adequate: false alarms among runs without any departure."""
+"""Probability over all tests together below which the model is not adequate: rate of false alarms among runs of a correct model."""
 TESTED_HARMONICS = (2, 3, 4, 5)
 HARMONIC_TOLERANCE = 0.03
-"""Of a harmonic's predicted amplitude: the amplifier's map and the upper modes are not known better."""
+"""Relative error of a harmonic's predicted amplitude, by amplifier map and upper modes."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One way in which the data do not follow the model."""
+    """One discrepancy between data and model."""
 
     kind: str
     runs: tuple[str, ...]
@@ -40,13 +35,13 @@ class Finding:
     """A share (1 is one hundred percent), or a correlation for a pattern."""
     standard_error: float
     probability: float
-    """Of so much by chance in any of all tests made (Bonferroni)."""
-    words: str
+    """Bonferroni-corrected p-value."""
+    text: str
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Adequacy of the model; `adequate` is None where the runs cannot test it."""
+    """Adequacy of the model; `adequate` is None for runs that cannot test it."""
 
     adequate: bool | None
     message: str
@@ -54,15 +49,15 @@ class Adequacy:
     """The most significant first, unexplained patterns last."""
     test_count: int
     diagnosis: attribution.Diagnosis | None = None
-    """Of a model that is not adequate: causes that explain the misfit."""
+    """Causes that explain the misfit of an inadequate model."""
     undecidable: tuple[attribution.UndecidableError, ...] = ()
-    """Scale errors that these runs cannot show, with the measurement that would."""
+    """Scale errors that these runs cannot show, with the measurement that can."""
 
 
 def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[], bool] | None = None) -> Adequacy:
-    """Test a fit for every cause its runs could show, for patterns, harmonics, and the size of the misfit.
+    """Test a fit for every cause that its runs can show, for patterns, harmonics, and the size of the misfit.
 
-    `attribute` fits the likeliest causes where the model is not adequate, which takes some times as long as the fit.
+    `attribute` fits the likeliest causes of an inadequate model, which takes several times as long as the fit.
 
     Raises:
         FitCancelled: `cancelled` returned true.
@@ -85,13 +80,13 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
 
 
 def _cause_message(diagnosis: attribution.Diagnosis) -> str:
-    """Return the likeliest cause as text, those that the runs do not tell from it, and what would decide."""
+    """Return the likeliest cause as text, the causes that the runs do not distinguish from it, and the decisive checks."""
     first, *others = diagnosis.likeliest
-    text = f"the model is wrong for these runs, most likely because {first.words}"
+    text = f"the model is wrong for these runs, most likely because {first.text}"
     if others:
-        text += "; these runs do not tell this from: " + "; or ".join(e.cause_words for e in others)
+        text += "; these runs do not distinguish it from: " + "; or ".join(e.cause_text for e in others)
     checks = dict.fromkeys(e.check for e in diagnosis.likeliest)
-    return f"{text}. What would show it: {'; or '.join(checks)}"
+    return f"{text}. Decisive check: {'; or '.join(checks)}"
 
 
 def _chi_square_text(fit: JointFit) -> str:
@@ -109,7 +104,7 @@ def _verdict_message(
     fit: JointFit, findings: list[Finding], tests: int, diagnosis: attribution.Diagnosis | None, chance: float
 ) -> str:
     chi = _chi_square_text(fit)
-    seen = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:2])
+    seen = "; ".join(f"{f.text} ({format_p_value(f.probability)})" for f in findings[:2])
     if diagnosis is not None and diagnosis.likeliest:
         return f"{_cause_message(diagnosis)}. {chi}"
     if findings:
@@ -136,7 +131,7 @@ def _pattern_findings(evidence: attribution.Evidence) -> list[Finding]:
 
 
 def _harmonic_tests(fit: JointFit) -> list[Finding]:
-    """Measured harmonics against those the amplifier's two slopes make of the linear model."""
+    """Return tests of measured harmonics against the harmonics of the linear model with the amplifier's two slopes."""
     out = []
     for run in fit.observations.of_type(FrequencyResponseObservation):
         noise = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m

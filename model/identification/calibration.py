@@ -13,7 +13,7 @@ from model.studies import EstimateSet
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """One parameter in two calibrations; None where one of them does not have it."""
+    """One parameter in two calibrations; None for a calibration without it."""
 
     name: str
     unit: str
@@ -24,16 +24,16 @@ class ParameterChange:
 
 
 _TYPES = {"version": int, "simulated": bool} | dict.fromkeys(("fixed", "reduced", "known", "statistical"), Mapping)
-"""Types of the values of a record that are no texts."""
+"""Types of a record's values other than text."""
 
 
 _NEWER = ("doubt", "reason", "known", "statistical", "dimensions")
-"""Names that a record has only where they have a value."""
+"""Names that a record omits if they have no value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Accepted estimates of one specimen with their covariance; `as_record` and `from_record` are its round trip to disk.
+    """Accepted estimates of one specimen with their covariance; `as_record` and `from_record` convert to and from files.
 
     Raises:
         ParameterError: the covariance does not belong to the estimates, or is not a covariance.
@@ -47,26 +47,26 @@ class Calibration:
     method: str
     runs: tuple[str, ...]
     code: str
-    """Version of the program that identified it."""
+    """Version of the program of the identification."""
     accepted_at: str
-    """ISO 8601."""
+    """Time of acceptance, ISO 8601."""
     accepted_by: str
     simulated: bool
     fixed: Mapping[str, float | None]
-    """Every other parameter the estimates rest on; a contact length of None is L - L2."""
+    """Fixed values of all other parameters; a contact length of None is L - L2."""
     note: str = ""
     reduced: Mapping[str, Any] = field(default_factory=dict)
-    """The bench file with whose calibration the raw samples were reduced again; empty where runs were used as stored."""
+    """The bench file whose calibration was used to reduce the raw samples again; empty for runs used as stored."""
     doubt: str = ""
-    """Why the result needed a decision: the model is not adequate for the runs, or was not tested; empty if it is adequate."""
+    """Reason for a decision: the model is not adequate for the runs, or was not tested; empty for an adequate model."""
     reason: str = ""
-    """Why it was accepted all the same, in the words of who accepted it."""
+    """Reason of the person who accepted a doubtful result."""
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Value and standard uncertainty of the estimates that were known beforehand, such as lengths."""
+    """Prior value and standard uncertainty of estimates with a prior, such as lengths."""
     statistical: Mapping[str, float] = field(default_factory=dict)
-    """By name, the part of an estimate's standard error by the scatter of the points alone; empty in older records."""
+    """Statistical part of an estimate's standard error, by name; empty in older records."""
     dimensions: str = ""
-    """What dimensions and masses are from, as text; empty where they are exact."""
+    """Source of dimensions and masses, as text; empty if they are exact."""
 
     def __post_init__(self) -> None:
         P = len(self.estimates)
@@ -94,7 +94,7 @@ class Calibration:
         return Membrane(**{q.name: self._value(q.name) for q in parameter_specs(Membrane)})
 
     def estimate_set(self) -> EstimateSet:
-        """Those estimates that are variables of the model, for `model.studies.uncertainties.linear_band`."""
+        """The estimates of model variables, for `model.studies.uncertainties.linear_band`."""
         keep = [i for i, e in enumerate(self.estimates) if e.name in variable_specs()]
         return EstimateSet(
             tuple(self.estimates[i].name for i in keep),
@@ -111,22 +111,22 @@ class Calibration:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
-        """The calibration that `as_record` described.
+        """Return the calibration of a record made by `as_record`.
 
         Raises:
             ParameterError: a key is missing or unknown, or a value does not fit.
         """
-        known = {f.name for f in fields(cls)}
-        given = set(record) - {"kind"} | {"reduced", *_NEWER}  # older records have none
-        if record.get("kind") != "calibration" or given != known:
-            missing, unknown = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
+        names = {f.name for f in fields(cls)}
+        given = set(record) - {"kind"} | {"reduced", *_NEWER}  # absent in older records
+        if record.get("kind") != "calibration" or given != names:
+            missing, unknown = ", ".join(sorted(names - given)), ", ".join(sorted(given - names))
             raise ParameterError(
                 f"this is not a calibration record: missing {missing or 'nothing'}; unknown {unknown or 'nothing'}"
             )
         try:
             estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
             covariance = tuple(tuple(float(x) for x in row) for row in record["covariance"])
-            rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs", "known"}}
+            rest = {k: v for k, v in record.items() if k in names - {"estimates", "covariance", "runs", "known"}}
             for name, value in rest.items():
                 if not isinstance(value, _TYPES.get(name, str)):
                     raise TypeError(f"{name} is {value!r:.40}")
@@ -136,15 +136,15 @@ class Calibration:
             raise ParameterError(f"this calibration record is damaged: {error}; accept the estimates again") from None
 
     def _value(self, name: str) -> float:
-        found = next((e.value for e in self.estimates if e.name == name), None)
-        value = self.fixed.get(name) if found is None else found
+        value = next((e.value for e in self.estimates if e.name == name), None)
+        value = self.fixed.get(name) if value is None else value
         if value is None:
             raise ParameterError(f"calibration of {self.specimen} has no {name}: identify it, or give it as fixed")
         return float(value)
 
 
 def compare_calibrations(before: Calibration, after: Calibration) -> tuple[ParameterChange, ...]:
-    """What differs between two calibrations, parameter by parameter, in the order of the newer one."""
+    """Return the differences of two calibrations, parameter by parameter, in the order of the newer one."""
     old, new = ({e.name: e for e in c.estimates} for c in (before, after))
     out = []
     for name in (*new, *(n for n in old if n not in new)):

@@ -1,4 +1,4 @@
-"""Experiment design: the possible run that reduces the error of a parameter most per minute."""
+"""Experiment design: ranking of possible runs by their reduction of a parameter's error per minute."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,13 +7,13 @@ import numpy as np
 
 from model import GRAVITY, Array, ParameterError, format_uncertainty
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
 from model.identification.residuals import LeastSquaresProblem
 
 AGAIN_BETTER, AGAIN_MINUTES = 5.0, 5.0
-"""A length or mass measured again: a caliper instead of a ruler, a micrometer instead of a caliper; and how long it takes."""
+"""A length or mass measured again: a caliper instead of a ruler, a micrometer instead of a caliper; and its duration."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class BetterKnowledge:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A run, or a better measurement of a length or mass, that could be done, and how long it takes.
+    """A possible run, or better measurement of a length or mass, and its duration.
 
-    Of a run, settings and expected errors count; its values are not used.
+    Settings and expected errors of the run count; its values are ignored.
     """
 
     run: observed.Observation | BetterKnowledge
@@ -38,7 +38,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a candidate would do for one parameter; errors are relative to its value."""
+    """Effect of a candidate on one parameter; errors are relative to its value."""
 
     candidate: Candidate
     parameter: str
@@ -47,12 +47,12 @@ class Proposal:
 
     @property
     def improvement_per_minute(self) -> float:
-        """Share of the standard error lost per minute (of its logarithm, so that proposals add up)."""
+        """Decrease of the logarithm of the standard error per minute, so that proposals add up."""
         return float(np.log(self.error_before / self.error_after) / self.candidate.minutes)
 
     @property
     def summary(self) -> str:
-        """One line with the numbers."""
+        """The numbers in one line."""
         was = "not identified" if self.error_before > 1 else format_uncertainty(100 * self.error_before, "%")
         will = "still not identified" if self.error_after > 1 else format_uncertainty(100 * self.error_after, "%")
         return (
@@ -66,7 +66,7 @@ def rank_candidates(
 ) -> tuple[Proposal, ...]:
     """All candidates, the best first, ranked by their effect on `parameter`, by default the least certain one.
 
-    The information of a run is computed at the fit's parameters; errors it shares with runs that were done stay shared.
+    The information of a run is computed at the fit's parameters; errors shared with earlier runs stay shared.
 
     Raises:
         ParameterError: `parameter` was not free, there is no candidate, or one has no duration.
@@ -103,10 +103,7 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     skin = _unknown_skin(fit, run)
     setting = replace(
-        fit.options,
-        free=(*fit.free_parameters, *skin),
-        priors={},
-        start={n: values[n] for n in fit.free_parameters},
+        fit.options, free=(*fit.free_parameters, *skin), priors={}, start={n: values[n] for n in fit.free_parameters}
     )
     problem = LeastSquaresProblem(observed.ObservationSet((run,)), setting)
     begin = dict(zip(problem.names, problem.start.tolist(), strict=True))
@@ -119,7 +116,7 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     scale = np.array(
         [
             *fit.parameter_scale,
-            *(10 * shared[n].standard_error if n in shared else known.typical_size(n, begin[n]) for n in new),
+            *(10 * shared[n].standard_error if n in shared else fit_parameters.typical_size(n, begin[n]) for n in new),
         ]
     )
     F = np.zeros((len(names), len(names)))
@@ -133,15 +130,15 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
 
 
 def _unknown_skin(fit: JointFit, run: observed.Observation) -> tuple[str, ...]:
-    """Return stiffness and damping of the skin under a candidate, where the runs done so far do not tell them."""
+    """Return stiffness and damping of the skin under a candidate, if earlier runs do not determine them."""
     elongation = getattr(run, "elongation_m", None)
     if elongation is None:
         return ()
     names = {"k_s": ("E_m",), "c_s": ("c_s_0", "c_s_delta")}
     return tuple(
-        known.elongation_parameter(symbol, elongation)
+        fit_parameters.elongation_parameter(symbol, elongation)
         for symbol, own in names.items()
-        if not {*own, known.elongation_parameter(symbol, elongation)} & set(fit.free_parameters)
+        if not {*own, fit_parameters.elongation_parameter(symbol, elongation)} & set(fit.free_parameters)
     )
 
 
@@ -151,16 +148,16 @@ def _standard_errors(F: Array) -> Array:
 
 @dataclass(frozen=True)
 class ExpectedPrecision:
-    """What a bench can be expected to do: standard errors of one value, and minutes.
+    """Expected precision of a bench: standard errors of one value, and minutes.
 
     Attributes:
-        relative_error, floor_m: of a deflection: share of its value, and metres.
-        resonance_hz: of one resonance frequency.
-        decay_hz: of the frequency of one free decay; its damping ratio is known as well, in proportion.
-        minutes_per_load, minutes_per_mass, minutes_per_level, minutes_per_frequency: one value of each kind.
-        sweep_minutes, decay_minutes: a whole run, with its preparation.
-        mounting_minutes: a membrane at one elongation, or a cylinder with another mass.
-        shared_errors: shared errors of the instruments; each kind of run takes those that act on it.
+        relative_error, floor_m: error of a deflection, as a share of its value, and in metres.
+        resonance_hz: error of one resonance frequency.
+        decay_hz: error of the frequency of one free decay; the error of its damping ratio follows in proportion.
+        minutes_per_load, minutes_per_mass, minutes_per_level, minutes_per_frequency: duration of one value of each kind.
+        sweep_minutes, decay_minutes: duration of a whole run, with its preparation.
+        mounting_minutes: duration of mounting a membrane at one elongation, or a cylinder with another mass.
+        shared_errors: shared errors of the instruments; each kind of run uses the errors that act on it.
     """
 
     relative_error: float = 0.003
@@ -189,7 +186,11 @@ def default_candidates(
     fixed = {
         n: v for n, v in values.items() if n not in fit.free_parameters and n not in fit.observations.shared_errors
     }
-    own = {n: v for n, v in fixed.items() if n in known.SPECIMEN_PARAMETERS or known.parse_elongation(n) is not None}
+    own = {
+        n: v
+        for n, v in fixed.items()
+        if n in fit_parameters.SPECIMEN_PARAMETERS or fit_parameters.parse_elongation(n) is not None
+    }
     setting = replace(
         fit.options, free=fit.free_parameters, priors={}, fixed={**own, **fit.options.fixed}, tied=fit.options.tied
     )
@@ -230,7 +231,7 @@ def _planned_runs(
             label, f, np.ones(f.size, complex), np.ones(f.size), elongation_m=elongation, shared_errors=on
         )
 
-    # What a sweep repeats badly, all its lines repeat badly alike.
+    # The lines of a sweep share its repeatability error.
     unrepeated = observed.SharedError("repeatability of the next sweep", "displacement", e.relative_error)
     swept = dwell(f"sweep, free, {lines.size} lines", lines)
     swept = replace(swept, swept=True, shared_errors=(*swept.shared_errors, unrepeated))

@@ -7,34 +7,28 @@ import numpy as np
 from scipy.special import chdtrc
 
 from model import Array, EstimatedQuantity, Mask
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, Loss
-from model.identification.misfit_scale import (
-    OUTLIER_SIGMAS,
-    influence_moments,
-    loss_costs,
-    loss_weights,
-    robust_scale,
-)
+from model.identification.misfit_scale import OUTLIER_SIGMAS, influence_moments, loss_costs, loss_weights, robust_scale
 from model.identification.observations import ObservationSet, observed_values
 from model.identification.residuals import LeastSquaresProblem
 
 MAX_RELATIVE_ERROR = 1.0
-"""A combination whose standard error is above 100 % of the parameters' own sizes is not identified."""
+"""Standard error, as a share of the parameters' sizes, above which a combination is not identified."""
 SINGULAR_VALUE_CUTOFF = 1e-7
 """Singular values below this share of the largest are rounding."""
 MIN_SHARE = 0.05
-"""A parameter belongs to an unidentified combination if its share is at least this, or removes the knowledge of it."""
+"""Share from which on a parameter belongs to an unidentified combination; also a smaller share can make it unidentified."""
 UNKNOWN_RELATIVE_ERROR = 10.0
 """Assumed relative error of an unidentified combination: 1000 %."""
 MIN_RUN_FREEDOM = 0.5
-"""A run with fewer residuals left over by the fit cannot tell the size of its errors."""
+"""Fewest degrees of freedom of a run for an estimate of the size of its errors."""
 MIN_P_VALUE = 1e-3
 """Probability of a chi-square below which the errors do not explain the misfit."""
 
 
 def fit_cost(rows: Array, loss: Loss, priors: int = 0) -> float:
-    """Return what a fit minimizes, of residuals over their errors (rows,): of the last `priors` rows always the squares."""
+    """Return the cost of residuals over their errors (rows,); the last `priors` rows always count by their squares."""
     data = rows.size - priors
     return float(loss_costs(rows[:data], loss).sum() + rows[data:] @ rows[data:])
 
@@ -51,11 +45,11 @@ class UnidentifiedCombination:
     shares: dict[str, float]
     """Relative change of each parameter along it; the squares sum to about 1."""
     standard_error: float
-    """Relative; infinite where nothing at all is known."""
+    """Relative standard error; infinite if nothing is known."""
 
     @property
     def description(self) -> str:
-        """E.g. "k2 and mu (+0.71 k2, +0.71 mu)"."""
+        """The combination as text, e.g. "k2 and mu (+0.71 k2, +0.71 mu)"."""
         parts = ", ".join(f"{share:+.2f} {name}" for name, share in self.shares.items())
         return f"{' and '.join(self.shares)} ({parts})" if len(self.shares) > 1 else next(iter(self.shares))
 
@@ -68,11 +62,11 @@ class RunResiduals:
     values: Array
     chi_square: float
     p_value: float
-    """Of a chi-square at least as large if the model and the errors are right (points taken as independent)."""
+    """Probability of a chi-square at least as large with a correct model and correct errors (independent points)."""
     outliers: tuple[int, ...]
     """Indices among the usable points with a residual beyond 4."""
     error_scale: float = 1.0
-    """Factor by which this run's errors are enlarged in the standard errors of the result; 1 where they explain its misfit."""
+    """Factor on this run's errors in the standard errors of the result; 1 if the errors explain its misfit."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +86,8 @@ class JointFit:
     evaluations: int
     duration_s: float
     further_shifts: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    """Source and change of the parameters, in the order of `names`, of each uncertainty that is no residual: of a model that is not
-    adequate the change with each of its possible causes, and that with a temperature nobody stated."""
+    """Source and changes of the parameters, in the order of `names`, of each uncertainty outside the residuals: by a possible cause of
+    an inadequate model, or by an unstated temperature."""
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
@@ -102,7 +96,7 @@ class JointFit:
 
     @cached_property
     def parameter_scale(self) -> Array:
-        """What one hundred percent means, (P,): the value, at least its usual size; ten standard errors of the prior for a shared error.
+        """Reference of relative errors, (P,): the value, at least its usual size; ten standard errors of the prior for a shared error.
 
         A shared error is bounded by its prior, so it is always identified.
         """
@@ -111,7 +105,7 @@ class JointFit:
             [
                 10 * shared[name].standard_error
                 if name in shared
-                else max(abs(value), known.typical_size(name, known.start_value(name, base)))
+                else max(abs(value), fit_parameters.typical_size(name, fit_parameters.start_value(name, base)))
                 for name, value in zip(self.names, self.theta, strict=True)
             ]
         )
@@ -135,7 +129,7 @@ class JointFit:
         for size, row in zip(s, Vt, strict=True):
             if self._is_unidentified(size):
                 error = float(1 / size) if size > SINGULAR_VALUE_CUTOFF * s[0] else float("inf")
-                # even a small share of an unknown combination can exceed the error of a parameter
+                # even a small share of an unidentified combination can exceed the error of a parameter
                 part = (np.abs(row) >= MIN_SHARE) | (
                     np.abs(row) * min(error, UNKNOWN_RELATIVE_ERROR) > np.maximum(own, 1e-6)
                 )
@@ -148,7 +142,7 @@ class JointFit:
 
     @cached_property
     def covariance(self) -> Array:
-        """(P, P) as the given errors imply; along unidentified combinations it is infinite and left out here."""
+        """(P, P) by the given errors; without unidentified combinations, along which it is infinite."""
         s, Vt = self._svd
         keep = np.array([not self._is_unidentified(x) for x in s])
         inverse = (Vt[keep].T / s[keep] ** 2) @ Vt[keep]
@@ -163,7 +157,7 @@ class JointFit:
 
     @cached_property
     def used_rows(self) -> Mask:
-        """(rows,): all, or in a robust fit the rows that are no outlier."""
+        """(rows,): all rows, or the rows without outliers in a robust fit."""
         used = np.ones(self.weighted_residuals.size, bool)
         if self.options.loss == "linear":
             return used
@@ -176,7 +170,7 @@ class JointFit:
 
     @property
     def chi_square(self) -> float:
-        """Of all residuals and prior values; without the outliers of a robust fit."""
+        """Chi-square of all residuals and prior values; without the outliers of a robust fit."""
         r = self.weighted_residuals[self.used_rows]
         return float(r @ r)
 
@@ -188,20 +182,20 @@ class JointFit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Residuals less identified parameters."""
+        """Number of residuals less number of identified parameters."""
         return int(self.used_rows.sum()) - (len(self.names) - len(self.unidentified_combinations))
 
     @property
     def p_value(self) -> float:
-        """Of a chi-square at least this large if model and errors are right; 1 where nothing is left to test."""
+        """Probability of a chi-square at least this large with correct model and errors; 1 without degrees of freedom."""
         return float(chdtrc(self.degrees_of_freedom, self.chi_square)) if self.degrees_of_freedom > 0 else 1.0
 
     @cached_property
     def run_error_scales(self) -> tuple[float, ...]:
-        """Factor on the errors of each run: 1, or how much larger its misfit is than its errors explain.
+        """Factor on the errors of each run: 1, or the ratio of its misfit to its errors.
 
-        The root of the run's reduced chi-square, or its robust counterpart, of the residuals that the fit leaves to the run. Where
-        the misfit is too large in all and in no run by itself, it is the same factor for all.
+        The root of the run's reduced chi-square, or its robust counterpart. If the misfit is too large in total but in no single
+        run, all runs have the same factor.
         """
         J, r = self.jacobian, self.weighted_residuals
         leverage = np.einsum("ij,jk,ik->i", J, self.covariance, J)
@@ -222,7 +216,7 @@ class JointFit:
 
     @property
     def error_scale(self) -> float:
-        """Largest factor on the errors of any run."""
+        """Largest factor on the errors of a run."""
         return max(self.run_error_scales, default=1.0)
 
     @cached_property
@@ -244,7 +238,7 @@ class JointFit:
 
     @cached_property
     def enlarged_covariance(self) -> Array:
-        """(P, P) with the errors of each run enlarged by its own factor, and further shifts; the parameters stay where they are."""
+        """(P, P) with the errors of each run enlarged by its own factor, and further shifts; the parameters are unchanged."""
         if self.options.loss == "linear" and self.error_scale == 1:
             covariance = self.covariance
         else:
@@ -267,7 +261,10 @@ class JointFit:
             unknown = [n for n in self.free_parameters if n not in self.options.priors]
             values = self.run_slices[-1].stop
             more = max(len(unknown) - values + 1, 1)
-            return f"{values} values for {len(unknown)} unknown parameters ({', '.join(unknown)}) cannot test the model: measure at least {more} more"
+            return (
+                f"{values} value{'s' * (values != 1)} for {len(unknown)} unknown parameter{'s' * (len(unknown) != 1)} "
+                f"({', '.join(unknown)}) cannot test the model: measure at least {more} more point{'s' * (more > 1)}"
+            )
         text = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"
         if out := int((~self.used_rows).sum()):
             where = ", ".join(
@@ -302,13 +299,15 @@ class JointFit:
         sources = self._sources()
         errors = np.sqrt(np.diag(self.enlarged_covariance))
         return tuple(
-            EstimatedQuantity(n, float(v), float(e), known.parameter_spec(n, self.observations).unit, sources[n])
+            EstimatedQuantity(
+                n, float(v), float(e), fit_parameters.parameter_spec(n, self.observations).unit, sources[n]
+            )
             for n, v, e in zip(self.names, self.theta, errors, strict=True)
             if n not in missing and n in self.free_parameters
         )
 
     def covariance_of(self, estimates: tuple[EstimatedQuantity, ...]) -> Array:
-        """Covariance of these estimates, in their order, enlarged as their standard errors are."""
+        """Covariance of these estimates, in their order, enlarged like their standard errors."""
         at = [self.names.index(e.name) for e in estimates]
         return np.asarray(self.enlarged_covariance[np.ix_(at, at)])
 
@@ -325,7 +324,7 @@ class JointFit:
 
     @cached_property
     def run_slices(self) -> tuple[slice, ...]:
-        """Where each run's residuals are among `rows`."""
+        """Slices of the runs' residuals in `rows`."""
         out, start = [], 0
         for run in self.observations.runs:
             y, _ = observed_values(run)
@@ -350,10 +349,10 @@ class JointFit:
 
     @property
     def values(self) -> dict[str, float | None]:
-        """Every parameter by name, fixed ones too; an unidentified one has the value where the fit ended."""
+        """Every parameter by name, including fixed ones; an unidentified one has its last value in the fit."""
         return self.problem.forward_model.values(self.theta)
 
     @cached_property
     def problem(self) -> LeastSquaresProblem:
-        """To evaluate the model again."""
+        """The model for further evaluations."""
         return LeastSquaresProblem(self.observations, self.options)

@@ -14,7 +14,7 @@ from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values
 from model.beam import matrices, modal_form, receptance
 from model.identification import nonidealities
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
@@ -22,13 +22,15 @@ Values = Mapping[str, Any]
 
 
 def skin_from_values(observation: observed.FrequencyResponseObservation, v: Values) -> tuple[Any, Any]:
-    """k_s in N/m^2 and c_s in kg/(m s) under a run; 0 where the tactor was free."""
+    """k_s in N/m^2 and c_s in kg/(m s) during a run; 0 for a free tactor."""
     if observation.elongation_m is None:
         return 0.0, 0.0
     errors = (v.get(e.name, 0.0) for e in observation.shared_errors if e.acts_on == "elongation")
     delta = sum(errors, start=observation.elongation_m * (1 - v["elongation_slip"]) + v["elongation_offset"]) / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
-    k_s, c_s = (v.get(known.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s"))
+    k_s, c_s = (
+        v.get(fit_parameters.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s")
+    )
     if k_s is None:
         membrane = v["L_m"], v["b_m"], v["h_m"], v["E_m"]
         k_s = point_stiffness(*membrane, np.abs(delta)) / length
@@ -43,7 +45,7 @@ def beam_under(run: observed.FrequencyResponseObservation, v: Values) -> Beam:
 
 
 def equation_factors(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
-    """What multiplies the Gram parts of Eq. (14), (S, 6) each in M, C and K."""
+    """Factors of the Gram parts of Eq. (14), (S, 6) each in M, C and K."""
     zero = np.zeros(sets)
     L, L3 = beam.L, beam.L**3
     k_s, c_s = skin
@@ -59,23 +61,24 @@ def equation_factors(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
 
 
 GeometryPair = tuple[tuple[float, float], tuple[float, float]]
-"""A geometry, L1 / L and L2 / L, to either side of one."""
+"""Two neighbours of a geometry, L1 / L and L2 / L."""
 
 PEAK_TOLERANCE = 1e-6
-"""Distance of a frequency from a peak of the response, relative to it, up to which it is one."""
+"""Largest relative distance between a frequency and a peak of the response for a match."""
 
 RELATIVE_STEP = 1e-6
-"""Of a parameter's scale, or of a ratio of lengths; a central difference takes it up and down."""
+"""Step of central differences, as a share of a parameter's scale, or of a ratio of lengths."""
 
 
 class FiniteDifferences:
-    """S = 2 P + 1 sets of all parameters: the point of the P free ones, then every step up, then every step down.
+    """S = 2 P + 1 sets of all parameters: the point, then a step up for each of the P free parameters, then the steps down.
 
     Args:
         theta: the point, (P,).
-        scale: of each free parameter, (P,), none for values without slopes; a step is a share of it, or of the parameter where that is larger.
-        join: every parameter by name from the free ones, (P, S).
-        reference_c: temperature that the parameters are for, if known.
+        scale: scale of each free parameter, (P,), empty for values without slopes; a step is a share of the scale, or of the parameter if
+            that is larger.
+        join: function from the free parameters, (P, S), to all parameters by name.
+        reference_c: temperature of the parameters, degrees Celsius, if known.
     """
 
     def __init__(
@@ -88,7 +91,7 @@ class FiniteDifferences:
         table[1 : P + 1, :P] += np.diag(self._steps)
         table[P + 1 :, :P] -= np.diag(self._steps)
         self.values = all_values(table.T)
-        """Every parameter by name: plain where it is fixed, else (S,)."""
+        """Every parameter by name: a number if fixed, else (S,)."""
         self._reference_c = reference_c
 
     def of_run(self, run: observed.Observation) -> Values:
@@ -120,7 +123,7 @@ class FiniteDifferences:
         return self.input_error(run, "frequency", f) + np.multiply.outer(self.shared_error(run, "clock"), f)
 
     def rest_drift(self, run: observed.VoltageStepsObservation) -> Any:
-        """Return what the drifts at rest add at each usable point, (S, F); 0 for a run without times."""
+        """Return the contribution of the drifts at rest at each usable point, (S, F); 0 for a run without times."""
         total: Any = 0.0
         for e in run.shared_errors:
             if e.acts_on == "rest" and e.at is not None and run.history is not None:
@@ -129,7 +132,7 @@ class FiniteDifferences:
         return total
 
     def stack(self, factors: Sequence[Factors]) -> tuple[Factors, Factors]:
-        """Values (R, 6) and slopes (P, R, 6) of entries of (S, 6) each, one a row."""
+        """Values (R, 6) and slopes (P, R, 6) of the entries, (S, 6) each, one per row."""
         tables = [np.stack([f[i] for f in factors], axis=1) for i in range(3)]
         return Factors(*(t[0] for t in tables)), Factors(*(self.derivatives(t) for t in tables))
 
@@ -165,10 +168,10 @@ class ForwardModel:
     Args:
         campaign: the runs.
         names: free parameters and shared errors, in the order of every `theta`.
-        fixed: values of everything else.
-        tied: name -> (other, factor): always that many times the other.
-        amplifier: from volts at the input to volts on the specimen.
-        n: shape functions.
+        fixed: values of all other parameters.
+        tied: name -> (other, factor): the parameter is factor times the other.
+        amplifier: map from volts at the input to volts on the specimen.
+        n: number of shape functions.
     """
 
     def __init__(
@@ -182,7 +185,9 @@ class ForwardModel:
     ) -> None:
         self.observations, self.names, self.n = observations, tuple(names), n
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
-        self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
+        self._scale = np.array(
+            [fit_parameters.typical_size(name, fit_parameters.start_value(name, self._fixed)) for name in self.names]
+        )
         self.nonideal = nonidealities.NonidealResponse(observations, amplifier)
         self._responses = observations.of_type(observed.FrequencyResponseObservation)
         self._drives = {
@@ -196,7 +201,7 @@ class ForwardModel:
         return {k: None if v is None else float(v) for k, v in self._all_values(theta).items()}
 
     def predict(self, theta: Array, slopes: bool = True) -> list[Prediction]:
-        """One entry a run, in the campaign's order; without slopes it is several times as quick."""
+        """One entry per run, in the campaign's order; several times as fast without slopes."""
         at = FiniteDifferences(
             theta, self._scale if slopes else self._scale[:0], self._all_values, self.observations.reference_c
         )
@@ -296,7 +301,7 @@ class ForwardModel:
         if peaks and creep.size > 1:
             d = d - differences.derivatives(nonidealities.crept_tilt(creep, omega)[0]) * size / curvature
         for ends, dl in differences.geometry_derivatives(v):
-            if peaks:  # implicitly, at the same omega: a search at every geometry costs ten times as much
+            if peaks:  # implicit derivatives at the same omega: a search at every geometry costs ten times as much
                 up, down = (ReceptanceSolver(*end, self.n).peak_slope(stacked, omega, tilt)[0] for end in ends)
                 moved = (down - up) / curvature
             else:

@@ -15,30 +15,31 @@ from typing import Any
 import numpy as np
 
 from model import Array, ParameterError
-from model.identification import parameters as known
-from model.identification.bounded_priors import normal_equivalents
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
 from model.identification.misfit_scale import LOSS_SCALES, loss_costs, loss_weights
 from model.identification.observations import ObservationSet
 from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
+from model.identification.priors import normal_equivalents
 from model.identification.residuals import LeastSquaresProblem
 
 LOG_RANGE = 12.0
-"""How far a logarithm may go to either side: five powers of ten."""
+"""Range of a logarithm to both sides: five powers of ten."""
 
 BOUND_MARGIN = 1e-9
-"""A start on a limit is moved so far inside."""
+"""Distance by which a start on a limit is moved inside."""
 
 DESCENT_EVALUATIONS = 200
 """Largest number of evaluations of one descent."""
 
 MAX_EVALUATIONS = 400
-"""Largest number of all descents of a fit. Usual fits need 4 to 50; with 34 parameters and 500 residuals an evaluation takes 20 ms."""
+"""Largest number of evaluations of all descents of a fit. Usual fits need 4 to 50; with 34 parameters and 500 residuals an
+evaluation takes 20 ms."""
 
 ERROR_STAGES = (1000.0, 100.0, 10.0)
-"""Factors on the errors of the runs with which a descent begins, those that its first misfit exceeds. Precise runs leave a narrow, bent
-valley, in which descents with the stated errors end far from the minimum; what is known beforehand leads through it where it is wide."""
+"""Factors on the errors of the runs in first descents, as far as the first misfit exceeds them. Precise runs leave a narrow, bent
+valley, in which descents with the stated errors end far from the minimum; priors lead through a widened valley."""
 
 SAME_MINIMUM = 1e-3
 """Relative difference of cost up to which two fits ended in one minimum."""
@@ -62,20 +63,20 @@ COARSE_TOLERANCE = 1e-6
 """Relative, of a descent to a minimum whose misfit turns out to be large: a tenth of an enlarged standard error."""
 
 STAGE_TOLERANCE = 1e-4
-"""Relative, of cost and parameters, of a descent with enlarged errors."""
+"""Relative tolerance of cost and parameters of a descent with enlarged errors."""
 
 
 class FitCoordinates:
     """x, (P,), in place of the parameters theta, (P,), for a descent that begins at `start`.
 
     Attributes:
-        start, lower_bounds, upper_bounds: where it begins, and between which limits it stays, (P,) each.
-        steps: usual steps, (P,): the standard uncertainty of what is known beforehand; 1, which is the parameter itself, of others.
+        start, lower_bounds, upper_bounds: start and limits of the descent, (P,) each.
+        steps: usual steps, (P,): the standard uncertainty of a prior; 1, the parameter itself, without prior.
     """
 
     def __init__(self, problem: LeastSquaresProblem, start: Array) -> None:
         self._logarithmic = problem.logarithmic & (start > 0)
-        scale = np.array([known.typical_size(n, x) for n, x in zip(problem.names, start, strict=True)])
+        scale = np.array([fit_parameters.typical_size(n, x) for n, x in zip(problem.names, start, strict=True)])
         self._scale = np.where(self._logarithmic, 1.0, scale)
         for i, name in enumerate(problem.names):
             if name in problem.observations.shared_errors:
@@ -101,22 +102,22 @@ class FitCoordinates:
             self.steps[at] = uncertainty / slopes[at]
 
     def to_coordinates(self, theta: Array) -> Array:
-        """Theta -> x."""
+        """Return x of theta."""
         return np.where(self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta / self._scale)
 
     def to_parameters(self, x: Array) -> Array:
-        """X -> theta."""
+        """Return theta of x."""
         return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, x, 0.0)), x * self._scale)
 
     def parameter_derivatives(self, theta: Array) -> Array:
-        """D theta / d x, (P,)."""
+        """Return d theta / d x, (P,)."""
         return np.where(self._logarithmic, theta, self._scale)
 
 
 FitProgress = Callable[[int, float], None]
-"""Called with the number of evaluations and the present chi-square."""
+"""Callback with the number of evaluations and the present chi-square."""
 CancelCheck = Callable[[], bool]
-"""Called at every evaluation, e.g. `threading.Event().is_set`."""
+"""Callback at every evaluation, e.g. `threading.Event().is_set`."""
 
 
 class _EvaluationLimitReached(Exception):
@@ -136,9 +137,9 @@ def joint_fit(
     """Fit the free parameters to all runs together.
 
     A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, until two agree. After
-    `max_evaluations` the best so far is returned, with a note in `message`; the result does not depend on the computer's load.
-    `tolerance` is relative, of cost and parameters. With errors of the runs `enlarged` it ends where what is known beforehand counts
-    more than they do; residuals and slopes are over the errors as given.
+    `max_evaluations` the best fit is returned, with a note in `message`; the result does not depend on the computer's load.
+    `tolerance` is the relative tolerance of cost and parameters. The descent takes the errors of the runs `enlarged` times, so that priors
+    count for more; residuals and slopes of the result are over the errors as given.
 
     Raises:
         ParameterError, IdentificationError: these runs cannot be fitted.
@@ -163,7 +164,7 @@ def joint_fit(
 
 
 def _with_limits(fit: JointFit, watch: "_FitMonitor") -> JointFit:
-    """Return the fit with normal distributions that stand for its priors next to a limit; the fit as it is without any."""
+    """Return the fit with normal distributions in place of its priors next to a limit; the same fit without any."""
     present = fit.problem.normal_priors
     for _ in range(MAX_LIMIT_FITS if present else 0):
         sites = normal_equivalents(
@@ -183,7 +184,7 @@ def _with_limits(fit: JointFit, watch: "_FitMonitor") -> JointFit:
 def _best_of_starts(
     problem: LeastSquaresProblem, watch: "_FitMonitor", max_starts: int
 ) -> tuple[JointFit | None, bool]:
-    """Return the best of the fits from several starts, and whether a second one agrees; one start will do for a misfit that is small."""
+    """Return the best fit of several starts, and whether a second one agrees; a small misfit needs one start only."""
     best: JointFit | None = None
     for start in islice(_starting_points(problem), max_starts):
         if best is not None and watch.evaluations >= watch.max_evaluations:
@@ -199,10 +200,10 @@ def _best_of_starts(
 
 
 def _starting_points(problem: LeastSquaresProblem) -> Iterator[Array]:
-    """Yield the start of the options, where the paper's chain ends, the default values, and points spread about them."""
+    """Yield the start of the options, the end of the paper's chain, the default values, and points spread about them."""
     yield problem.start
     base = problem.options.base_values()
-    table = np.array([known.start_value(n, base) for n in problem.names])
+    table = np.array([fit_parameters.start_value(n, base) for n in problem.names])
     options = problem.options
     chosen = PaperChainOptions(
         options.tactor, options.membrane, options.contact_length, amplifier=options.amplifier, n=options.n
@@ -237,7 +238,7 @@ def _row_losses(problem: LeastSquaresProblem) -> Any:
 
 
 class _FitMonitor:
-    """Runs fits and stops them: after a number of evaluations, on request, and with the best point it saw."""
+    """Runs descents with a limited number of evaluations and cancellation, and keeps the best point."""
 
     def __init__(
         self,
@@ -253,7 +254,7 @@ class _FitMonitor:
         self._enlarged = enlarged
 
     def fit(self, start: Array) -> JointFit | None:
-        """One descent; None where the model cannot be evaluated at the start."""
+        """Return one descent; None if the model cannot be evaluated at the start."""
         from scipy.optimize import least_squares
 
         p = self.problem
@@ -290,33 +291,34 @@ class _FitMonitor:
         at_limit = [
             n
             for n, v, lo in zip(p.names, theta, p.lower_bounds, strict=True)
-            if lo == 0 and v < 1e-6 * known.typical_size(n, v)
+            if lo == 0 and v < 1e-6 * fit_parameters.typical_size(n, v)
         ]
         if at_limit:
             message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error is not meaningful"
         return JointFit(p.observations, p.options, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
 
     def count_evaluation(self) -> None:
-        """Count an evaluation that is about to begin.
+        """Count an evaluation before it begins.
 
         Raises:
             FitCancelled: on request.
-            _EvaluationLimitReached: there were as many as allowed.
+            _EvaluationLimitReached: the allowed number is exhausted.
         """
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
-        if self.evaluations >= max(self.max_evaluations, 1):  # the first is always done, so that there is a result
+        # The first evaluation is never refused, so that there is a result.
+        if self.evaluations >= max(self.max_evaluations, 1):
             raise _EvaluationLimitReached
         self.evaluations += 1
 
     def report(self, cost: float) -> None:
-        """The least sum of squares so far."""
+        """The smallest sum of squares so far."""
         if self._progress is not None:
             self._progress(self.evaluations, cost)
 
 
 class _ResidualFunction:
-    """Residuals and Jacobian for the solver: each point is evaluated once, and the best point is kept."""
+    """Return residuals and Jacobian for the solver: each point is evaluated once, and the best point is kept."""
 
     def __init__(self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor) -> None:
         self._problem, self._coordinates, self._monitor = problem, coordinates, monitor
@@ -324,7 +326,7 @@ class _ResidualFunction:
         self._weight = 1.0
         self._least_cost = np.inf
         self.best: tuple[Array, Array, Array] | None = None
-        """theta, residuals and their slopes where the sum of squares was least."""
+        """theta, residuals and their slopes at the smallest sum of squares."""
 
     def enlarge_errors(self, factor: float) -> None:
         """Multiply the errors of the runs by a factor; prior values keep their errors."""
@@ -336,12 +338,12 @@ class _ResidualFunction:
         return float(np.sqrt(np.mean(r[: r.size - self._problem.prior_count] ** 2)))
 
     def residuals(self, x: Array) -> Array:
-        """Residuals, (rows,)."""
+        """Return the residuals, (rows,)."""
         r = self._evaluate(x)[0]
         return r * self._row_weights(r.size)
 
     def jacobian(self, x: Array) -> Array:
-        """Their slopes to x, (rows, P)."""
+        """Return the slopes of the residuals to x, (rows, P)."""
         J = self._evaluate(x)[1]
         return J * self._row_weights(len(J))[:, None]
 

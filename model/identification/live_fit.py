@@ -21,7 +21,7 @@ class LiveFitResult:
     estimates: tuple[EstimatedQuantity, ...]
     unidentified_combinations: tuple[UnidentifiedCombination, ...]
     values: Mapping[str, float | None]
-    """Every parameter, for the model curve of the plot."""
+    """All parameters, for the model curve of the plot."""
     message: str
     duration_s: float
 
@@ -30,8 +30,8 @@ class LiveFitResult:
 class LiveFit:
     """Points of one running dwell and the fit so far; one instance per dwell, used by one thread at a time.
 
-    `options` carries the known values of tactor and membrane, and the priors of the free parameters. Free by
-    default: effective mass, damping and coupling of a free dwell; the skin's damping and stiffness on a membrane.
+    `options` has the values of tactor and membrane, and the priors of the free parameters. Free by default: effective mass,
+    damping and coupling of a free dwell; the skin's damping and stiffness on a membrane.
     """
 
     options: FitOptions = field(default_factory=FitOptions)
@@ -53,7 +53,7 @@ class LiveFit:
             self.options = replace(self.options, free=free)
 
     def add_point(self, frequency_hz: float, fundamental_m: complex, error_m: float) -> LiveFitResult:
-        """Add one usable point and fit again, from where the last fit ended; never raises for a bad point."""
+        """Add one usable point and fit again from the last result; never raises for a bad point."""
         began = perf_counter()
         self._points.append((frequency_hz, complex(fundamental_m), error_m))
         f, F, error = (np.array(column) for column in zip(*self._points, strict=True))

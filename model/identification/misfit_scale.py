@@ -12,19 +12,19 @@ from model import Array
 from model.identification.fit_options import Loss
 
 LOSS_SCALES: dict[Loss, float] = {"linear": 1.0, "soft_l1": 1.345, "cauchy": 2.385}
-"""Residual, in standard errors, from which on a loss lets go; normal data lose 5 % of their information."""
+"""Tuning constant of each loss, in standard errors (95 % efficiency for normal data)."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
 MAD_EFFICIENCY = 1.17
-"""Standard error of that estimate, times the root of the number of values, over the standard deviation."""
+"""Standard error of the estimate by the median, times the root of the number of values, over the standard deviation."""
 MAD_SIGMAS = 3.3
-"""A robust scale so many of its standard errors above 1 is no chance."""
+"""Number of its standard errors by which a significant robust scale exceeds 1."""
 OUTLIER_SIGMAS = 4.0
-"""Residual, in scales of its run, from which on a robust fit calls a point an outlier."""
+"""Residual of an outlier of a robust fit, in scales of its run."""
 
 
 def loss_weights(rows: Array, loss: Loss) -> Array:
-    """Return the derivative of the loss to the squared residual, (rows,): what each row weighs in a robust fit."""
+    """Return the derivative of the loss to the squared residual, (rows,): the weight of each row in a robust fit."""
     squares = 1 + (rows / LOSS_SCALES[loss]) ** 2
     match loss:
         case "soft_l1":
@@ -35,7 +35,7 @@ def loss_weights(rows: Array, loss: Loss) -> Array:
 
 
 def loss_costs(rows: Array, loss: Loss) -> Array:
-    """Return the loss of each residual, (rows,): its square, or less."""
+    """Return the loss of each residual, (rows,): at most its square."""
     c2 = LOSS_SCALES[loss] ** 2
     match loss:
         case "soft_l1":
@@ -59,7 +59,7 @@ def influence_moments(loss: Loss, scale: float) -> tuple[float, float]:
 
 
 def robust_scale(rows: Array, freedom: float) -> float:
-    """Return the standard deviation of residuals by their median size, which outliers do not move; 1 where that can be chance."""
+    """Return the standard deviation of residuals by their median size, which is robust against outliers; 1 if it can be chance."""
     if rows.size < 2 or freedom <= 0:
         return 1.0
     scale = NORMAL_MAD * float(np.median(np.abs(rows))) * np.sqrt(rows.size / freedom)

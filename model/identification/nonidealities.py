@@ -1,6 +1,6 @@
-"""Nonidealities of a real specimen and its instruments, as parameters of the fit: what the beam model leaves out.
+"""Nonidealities of a real specimen and its instruments, as parameters of the fit: effects outside the beam model.
 
-At their defaults they change nothing. Each can be free, fixed or have a prior, like a parameter of the model.
+Their defaults have no effect. Each can be free, fixed or have a prior, like a parameter of the model.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, Mask, ParameterSpec
+from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, ParameterSpec
 from model.drive_history import DriveHistory, rayleigh_response
 from model.identification import observations as observed
 from model.response import DIFFERENT_DRIVES, REFERENCE_S, crept_response, fourier_series, loop_harmonics
@@ -49,13 +49,13 @@ NONIDEALITIES = {
 TEMPERATURE_DEPENDENT = ("k2", "mu", "c0")
 LOADING_TIME_S = 10.0
 STEP_TIME_S = 1.0
-"""From a weight, or a level, to its reading, where a run does not state it."""
+"""Assumed time from a weight, or a level, to its reading, s, for a run that does not state it."""
 SLOPE_STEP = 1e-3
-"""Relative, of the amplifier's slopes: loops and creep of earlier levels depend on them, too."""
+"""Relative step of the amplifier's slopes: loops and creep of earlier levels depend on them, too."""
 STIFFENING_M = 1e-3
-"""Deflection at which the stiffness has grown by `stiffening`."""
+"""Deflection of a relative growth of the stiffness by `stiffening`, m."""
 TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0, "1/K": 0.1}
-"""By unit, what one hundred percent of a nonideality means: a scale of the fit, far above its size in a laboratory."""
+"""One hundred percent of a nonideality by unit: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
 
 
@@ -65,7 +65,7 @@ def specimen_harmonic(run: observed.FrequencyResponseObservation, amplifier: Amp
 
 
 def loop_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
-    """Return V_k of what a `hysteresis` of 1 adds to the volts on the specimen at each usable point of a run, (F,)."""
+    """Return V_k of the addition of a `hysteresis` of 1 to the volts on the specimen at each usable point of a run, (F,)."""
     return _of_drives(run, lambda *drive: loop_harmonics(amplifier, *drive)[order])
 
 
@@ -77,7 +77,7 @@ def _of_drives(run: observed.FrequencyResponseObservation, function: Callable[[f
 
 
 def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
-    """Return the slope over omega of the logarithm of |`crept_response`|, s/rad, and the slope of that slope."""
+    """Return first and second derivative over omega of the logarithm of |`crept_response`|, s/rad and s^2/rad^2."""
     share = creep / np.log(10)
     real = 1 - share * (np.log(omega * REFERENCE_S) + np.euler_gamma)
     square = real**2 + (share * np.pi / 2) ** 2
@@ -85,12 +85,12 @@ def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
 
 
 def acting_mass(v: Values, mass_kg: Any) -> Any:
-    """Return the mass that acts at the centre, kg, of one that was put in the cylinder: a number, or (S,) for S sets."""
+    """Return the acting mass at the centre, kg, of a mass in the cylinder: a number, or (S,) for S sets."""
     return v["mass_fraction"] * mass_kg + v["mass_offset"]
 
 
 def acting_masses(v: Values, mass_kg: Array) -> Array:
-    """Return the masses that act, (S, F), of those put in, (S, F)."""
+    """Return the acting masses, (S, F), of masses in the cylinder, (S, F)."""
     return np.asarray(np.reshape(v["mass_fraction"], (-1, 1)) * mass_kg + np.reshape(v["mass_offset"], (-1, 1)))
 
 
@@ -100,10 +100,10 @@ def with_acting_mass(v: Values) -> Values:
 
 
 def values_of_run(v: Values, run: observed.Observation, reference_c: float | None = None) -> Values:
-    """Return the parameters as they are in a run.
+    """Return the parameters of a run.
 
-    They have its errors of added mass and clamp, the lengths that a flexible clamp acts as, and the change from the temperature
-    `reference_c` to that of the run, where both are known.
+    They include its errors of added mass and clamp, the effective lengths of a flexible clamp, and the change from the temperature
+    `reference_c` to the temperature of the run, if both are known.
     """
     own = {e.name: e.acts_on for e in run.shared_errors if e.acts_on in ("clamp", "mass") and e.name in v}
     flexibility = sum((v[name] for name, on in own.items() if on == "clamp"), start=v["clamp_flexibility"])
@@ -122,7 +122,7 @@ class NonidealResponse:
 
     Args:
         observations: the runs.
-        amplifier: its map without errors.
+        amplifier: map of the amplifier without errors.
     """
 
     def __init__(self, observations: observed.ObservationSet, amplifier: AmplifierMap) -> None:
@@ -133,7 +133,7 @@ class NonidealResponse:
         self._histories = {run.label: run.history or _usual_history(run, amplifier) for run in steps}
 
     def factor(self, run: observed.Observation, v: Values) -> Any:
-        """Return the factor of the predictions at a run's usable points, (S, F) or what broadcasts to it."""
+        """Return the factor of the predictions at a run's usable points, of a shape that broadcasts to (S, F)."""
         factor = self._factor(run, v)
         if np.any(v["sensor_gain"]) and not isinstance(run, observed.MassResonanceObservation):
             factor = factor * (1 + _column(v["sensor_gain"]))
@@ -145,7 +145,7 @@ class NonidealResponse:
                 return self._dwell_factor(run, v)
             case observed.StaticLoadingObservation():
                 decades = np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
-                if run.history is not None:  # what earlier loads left is part of it
+                if run.history is not None:  # includes the creep of earlier loads
                     loads = run.history.drive
                     decades = (run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
@@ -182,7 +182,7 @@ class NonidealResponse:
         return factor
 
     def volts(self, run: observed.VoltageStepsObservation, v: Values, volts: Array) -> Array:
-        """Return the volts on the specimen that act, (S, F), of those by the amplifier's map, with what was before each reading."""
+        """Return the acting volts on the specimen, (S, F), from the volts by the amplifier's map and the history before each reading."""
         if np.any(v["gain_below_rest"]) or np.any(v["gain_above_rest"]):
             below, above = _column(v["gain_below_rest"]), _column(v["gain_above_rest"])
             volts = volts * (1 + np.where(volts < 0, below, above))
@@ -214,10 +214,10 @@ class NonidealResponse:
 
     def drift(self, run: observed.StaticLoadingObservation, v: Values) -> Any:
         """Return the drift of the zero at each usable point, (S, F): in the order of the rows."""
-        return _column(v["zero_drift"]) * _positions(run.usable)
+        return _column(v["zero_drift"]) * np.linspace(0, 1, run.usable.size)[run.usable]
 
     def stiffness_gain(self, run: observed.FrequencyResponseObservation, v: Values, sets: int) -> Array:
-        """Return the share by which the bending stiffness is larger at each usable point, (S, F), by harmonic balance."""
+        """Return the relative growth of the bending stiffness at each usable point, (S, F), by harmonic balance."""
         y = run.peak_to_peak_m if run.fundamental_m is None else np.abs(run.fundamental_m)
         amplitude = np.zeros(1) if y is None else y[run.usable]
         return np.broadcast_to(
@@ -227,7 +227,7 @@ class NonidealResponse:
 
 @lru_cache(maxsize=DIFFERENT_DRIVES)
 def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> float:
-    """Return the share of the fundamental of the volts under a sine that the slope below rest makes."""
+    """Return the share of the slope below rest in the fundamental of the volts under a sine."""
     low = AmplifierMap(amplifier.rest_v, amplifier.low_v, amplifier.high_v, amplifier.slope_below, 1e-9)
     below, both = (fourier_series("sine", amplitude_v, offset_v, each, 1)[1] for each in (low, amplifier))
     return float((below / both).real)
@@ -260,7 +260,3 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> Array:
 def _column(value: Any) -> Any:
     """Return a parameter as a column, (S, 1) or (1, 1)."""
     return np.reshape(value, (-1, 1))
-
-
-def _positions(usable: Mask) -> Array:
-    return np.linspace(0, 1, usable.size)[usable]

@@ -44,21 +44,21 @@ SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "reading": "1",
 }
 SAME_INPUT = 1e-9
-"""Relative difference up to which two inputs are one: the same weight, mass, level or frequency."""
+"""Largest relative difference of equal inputs: the same weight, mass, level or frequency."""
 
 
 @dataclass(frozen=True, slots=True)
 class SharedError:
     """An unknown error common to all values taken with one instrument.
 
-    It is estimated with the rest, with a normal prior of `standard_error` around 0. Records that name the same error share
-    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg, of
-    the masses that are written down or of m_add; on clamp a flexibility of the clamp beyond `clamp_flexibility`, for instance of one
-    mounting; on clock a relative error of all frequencies of a run; on reading a relative error of the prediction times a shape over
-    the points, which the run has (`shapes`); on delay a lateness of the displacement, in s, that was not corrected in the phases; on level (volts at the amplifier's
-    input), elongation and frequency an offset. With `at` it acts only where the load (N), mass, level, elongation or
-    frequency is that value: the error of one weight among several. On rest it is a drift of the displacement at rest, in m from
-    the first zero of the run to its last, that eases off as if it had begun `at` seconds before the run.
+    It is estimated with the other parameters, with a normal prior of `standard_error` around 0. Records with the same error share
+    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg, of the stated
+    masses or of m_add; on clamp a flexibility of the clamp beyond `clamp_flexibility`, e.g. of one mounting; on clock a relative
+    error of all frequencies of a run; on reading a relative error of the prediction times the run's shape over the points
+    (`shapes`); on delay an uncorrected delay of the displacement in the phases, in s; on level (volts at the amplifier's input),
+    elongation and frequency an offset. With `at` it acts only at this load (N), mass, level, elongation or frequency: the error of
+    one weight among several. On rest it is a drift of the displacement at rest, in m from first to last zero of the run, that decays
+    as if it had begun `at` seconds before the run.
     """
 
     name: str
@@ -83,7 +83,7 @@ class SharedError:
             raise ParameterError(f"common error {self.name!r} of {self.acts_on} cannot act at {self.at:g} only")
 
     def acts_at(self, inputs: Array) -> Mask:
-        """Return which points with these loads, masses, levels, elongations or frequencies it acts on."""
+        """Return the mask of points with these loads, masses, levels, elongations or frequencies on which it acts."""
         if self.at is None:
             return np.ones(np.shape(inputs), bool)
         return np.asarray(np.isclose(inputs, self.at, rtol=SAME_INPUT, atol=0.0))
@@ -93,7 +93,7 @@ class SharedError:
 class _ObservationBase:
     label: str
     good: Mask | None = field(default=None, kw_only=True)
-    """(F,): which points a fit may use; None: all."""
+    """(F,): mask of the points that a fit may use; None: all."""
     shared_errors: tuple[SharedError, ...] = field(default=(), kw_only=True)
     simulated: bool = field(default=False, kw_only=True)
     temperature_c: float | None = field(default=None, kw_only=True)
@@ -150,15 +150,15 @@ class _ObservationBase:
 
 @dataclass(frozen=True, eq=False)
 class StaticLoadingObservation(_ObservationBase):
-    """Deflection of the centre under a load there, electrodes shorted; both positive in the direction of the push."""
+    """Deflection of the centre under a load at the centre, electrodes shorted; both positive in the direction of the push."""
 
     load_n: Array
     deflection_m: Array
     errors_m: Array
     side: Side = "both"
-    """Which side is pushed; "both" where the two are averaged already."""
+    """Loaded side; "both" for averages over the sides."""
     history: DriveHistory | None = None
-    """Loads in time; None if unknown."""
+    """History of the loads; None if unknown."""
 
     def __post_init__(self) -> None:
         if self.side not in get_args(Side):
@@ -171,7 +171,7 @@ class MassResonanceObservation(_ObservationBase):
     """Resonance frequency for each mass added in the cylinder.
 
     `meaning` is the definition of the frequency: the "peak" of the displacement's spectrum under a constant voltage, or the
-    "undamped" natural frequency, as from a fit of the pole. At a damping ratio of 0.21 they are 5 % apart.
+    "undamped" natural frequency, as from a fit of the pole. At a damping ratio of 0.21 they differ by 5 %.
     """
 
     mass_kg: Array
@@ -193,11 +193,11 @@ class VoltageStepsObservation(_ObservationBase):
     deflection_m: Array
     errors_m: Array
     rising: Mask | None = None
-    """Whether the level was reached from below (True) or above; None if unknown."""
+    """Whether the level is reached from below (True) or above; None if unknown."""
     time_s: Array | None = None
     """Time from reaching each level to its reading."""
     history: DriveHistory | None = None
-    """Levels and rests in time; None: in the order of the points, as a staircase where `rising` is known, otherwise each from rest."""
+    """History of levels and rests; None: in the order of the points, as a staircase with `rising`, otherwise each from rest."""
 
     def __post_init__(self) -> None:
         self._validate_columns(
@@ -214,9 +214,9 @@ class VoltageStepsObservation(_ObservationBase):
 class FrequencyResponseObservation(_ObservationBase):
     """Response to a sine around rest, at single frequencies.
 
-    `fundamental_m` is what a sine fit gives, (F,): complex, |F| sin(w t + arg F) with the phase against the sine at the
-    amplifier's input; or real where only the amplitude is known; or None where only max - min is. `errors_m` is the standard
-    error of each of its two components.
+    `fundamental_m` is the result of a sine fit, (F,): complex, |F| sin(w t + arg F) with the phase against the sine at the
+    amplifier's input; real for an amplitude without phase; None for max - min alone. `errors_m` is the standard error of each of
+    its two components.
     """
 
     frequency_hz: Array
@@ -226,23 +226,23 @@ class FrequencyResponseObservation(_ObservationBase):
     """Peak amplitude at the amplifier's input."""
     drive_offset_v: Array | float = 2.5
     elongation_m: float | None = None
-    """How far the membrane is stretched; None is the free tactor."""
+    """Elongation of the membrane; None: the free tactor."""
     added_mass_kg: float | None = None
-    """A given mass; None is the effective mass `m_add`, which is identified."""
+    """Mass in the cylinder; None: the effective mass `m_add`, which is identified."""
     peak_to_peak_m: Array | None = None
     peak_to_peak_errors_m: Array | None = None
     harmonics_m: Array | None = None
     """(F, K): peak amplitudes of orders 1..K, NaN where unknown."""
     harmonic_errors_m: Array | None = None
-    """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
+    """Standard error of each component of a harmonic: the sensor's noise, without repeatability; None: `errors_m`."""
     phase_errors_rad: Array | None = None
-    """Standard error of the phase, where it differs from the amplitude's; `errors_m` is then of the amplitude."""
+    """Standard error of the phase, if different from the amplitude's; `errors_m` then refers to the amplitude."""
     swept: bool = False
-    """Whether these are the lines of one sweep, not points that were driven one by one."""
+    """Whether these are the lines of one sweep instead of single dwells."""
     loop_share: Complex | None = None
-    """What a hysteresis of 1 adds to the volts on the specimen, as a share of them, (F,); None: as under a sine."""
+    """Addition of a hysteresis of 1 to the volts on the specimen, as a share of them, (F,); None: as under a sine."""
     order: float | None = None
-    """When it was measured among the others (any clock): the first and the last of a kind show drift."""
+    """Time of the measurement (any clock): the first and the last of a kind show drift."""
 
     def __post_init__(self) -> None:
         kind = "frequency response"
@@ -267,7 +267,7 @@ class FrequencyResponseObservation(_ObservationBase):
 class DecayPoleObservation(_ObservationBase):
     """First pole of the free tactor, from its free decay: undamped natural frequency and damping ratio.
 
-    A fit takes them as one complex number, `pole_hz`: its modulus is the frequency, its angle beyond a right one tells the damping.
+    A fit takes them as one complex number, `pole_hz`: its modulus is the frequency, its angle beyond 90 degrees gives the damping.
     """
 
     frequency_hz: Array
@@ -299,7 +299,7 @@ class MembraneSagObservation(_ObservationBase):
     deflection_m: Array
     errors_m: Array
     geometry: Membrane | None = None
-    """Geometry of the hanging strip; None: the specimen's membrane. Its E_m is not used."""
+    """Geometry of the hanging strip; None: the specimen's membrane. Its E_m is ignored."""
     load_n_per_m: float | None = None
     delta: float = 0.0
 
@@ -307,7 +307,7 @@ class MembraneSagObservation(_ObservationBase):
         self._validate_columns("membrane sag", ("deflection_m", "errors_m"), ("errors_m",), "deflection_m")
 
     def load_per_length(self, membrane: Membrane) -> float:
-        """N/m: what was given, or the weight of rubber."""
+        """N/m: the given load, or the weight of rubber."""
         return weight_per_length(self.geometry or membrane) if self.load_n_per_m is None else self.load_n_per_m
 
 
@@ -327,7 +327,7 @@ class ObservationSet:
     """All runs of one specimen that an identification uses.
 
     Raises:
-        ParameterError: no run, a run without a usable point, two of one label, or one common error described in two ways.
+        ParameterError: no run, a run without a usable point, two runs of one label, or different descriptions of one shared error.
     """
 
     runs: tuple[Observation, ...]
@@ -361,21 +361,21 @@ class ObservationSet:
 
     @property
     def simulated(self) -> bool:
-        """Whether any run is."""
+        """Whether a run is simulated."""
         return any(run.simulated for run in self.runs)
 
 
 def observed_values(run: Observation) -> tuple[Any, Array]:
-    """What a fit compares, real or complex, and its standard error, both (F,): usable points only."""
+    """Observed values, real or complex, and their standard errors, both (F,): usable points only."""
     values, errors = _columns(run)
     return getattr(run, values)[run.usable], getattr(run, errors)[run.usable]
 
 
 def over_errors(run: Observation, difference: Any) -> Array:
-    """Return differences (..., F) to the observed values, or slopes, over their standard errors, as a fit takes them.
+    """Return differences (..., F) to the observed values, or slopes, over their standard errors, in the form of a fit.
 
-    Real ones are (..., F); complex ones (..., 2 F): real parts and then imaginary parts, or amplitudes and then phases where
-    these have errors of their own.
+    Real values stay (..., F); complex values become (..., 2 F): real and then imaginary parts, or amplitudes and then phases if
+    the phases have errors of their own.
     """
     y, error = observed_values(run)
     if not np.iscomplexobj(y):

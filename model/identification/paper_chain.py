@@ -62,24 +62,25 @@ class PaperChainResult:
 
     @property
     def values(self) -> dict[str, float]:
-        """Everything that came out, by the names of `model.identification.parameters`."""
+        """All results, by the names of `model.identification.parameters`."""
         return {name: value for step in self.steps for name, value in step.values.items()}
 
 
 @dataclass(frozen=True)
 class PaperChainOptions:
-    """The choices the paper leaves open.
+    """Options that the paper leaves open.
 
     Attributes:
-        tactor, membrane: values of everything that is not identified.
+        tactor, membrane: values of parameters that are not identified.
         contact_length: as in `model.skin_model.skin`.
-        static_weight: weight of static loading in step 1, 1 minus it that of mass resonance. Each of the two distances is the
-            sum of squares over the sum of squares of the measured values; the paper does not give its weights, and with these
-            neither unit nor number of points decides. One half by default.
-        damping: "counted" compares measured peaks with the damped model's peaks, like with like, and goes round the steps
-            until c0 no longer changes k2. "neglected" is the paper's treatment, C = 0: it takes every peak for an undamped
-            frequency, 5 % off at a damping ratio of 0.21.
-        amplitude: "fundamental" of the sine fit, or half of "peak_to_peak" as the paper did. A run that has only one gives that.
+        static_weight: weight of static loading in step 1; mass resonance has 1 minus this weight. Each of the two distances is
+            the sum of squares over the sum of squares of the measured values; the paper does not state its weights, and these are
+            independent of units and numbers of points. One half by default.
+        damping: "counted" compares measured peaks with the damped model's peaks, like with like, and repeats the steps until c0
+            no longer changes k2. "neglected" is the paper's treatment, C = 0: every peak counts as undamped frequency, an error
+            of 5 % at a damping ratio of 0.21.
+        amplitude: "fundamental" of the sine fit, or half of "peak_to_peak" as in the paper. A run with only one of them is used
+            with it.
         amplifier, n: the amplifier's map, and the number of shape functions.
     """
 
@@ -111,7 +112,7 @@ def amplitudes(t: Tactor, f: Array, volts: Array, k_s: float = 0.0, c_s: float =
 
 
 def resonance_frequencies(t: Tactor, mass: Array, damped: Mask, n: int) -> tuple[Array, Array]:
-    """Resonance frequencies (Hz) for each added mass, of the peak where `damped`, and their slopes to k2."""
+    """Resonance frequencies (Hz) for each added mass, of the peak if `damped`, and their slopes to k2."""
     if not mass.size:
         return np.zeros(0), np.zeros(0)
     a = tactor_factors(t, mass, np.zeros_like(mass), np.zeros_like(mass))
@@ -130,16 +131,11 @@ def tactor_factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
 
 
 def measured_amplitudes(run: observed.FrequencyResponseObservation, prefer_peak_to_peak: bool) -> tuple[Array, Array]:
-    """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `prefer_peak_to_peak` takes half of max - min."""
+    """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `prefer_peak_to_peak` uses half of max - min."""
     prefer_peak_to_peak = run.fundamental_m is None or (prefer_peak_to_peak and run.peak_to_peak_m is not None)
     A = np.asarray(run.peak_to_peak_m) / 2 if prefer_peak_to_peak else np.abs(np.asarray(run.fundamental_m))
     order = np.argsort(run.frequency_hz[run.usable])
     return run.frequency_hz[run.usable][order], A[run.usable][order]
-
-
-def specimen_volts(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
-    """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
-    return np.asarray(np.abs(specimen_harmonic(run, amplifier))[np.argsort(run.frequency_hz[run.usable])])
 
 
 def average_deflections(runs: Sequence[observed.StaticLoadingObservation]) -> tuple[Array, Array]:
@@ -153,7 +149,7 @@ def average_deflections(runs: Sequence[observed.StaticLoadingObservation]) -> tu
 
 
 def parabola_vertex(x: Array, y: Array) -> tuple[float, float]:
-    """Abscissa and height of the parabola through three points, (3,) each; the middle one where it has no top."""
+    """Abscissa and height of the parabola through three points, (3,) each; the middle point if the parabola has no maximum."""
     u = x - x[1]
     a, b, c = np.linalg.solve(np.stack((u * u, u, np.ones(3)), axis=-1), y)
     if not a < 0:
@@ -169,7 +165,7 @@ PEAK_BAND_HZ = (100.0, 250.0)
 def identify_by_paper_chain(
     observations: observed.ObservationSet, options: PaperChainOptions | None = None
 ) -> PaperChainResult:
-    """Go through the steps that the runs allow; a step without runs keeps the value of `options`.
+    """Perform the steps that the runs allow; a step without runs keeps the value of `options`.
 
     Raises:
         PaperChainError: the runs of a step do not determine its parameter.
@@ -195,7 +191,7 @@ class _PaperIdentification:
             self.identify_stiffness()
             self.identify_coupling()
             self.identify_mass_and_damping()
-            # Only where peaks are damped does a later step, c0, reach back into the first.
+            # Only with damped peaks does a later step, c0, change the first step.
             if not (peaks and self.options.damping == "counted") or abs(self.tactor.k2 / k2 - 1) < 1e-8:
                 break
         self.identify_modulus()
@@ -233,8 +229,8 @@ class _PaperIdentification:
             t = replace(self.tactor, k2=k2)
             C = load_compliance(t)
             dC = (load_compliance(replace(t, k2=k2 * 1.00001)) - load_compliance(replace(t, k2=k2 * 0.99999))) / 2e-5
-            found, df = resonance_frequencies(t, mass, damped, self.options.n)
-            r = np.concatenate((ws * (C * load - w), wf * (found - f)))
+            resonances, df = resonance_frequencies(t, mass, damped, self.options.n)
+            r = np.concatenate((ws * (C * load - w), wf * (resonances - f)))
             J = np.concatenate((ws * dC * load, wf * df * k2))
             step = float(np.clip(-(J @ r) / (J @ J), -1, 1))
             k2 *= np.exp(step)
@@ -294,12 +290,12 @@ class _PaperIdentification:
     def _solve_mass_and_damping(
         self, f: Array, volts: Array, at_hz: float, height: float, label: str
     ) -> tuple[float, float]:
-        """Newton's method in the logarithms, from where the last round was or from the undamped mass."""
+        """Newton's method in the logarithms, from the last round or from the undamped mass."""
 
         def off(x: Array) -> Array:
             t = replace(self.tactor, m_add=float(np.exp(x[0])), c0=float(np.exp(x[1])))
-            found, high = parabola_vertex(f, amplitudes(t, f, volts, n=self.options.n))
-            return np.array([found / at_hz - 1, np.log(high / height)])
+            peak_hz, high = parabola_vertex(f, amplitudes(t, f, volts, n=self.options.n))
+            return np.array([peak_hz / at_hz - 1, np.log(high / height)])
 
         starts = [(self.tactor.m_add, self.tactor.c0)] if "c0" in self.steps else []
         masses = [self._mass_for(up * at_hz) for up in (1.03, 1.0, 1.06)] if not starts else [self.tactor.m_add]
@@ -352,7 +348,7 @@ class _PaperIdentification:
         return float(np.exp(brentq(off, low, high, xtol=1e-13)))
 
     def identify_modulus(self) -> None:
-        """Step 5: E_m such that the model sags as much as the mean of the measured sags."""
+        """Step 5: E_m whose sag in the model is the mean of the measured sags."""
         runs = self.observations.of_type(observed.MembraneSagObservation)
         if not runs:
             return
@@ -369,7 +365,7 @@ class _PaperIdentification:
         self.record_step("E_m", [r.label for r in runs], {"E_m": E_m}, f"E_m = {E_m / 1e6:.4g} MPa from the sag")
 
     def identify_skin_damping(self) -> dict[float, float]:
-        """Step 6: per elongation the c_s with which the model's largest amplitude in 100..250 Hz is the measured one."""
+        """Step 6: per elongation the c_s for which the model's largest amplitude in 100..250 Hz equals the measured one."""
         from scipy.optimize import brentq
 
         out: dict[float, float] = {}
@@ -442,7 +438,9 @@ class _PaperIdentification:
         return measured_amplitudes(run, self.options.amplitude == "peak_to_peak")
 
     def _specimen_volts(self, run: observed.FrequencyResponseObservation) -> Array:
-        return specimen_volts(run, self.options.amplifier)
+        """Peak volts of the fundamental on the specimen, (F,), in the order of `measured_amplitudes`."""
+        volts = np.abs(specimen_harmonic(run, self.options.amplifier))
+        return np.asarray(volts[np.argsort(run.frequency_hz[run.usable])])
 
     def _k_s(self, elongation: float) -> float:
         m, t = self.membrane, self.tactor

@@ -58,7 +58,7 @@ def _estimates(names: tuple[str, ...], S: Array, result: chain.PaperChainResult)
 def _linearize(
     campaign: observed.ObservationSet, forward: ForwardModel, theta: Array
 ) -> tuple[Array, Array, Array, Array, dict[str, slice]]:
-    """Measured, error, predicted, slopes (rows, P) of all runs, responses as amplitudes; and where each run is."""
+    """Measured, error, predicted, slopes (rows, P) of all runs, responses as amplitudes; and the slice of each run."""
     ys, errors, hs, Js, where, start = [], [], [], [], {}, 0
     for run, got in zip(campaign.runs, forward.predict(theta), strict=True):
         y, error = observed.observed_values(run)
@@ -84,7 +84,7 @@ def _write_step_weights(
     h: Array,
     slope: Array,
 ) -> None:
-    """Write into `a` (rows,) what one step weighs each row with."""
+    """Write the weights of one step into `a` (rows,)."""
     responses = campaign.of_type(observed.FrequencyResponseObservation)
     free = [r for r in responses if r.elongation_m is None and r.added_mass_kg is None]
     match name:
@@ -136,7 +136,7 @@ def _vertex_derivatives(f: Array, A: Array) -> Array:
 
 
 def _line_transform(names: tuple[str, ...], result: chain.PaperChainResult, line: tuple[str, ...]) -> Array:
-    """Takes the steps' parameters to themselves and to the line's intercept and slope."""
+    """Matrix from the steps' parameters to the same parameters and the line's intercept and slope."""
     extra = [n for n in line if n in result.values]
     T = np.vstack((np.eye(len(names)), np.zeros((len(extra), len(names)))))
     if not extra:

@@ -49,7 +49,7 @@ def parameter_spec(name: str, observations: observed.ObservationSet | None = Non
 
 
 def default_values(tactor: Tactor, membrane: Membrane, contact_length: float | None) -> dict[str, float | None]:
-    """Every own parameter with the value it has where nothing is identified; a contact length of None is L - L2."""
+    """Every parameter of the specimen with its value before identification; a contact length of None is L - L2."""
     return {**asdict(tactor), **asdict(membrane), "contact_length": contact_length, "asymmetry": 0.0}
 
 
@@ -83,7 +83,7 @@ def identifiable_parameters(observations: observed.ObservationSet, per_elongatio
 
 
 def validate_names(names: Iterable[str], observations: observed.ObservationSet) -> tuple[str, ...]:
-    """The names, each known and only once; raises ParameterError with a sentence."""
+    """The names, each valid and only once; raises ParameterError with a sentence."""
     out = tuple(names)
     for name in out:
         parameter_spec(name, observations)
@@ -95,7 +95,7 @@ def validate_names(names: Iterable[str], observations: observed.ObservationSet) 
 def start_value(name: str, base: Mapping[str, float | None]) -> float:
     """Return the default start of a fit: the present value; c_s from the line, 0 for shared errors."""
     if name in base:
-        value = base[name]  # None: the contact length that follows the geometry
+        value = base[name]  # None: the contact length follows from the geometry
         return float((base["L"] or 0) - (base["L2"] or 0) if value is None else value)
     if name in NONIDEALITIES:
         return float(NONIDEALITIES[name].default or 0.0)
@@ -108,7 +108,7 @@ def start_value(name: str, base: Mapping[str, float | None]) -> float:
 
 
 def typical_size(name: str, start: float) -> float:
-    """A typical size, positive: what "one hundred percent" means for this parameter."""
+    """A typical size, positive: one hundred percent of this parameter."""
     if start:
         return abs(start)
     if name in NONIDEALITIES:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model import Array, ParameterError
-from model.identification import parameters as known
-from model.identification.bounded_priors import near_limit, prior_moments
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitCancelled
 from model.identification.fit_result import JointFit
+from model.identification.priors import near_limit, prior_moments
 from model.identification.residuals import LeastSquaresProblem
 
 DRAWS = 1500
@@ -157,7 +157,7 @@ class _Proposal:
         r, J = self._evaluate(fit.theta)
         Q, self._R = np.linalg.qr(J)
         self._projection, self._start = Q.T, Q.T @ r
-        intervals = [known.parameter_spec(name, fit.observations).interval for name in fit.names]
+        intervals = [fit_parameters.parameter_spec(name, fit.observations).interval for name in fit.names]
         lowest = [next((float(x) for x in (i.ge, i.gt) if x is not None), -np.inf) for i in intervals]  # type: ignore[arg-type]
         highest = [next((float(x) for x in (i.le, i.lt) if x is not None), np.inf) for i in intervals]  # type: ignore[arg-type]
         self._lowest, self._highest = np.array(lowest), np.array(highest)

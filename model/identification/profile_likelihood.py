@@ -5,24 +5,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from model import Array, ParameterError
-from model.identification import parameters as known
+from model import ParameterError
+from model.identification import parameters as fit_parameters
 from model.identification.fit_result import JointFit, fit_cost
 from model.identification.joint_least_squares import CancelCheck, joint_fit
 
 
 @dataclass(frozen=True)
 class ProfileInterval:
-    """Interval of one parameter; an end is None where chi-square never rises enough: open on that side."""
+    """Interval of one parameter; an end is None if chi-square never rises enough on that side."""
 
     name: str
     coverage: float
     low: float | None
     high: float | None
-    values: Array
-    """Evaluated values, ascending."""
-    chi_square_rise: Array
-    """Chi-square above its least, each with all other parameters fitted again."""
 
 
 def profile_interval(
@@ -48,8 +44,7 @@ def profile_interval(
     low = profile.edge(-step)
     profile.restart()
     high = profile.edge(step)
-    values = np.array(sorted(profile.evaluated))
-    return ProfileInterval(name, coverage, low, high, values, np.array([profile.evaluated[v] for v in values]))
+    return ProfileInterval(name, coverage, low, high)
 
 
 class _Profile:
@@ -60,7 +55,7 @@ class _Profile:
         self._value = float(fit.theta[fit.names.index(name)])
         self._others = tuple(n for n in fit.free_parameters if n != name)
         self.evaluated = {self._value: 0.0}
-        """Rise by value."""
+        """Rise of chi-square by value of the parameter."""
         self.restart()
 
     def restart(self) -> None:
@@ -90,10 +85,10 @@ class _Profile:
         return repeat.cost + (0.0 if prior is None else ((v - prior[0]) / prior[1]) ** 2)
 
     def edge(self, reach: float) -> float | None:
-        """Return where chi-square has risen to the limit, searched in steps from `reach`, with its sign; None if nowhere."""
+        """Return the value with chi-square at the limit, searched in steps from `reach`, with its sign; None if there is none."""
         from scipy.optimize import brentq
 
-        inside, limit = self._value, known.parameter_spec(self._name, self._fit.observations)
+        inside, limit = self._value, fit_parameters.parameter_spec(self._name, self._fit.observations)
         for _ in range(12):
             v = self._value + reach
             if not bool(limit.is_valid(v)):
@@ -105,7 +100,7 @@ class _Profile:
 
 
 def _single_parameter_cost(fit: JointFit, value: float) -> float:
-    """Least cost with the only free parameter held at `value`: the shared errors, all but linear, take one step."""
+    """Minimum of the cost with the only free parameter held at `value`: the nearly linear shared errors take one step."""
     theta = fit.theta.copy()
     theta[0] = value
     rows, J = fit.problem.evaluate(theta)

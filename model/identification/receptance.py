@@ -1,8 +1,8 @@
 """Receptance of the beam with its exact derivatives to every factor of Eq. (14), for few frequencies and many parameters.
 
-Z = K - omega^2 M + i omega C is linear in the factors of the six Gram parts, so with Z x = N'(L1) and Z y = N(L), both from
-one factorisation, the response y . N'(L1) has the slopes -(y . part_j x). A fit needs some hundred frequencies a step and
-all slopes at once; there this is cheaper than poles, and it has no square roots that fail at unphysical trial values.
+Z = K - omega^2 M + i omega C is linear in the factors of the six Gram parts, so with Z x = N'(L1) and Z y = N(L), both from one
+factorisation, the response y . N'(L1) has the slopes -(y . part_j x). A fit needs some hundred frequencies a step and all slopes
+at once; for this it is cheaper than poles, and it has no square roots that fail at unphysical trial values.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,18 +20,18 @@ POLE_TOLERANCE = 1e-11
 
 
 Tilt = Callable[[Array], tuple[Array, Array]]
-"""Logarithmic slope over omega, s/rad, of a factor of the response, and the slope of that, at omega (R,)."""
+"""Logarithmic slope over omega, s/rad, of a factor of the response, and its derivative, at omega (R,)."""
 
 
 class Factors(NamedTuple):
-    """What multiplies the six Gram parts (w w over each segment, then w'' w''), each (..., 6), in M, C and K."""
+    """Factors of the six Gram parts (w w over each segment, then w'' w''), each (..., 6), in M, C and K."""
 
     M: Array
     C: Array
     K: Array
 
     def take_rows(self, index: NDArray[np.intp]) -> "Factors":
-        """The factors of the runs `index`, repeated where it repeats."""
+        """The factors of the runs `index`, repeated with it."""
         return Factors(self.M[index], self.C[index], self.K[index])
 
 
@@ -102,10 +102,10 @@ class ReceptanceSolver:
         return s, Factors(per * t * (s * s)[:, None], per * t * s[:, None], per * t)
 
     def resonance_peak(self, a: Factors, tilt: Tilt | None = None) -> tuple[Array, "Factors"]:
-        """Where |H| is largest near the first resonance: omega (R,), and its slopes to the factors M, C, K.
+        """Maximum of |H| near the first resonance: omega (R,), and its slopes to the factors M, C, K.
 
-        Newton's method on d|H|^2 / d omega; the slopes follow from the implicit function. A row that is damped so much
-        that it has no peak is given its undamped frequency. With a `tilt` it is |H| times a factor that is largest.
+        Newton's method on d|H|^2 / d omega; the slopes follow from the implicit function. A row too damped for a peak gets its
+        undamped frequency. With a `tilt` the maximum refers to |H| times a factor.
         """
         first, square_slopes = self.undamped_resonance(a)
         zeta = (square_slopes * a.C).sum(-1) / (2 * first)
@@ -118,12 +118,12 @@ class ReceptanceSolver:
             if np.abs(step).max() < 1e-11 * first.min():
                 break
         g, g_omega, slopes = self._peak_condition(a, omega, tilt)
-        found = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
-        omega = np.where(found, omega, first)
+        converged = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
+        omega = np.where(converged, omega, first)
         level = square_slopes / (2 * first[:, None])
         flat = Factors(-(first**2)[:, None] * level, 0 * level, level)
-        down = -1 / np.where(found, g_omega, 1.0)[:, None]
-        return omega, Factors(*(np.where(found[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
+        down = -1 / np.where(converged, g_omega, 1.0)[:, None]
+        return omega, Factors(*(np.where(converged[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
 
     def peak_slope(self, a: Factors, omega: Array, tilt: Tilt | None = None) -> tuple[Array, Array, Array]:
         """Half the slope of |H|^2 over omega at omega (R,), which is 0 at a peak, its own slope over omega, and |H|^2."""
@@ -152,7 +152,7 @@ class ReceptanceSolver:
         g, g_omega = g + steepness * size, g_omega + bend * size + 2 * steepness * g
 
         def slope(z: Any, z_omega: Any) -> Array:
-            """For a factor that adds z to Z and z_omega to its derivative to omega."""
+            """Slopes for a factor that adds z to Z and z_omega to its derivative to omega."""
             H_a, H1_a = -t * z, u * z - t * z_omega
             moved = H_a.conj() * H1[:, None] + H.conj()[:, None] * H1_a
             return np.asarray((moved + 2 * steepness[:, None] * H.conj()[:, None] * H_a).real)

@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 
 from model import Array
-from model.identification import parameters as known
-from model.identification.bounded_priors import near_limit, prior_moments
+from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
 from model.identification.observations import ObservationSet, observed_values, over_errors
+from model.identification.priors import near_limit, prior_moments
 
 PRIOR_REACH = 12.0
-"""Standard uncertainties that a value known beforehand may move: a ruler errs by no more, whatever a wrong model asks for."""
+"""Largest shift of a prior value in standard uncertainties: a ruler errs by no more, even if a wrong model needs it."""
 
 
 class LeastSquaresProblem:
@@ -33,7 +33,7 @@ class LeastSquaresProblem:
             observations, self.names, options.base_values(), options.tied, options.amplifier, options.n
         )
         base = options.base_values()
-        self.start = np.array([options.start.get(n, known.start_value(n, base)) for n in self.names])
+        self.start = np.array([options.start.get(n, fit_parameters.start_value(n, base)) for n in self.names])
         shared = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()}
         own_priors = {n: options.normal_priors.get(n) or prior_moments(n, prior) for n, prior in options.priors.items()}
         self.normal_priors = {n: own_priors[n] for n, prior in options.priors.items() if near_limit(n, prior)}
@@ -43,9 +43,9 @@ class LeastSquaresProblem:
         self.priors_by_name = shared | own_priors
         """Value and standard uncertainty of each prior, by the name of the parameter."""
         self.prior_count = len(self.priors)
-        """Rows at the end that are no residuals of runs."""
+        """Number of rows at the end that are no residuals of runs."""
         self._data = [observed_values(run)[0] for run in observations.runs]
-        limits = [known.parameter_spec(n, observations).interval for n in self.names]
+        limits = [fit_parameters.parameter_spec(n, observations).interval for n in self.names]
         self.logarithmic = np.array([i.gt == 0 for i in limits]) & (self.start > 0)
         self.lower_bounds = np.array([next((float(x) for x in (i.ge, i.gt) if x is not None), -np.inf) for i in limits])  # type: ignore[arg-type]
         self.upper_bounds = np.array([next((float(x) for x in (i.le, i.lt) if x is not None), np.inf) for i in limits])  # type: ignore[arg-type]

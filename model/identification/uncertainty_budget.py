@@ -18,7 +18,7 @@ INPUT_SOURCES: dict[ErrorTarget, str] = {
     "frequency": "frequencies",
     "rest": "drive before the runs",
 }
-"""Source of errors of single inputs, which are many: each weight, mass or level; and of drifts at rest."""
+"""Source of the many errors of single inputs: each weight, mass or level; and of drifts at rest."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class UncertaintyBudget:
 
     Attributes:
         names: the parameters, (P,).
-        sources: noise first, then shared errors of instruments, and prior values, (S,).
-        components: standard uncertainty of each parameter that each source contributes, (S, P).
+        sources: noise, shared errors of instruments, and prior values, (S,).
+        components: contribution of each source to the standard uncertainty of each parameter, (S, P).
     """
 
     names: tuple[str, ...]
@@ -37,12 +37,12 @@ class UncertaintyBudget:
 
     @property
     def statistical(self) -> Array:
-        """(P,): from the scatter of the points alone; more of the same points make it smaller."""
+        """(P,): from the scatter of the points; decreases with more points."""
         return np.asarray(self.components[0])
 
     @property
     def systematic(self) -> Array:
-        """(P,): from everything but scatter; more points do not make it smaller."""
+        """(P,): from all other sources; independent of the number of points."""
         return np.asarray(np.sqrt((self.components[1:] ** 2).sum(axis=0)))
 
     @property
@@ -52,7 +52,7 @@ class UncertaintyBudget:
 
     @property
     def shares(self) -> Array:
-        """(S, P): of the squared total; every column sums to 1."""
+        """(S, P): shares of the squared total; every column sums to 1."""
         squares = self.components**2
         total = squares.sum(axis=0)
         return np.asarray(squares / np.where(total > 0, total, 1.0))
@@ -61,8 +61,8 @@ class UncertaintyBudget:
 def uncertainty_budget(fit: JointFit) -> UncertaintyBudget:
     """Split the uncertainties of a fit's estimates by source.
 
-    An estimate is a weighted sum of the readings and of the prior values; the uncertainty of each of these is
-    multiplied by its weight. Errors of all runs, enlarged where their misfit is, are the statistical part.
+    An estimate is a weighted sum of the readings and of the prior values; the uncertainty of each of these is multiplied by its
+    weight. Errors of all runs, enlarged by their misfit, are the statistical part.
     """
     names = tuple(e.name for e in fit.estimates())
     at = [fit.names.index(name) for name in names]

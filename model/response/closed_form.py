@@ -91,7 +91,7 @@ def _constants(
     A[:, 10:12, 8:12] = end[2][:, [1, 3]]
     if excitation == "voltage":
         b[4] = -tactor.mu * tactor.L**2 / tactor.k2
-    else:  # k3 w'''(L) = -F/2: positive where the load pushes, the sign Eq. (7) has and Eq. (4b) has not
+    else:  # k3 w'''(L) = -F/2: positive in the direction of the load, the sign of Eq. (7) but not of Eq. (4b)
         b[11] = -0.5 * tactor.L**3 / tactor.k2
     size = np.abs(A).max(axis=-1)
     return np.linalg.solve(A / size[..., None], (b / size)[..., None])[..., 0].reshape(F, 3, 4)

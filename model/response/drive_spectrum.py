@@ -64,7 +64,7 @@ def _sine(amplitude: float, offset: float, amplifier: AmplifierMap, orders: int)
     middle = offset + amplitude * np.sin((edges[1:] + edges[:-1]) / 2)
     slope = np.where(middle < amplifier.rest_v, amplifier.slope_below, amplifier.slope_above)
     k = np.arange(-1, orders + 2)
-    E = _integral(k, edges)  # of exp(-i k theta) over each piece
+    E = _integral(k, edges)  # integral of exp(-i k theta) over each piece
     a, b = slope * (offset - amplifier.rest_v), slope * amplitude
     V = (a @ E[:, 1:-1] + b @ (E[:, :-2] - E[:, 2:]) / 2j) / np.pi
     V[0] /= 2

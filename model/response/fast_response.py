@@ -17,15 +17,11 @@ from model.response.periodic_response import PeriodicResponse
 
 HARMONIC_ORDERS = 48
 SAMPLES_PER_PERIOD = 256
-"""Of a period: more than five in the cycle of the highest harmonic."""
+"""Samples per period: more than five per cycle of the highest harmonic."""
 
 
 def response_curve(
-    specimen: Specimen,
-    frequency_hz: Array,
-    amplitude_v: float = 2.5,
-    amplifier: AmplifierMap | None = None,
-    n: int = 7,
+    specimen: Specimen, frequency_hz: Array, amplitude_v: float = 2.5, amplifier: AmplifierMap | None = None, n: int = 7
 ) -> PeriodicResponse:
     """Response to a sine of `amplitude_v` (peak, at the amplifier's input) around rest, with the fundamental only.
 
@@ -55,7 +51,7 @@ def operating_deflection_shape(
 ) -> Array:
     """Deflection w(x, t) over one period of the drive, m, without its mean over time; shape (phases, X).
 
-    `x` (X,) in m from the clamp; the first phase is where the input sine rises through rest.
+    `x` (X,) in m from the clamp; at the first phase the input sine rises through rest.
     """
     k, V = _drive_harmonics(amplitude_v, amplifier)
     omega = np.asarray(2 * np.pi * float(PERIODIC_FREQUENCY_SPEC.check(frequency_hz)) * k, np.float64)
@@ -71,7 +67,7 @@ def _centre_modal_form(specimen: Specimen, x: Array | None, n: int) -> ModalForm
 
 
 def _drive_harmonics(amplitude_v: float, amplifier: AmplifierMap | None) -> tuple[NDArray[np.int64], Complex]:
-    """Orders from 1 on that the amplifier makes, and their volts on the specimen."""
+    """Return the orders from 1 on that the amplifier generates, and their volts on the specimen."""
     map_ = amplifier or AmplifierMap()
     V = fourier_series("sine", amplitude_v, map_.rest_v, map_, HARMONIC_ORDERS)
     k = np.flatnonzero(np.abs(V) > 1e-9 * np.abs(V[1]))

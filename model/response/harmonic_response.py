@@ -1,6 +1,6 @@
 """Frequency response of the tactor from its poles: under a pure sine on the specimen, and under the amplifier's drive."""
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from annotated_types import Interval
@@ -10,7 +10,9 @@ from model import NO_SKIN, AmplifierMap, Array, Complex, ParameterSpec, Skin, Ta
 from model.beam import Matrices, ModalForm, gram, matrices, modal_form, receptance, shape_functions
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import Waveform, fourier_series
-from model.response.periodic_response import PeriodicResponse
+
+if TYPE_CHECKING:
+    from model.response.periodic_response import PeriodicResponse
 
 Excitation = Literal["voltage", "load"]
 
@@ -79,7 +81,7 @@ def amplifier_response(
     waveform: Waveform = "sine",
     n: int = 7,
     x: float | None = None,
-) -> PeriodicResponse:
+) -> "PeriodicResponse":
     """Response to `offset_v + amplitude_v * waveform` (volts, peak) at the amplifier's *input*.
 
     Raises:
@@ -91,8 +93,8 @@ def amplifier_response(
 
 
 SEPARATE_HZ = (20.0, 40.0, 80.0, 160.0)
-"""Bounds between which the frequencies of a curve are computed separately: harmonics are needed up to one frequency, the fewer
-the higher the drive's is."""
+"""Bounds of the frequency ranges of a curve that are computed separately: harmonics are needed up to a fixed frequency, fewer for
+a higher drive frequency."""
 
 
 def driven_amplitudes(
@@ -115,13 +117,15 @@ def driven_amplitudes(
     for number in np.unique(group):
         here = group == number
         V = fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, harmonic_orders(f[here]))
-        found = periodic_response(form, f[here], V)
-        whole[here], fundamental[here] = found.peak_to_peak, np.abs(found.fundamental)
+        response = periodic_response(form, f[here], V)
+        whole[here], fundamental[here] = response.peak_to_peak, np.abs(response.fundamental)
     return whole, fundamental
 
 
-def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> PeriodicResponse:
+def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> "PeriodicResponse":
     """Response of one `ModalForm` output to a series V_k (K + 1,) of specimen volts, at every frequency of `frequency_hz`."""
+    from model.response.periodic_response import PeriodicResponse  # modal forms need it not
+
     f = PERIODIC_FREQUENCY_SPEC.check(frequency_hz)
     k = np.arange(V.size)
     H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size)
@@ -142,7 +146,7 @@ def peak_to_peak(W: Complex) -> Array:
 
 
 def samples_per_period(orders: int) -> int:
-    """Samples of one period that resolve `orders` harmonics, a power of two."""
+    """Number of samples of one period that resolves `orders` harmonics, a power of two."""
     return max(1024, 8 << orders.bit_length())
 
 
@@ -155,7 +159,7 @@ def interpolated_maximum(w: Array) -> Array:
 
 
 def harmonic_orders(frequency_hz: Array) -> int:
-    """How many harmonics of the lowest frequency, of (F,) in Hz, matter: up to 6 kHz, at least 32, at most 512."""
+    """Number of relevant harmonics of the lowest of the frequencies, (F,), Hz: up to 6 kHz, at least 32, at most 512."""
     positive = frequency_hz[frequency_hz > 0]
     lowest = float(positive.min()) if positive.size else MAX_HARMONIC_HZ
     return int(np.clip(np.ceil(MAX_HARMONIC_HZ / lowest), 32, 512))
@@ -181,7 +185,7 @@ def check_position(tactor: Tactor, x: ArrayLike) -> Array:
 
 
 def output_rows(tactor: Tactor, x: ArrayLike, n: int = 7) -> Array:
-    """Rows that take generalised coordinates to w(x), shape (*x.shape, n)."""
+    """Rows that transform generalised coordinates into w(x), shape (*x.shape, n)."""
     l1, l2 = tactor.L1 / tactor.L, tactor.L2 / tactor.L
     N = shape_functions(check_position(tactor, x) / tactor.L, l1, l2, n)
     return np.moveaxis(N, 0, -1) @ gram(l1, l2, n).basis.T

@@ -1,8 +1,8 @@
-"""Hysteresis and creep of the MFC: what they add to the response under a sine.
+"""Hysteresis and creep of the MFC in the response to a sine.
 
 Creep is a compliance that grows with the logarithm of time, so that its factor of the response is complex and falls with the
 frequency. Hysteresis follows Rayleigh's law: at full drive a share `hysteresis` of the deflection comes late, in proportion to
-the drive. Both are none at the time of 100 Hz and for a small drive, to which stiffness and moment refer.
+the drive. Stiffness and moment refer to the time of 100 Hz and a small drive, where both are zero.
 """
 
 from dataclasses import replace
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 REFERENCE_S = 1 / (2 * np.pi * 100)
 """Time at which creep is zero by definition: the time constant of 100 Hz, near the resonance."""
 LOOP_SAMPLES = 2048
-"""Of a period, for the harmonics that hysteresis makes."""
+"""Samples per period, for the harmonics of hysteresis."""
 DIFFERENT_DRIVES = 4096
-"""Drives of which the harmonics are kept: each point of a dwell has its own, as it was measured."""
+"""Number of drives with cached harmonics: each point of a dwell has its own measured drive."""
 
 
 def crept_response(creep: Any, omega: Any) -> Any:
@@ -48,9 +48,9 @@ def loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float)
 
 
 def loop_share(volts: Array, lines: NDArray[np.int_], amplifier: AmplifierMap) -> Complex:
-    """Return what a hysteresis of 1 adds to lines of the spectrum, (F,), as a share of the volts on the specimen there.
+    """Return the addition of a hysteresis of 1 to lines of the spectrum, (F,), as a share of the volts on the specimen.
 
-    `volts` (N,) are one period at the amplifier's input, which begins at rest; line 1 has that period.
+    `volts` (N,) are one period at the amplifier's input, which begins at rest; line 1 has this period.
     """
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
     driven = amplifier.specimen_v(volts)
@@ -68,8 +68,8 @@ def lag_factor(
 ) -> Complex:
     """Return the complex factor of the fundamental under a sine at the amplifier's input, (..., F).
 
-    `hysteresis` and `creep` are numbers or arrays (...,) of parameter sets; the offset is rest unless it is given. Max - min is
-    larger by the magnitude of the factor, but for the third harmonic of hysteresis, a fiftieth of its contribution.
+    `hysteresis` and `creep` are numbers or arrays (...,) of parameter sets; the offset is rest by default. Max - min is larger by
+    the magnitude of the factor, apart from the third harmonic of hysteresis, a fiftieth of its contribution.
     """
     map_ = amplifier or AmplifierMap()
     drive = (map_, float(amplitude_v), float(map_.rest_v if offset_v is None else offset_v))

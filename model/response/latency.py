@@ -36,7 +36,7 @@ def step_response(
 def unit_step(form: ModalForm, t: Array) -> Array:
     """sum_k r_k (exp(s_k t) - 1) / s_k for one output, shape of t."""
     s, r = form
-    above = s.imag >= 0  # one of each conjugate pair is enough
+    above = s.imag >= 0  # one pole of each conjugate pair suffices
     s, r = s[above], np.where(s.imag > 0, 2.0, 1.0)[above] * r[above]
     return np.asarray((np.expm1(np.multiply.outer(t, s)) @ (r / s)).real)
 
@@ -61,7 +61,7 @@ TIME_POINTS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Times in s from the beginning of the drive; None where it never happens."""
+    """Times in s from the begin of the drive; None for an event that does not occur."""
 
     final_m: float
     """Static deflection after a step; steady peak amplitude of the fundamental after a sine's onset."""
@@ -69,16 +69,16 @@ class Latency:
     rise_s: float | None
     """10 % to 90 % of `final_m`."""
     settling_s: float | None
-    """After this the response stays within the tolerance of `final_m`."""
+    """Time after which the response stays within the tolerance of `final_m`."""
     overshoot: float
     """Largest excess over `final_m`, as a fraction of it."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedLatency:
-    """A published time of another kind of haptic actuator, in s, and where it is from.
+    """A published time of another kind of haptic actuator, in s, with its source.
 
-    All of them are times to (nearly) the full vibration, not to 50 um: the rise of a sine's onset is what compares with them.
+    All of them are times to (nearly) the full vibration, not to 50 um: they compare with the rise of a sine's onset.
     """
 
     actuator: str
@@ -151,8 +151,8 @@ def sine_latency(
 ) -> Latency:
     """Latency of the centre after the onset of a sine at the amplifier's input (volts, peak).
 
-    The threshold is met by the deflection itself, with the amplifier's harmonics; rise, settling and overshoot are those of
-    the fundamental's envelope.
+    The threshold is met by the deflection itself, with the amplifier's harmonics; rise, settling and overshoot refer to the
+    fundamental's envelope.
 
     Raises:
         ParameterError: frequency <= 0, a drive outside the amplifier's range, threshold <= 0, tolerance outside 0..1.
@@ -214,7 +214,7 @@ def _last_crossing(w: Callable[[Array], Array], t: Array, outside: Mask, level: 
 
 
 def _bisect_crossing(w: Callable[[Array], Array], a: float, b: float, level: float) -> float:
-    """Where w crosses `level` between a and b, by bisection to the last digits that matter."""
+    """Return the time at which w crosses `level` between a and b, by bisection to the relevant digits."""
     rising = w(np.array([b]))[0] >= level
     for _ in range(50):
         middle = (a + b) / 2

@@ -25,9 +25,9 @@ class PerceptionThreshold:
 
     Attributes:
         frequency_hz, amplitude_m: the points, rising in frequency.
-        label: where it holds.
-        source: of the figures.
-        unproven: what of them has no source; empty if all has.
+        label: body site.
+        source: origin of the points.
+        unproven: part of the points without a source; empty if there is none.
 
     Raises:
         ParameterError: no points, lengths that differ, frequencies that do not rise, or a value that is not positive.
@@ -41,7 +41,7 @@ class PerceptionThreshold:
 
     @property
     def marked_label(self) -> str:
-        """Label, marked where something is unproven."""
+        """Label, with a mark if a part is unproven."""
         return self.label + (" (UNPROVEN)" if self.unproven else "")
 
     @property
@@ -51,7 +51,7 @@ class PerceptionThreshold:
 
     @property
     def description(self) -> str:
-        """Label, source, and what is unproven."""
+        """Label, source, and unproven part."""
         doubt = f"; UNPROVEN: {self.unproven}" if self.unproven else ""
         return f"{self.label} ({self.source}{doubt})"
 
@@ -79,7 +79,7 @@ ABDOMEN_THRESHOLD = PerceptionThreshold(
 
 
 UNCOMFORTABLE_SOURCE = "paper, Sec. I, ref. [22]: over about 200 to 250 Hz"
-"""It is a band of frequencies: no source of an amplitude was found."""
+"""A band of frequencies without amplitude: no published amplitude is known."""
 
 
 def _sloped(frequency_hz: tuple[float, ...], db: tuple[float, ...], lowest_m: float) -> tuple[float, ...]:
@@ -108,15 +108,15 @@ SITES = {
         "the level, 1 µm peak at 220 Hz, and the course below 40 Hz",
     ),
 }
-"""Thresholds by body site. Where no source of a level was found, the level is marked; a laboratory gives its own curve as a file."""
+"""Thresholds by body site. A level without a source is marked; a laboratory provides its own curve as a file."""
 
 
 def perception_margin(
     frequency_hz: ArrayLike, amplitude_m: ArrayLike, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
 ) -> Array:
-    """Amplitude over threshold, 1 where it is just felt; shape of `frequency_hz`.
+    """Amplitude over threshold, 1 at the limit of perception; shape of `frequency_hz`.
 
-    The paper sets its measured amplitude, max - min, against the 50 um; give max - min for the other sites, too.
+    The paper compares its measured amplitude, max - min, with 50 um; give max - min for the other sites, too.
     """
     return np.asarray(np.abs(amplitude_m) / threshold.amplitude_at(frequency_hz))
 

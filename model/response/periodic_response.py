@@ -14,13 +14,13 @@ class PeriodicResponse:
 
     frequency_hz: Array
     harmonics: Complex
-    """(F, orders + 1), as far as they were computed; order 0 is the real mean deflection, NaN if it was not."""
+    """(F, orders + 1), the computed harmonics; order 0 is the real mean deflection, NaN if not computed."""
     peak_to_peak: Array
     """(F,): max - min of the response with all harmonics superposed, the paper's measured amplitude."""
 
     @property
     def fundamental(self) -> Complex:
-        """(F,): peak amplitude and phase relative to the input sine, what a sine fit of the data gives."""
+        """(F,): peak amplitude and phase relative to the input sine, as from a sine fit of the data."""
         return self.harmonics[:, 1]
 
     @property
@@ -30,5 +30,5 @@ class PeriodicResponse:
 
     @classmethod
     def of_fundamental(cls, frequency_hz: Array, fundamental: Complex, peak_to_peak: Array) -> Self:
-        """Return a response whose other harmonics were not computed."""
+        """Return a response without other computed harmonics."""
         return cls(frequency_hz, np.stack([np.full(frequency_hz.size, np.nan), fundamental], axis=1), peak_to_peak)

@@ -12,17 +12,18 @@ from model.response.harmonic_response import frequency_response
 DEFAULT_ACCURACY = 1e-3
 """Largest deviation of the complex response from the closed form, over the response."""
 HIGHEST_HZ = 500.0
-"""The response is compared from 1 Hz up to here, or to the highest frequency that is asked for."""
+"""Upper end of the comparison, which begins at 1 Hz; the highest requested frequency if that is higher."""
 COMPARED_FREQUENCIES = 250
 SHAPE_STEPS = (7, 10, 14, 20, 28, 40, 60, 80, 120)
-"""The paper's number first."""
+"""Candidate numbers, the paper's first."""
 HERMITE_STEPS = (11, 17, 23, 29, 35, 47, 59, 83, 119)
-"""Unknowns of Hermite elements: at equal accuracy they take 0.3 to 0.65 of the time of the paper's shape functions beyond 7."""
+"""Numbers of unknowns of Hermite elements: at equal accuracy 0.3 to 0.65 of the time of more than 7 of the paper's shape
+functions."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShapeChoice:
-    """A number of shape functions and how far their response is from the closed form."""
+    """A number of shape functions, and the deviation of their response from the closed form."""
 
     n: int
     error: float
@@ -32,22 +33,22 @@ class ShapeChoice:
 
     @property
     def accurate(self) -> bool:
-        """Whether the response is as accurate as it was asked for."""
+        """Whether the response has the requested accuracy."""
         return self.error <= self.accuracy
 
     def describe(self) -> str:
         """Return number, error and accuracy as text."""
-        what = f"Hermite elements with {self.n} unknowns" if self.hermite else f"{self.n} shape functions"
+        basis = f"Hermite elements with {self.n} unknowns" if self.hermite else f"{self.n} shape functions"
         if not self.error < 1:
             return (
-                f"CAUTION: {what} do not follow the closed form with these parameters: the response is wrong; "
+                f"CAUTION: {basis} do not follow the closed form with these parameters: the response is wrong; "
                 "correct the value that is far from the paper's"
             )
         error = f"within {100 * self.error:.2g} % of the closed form from 1 to {self.highest_hz:g} Hz"
         if self.accurate:
-            return f"{what}: the response is {error}"
+            return f"{basis}: the response is {error}"
         return (
-            f"CAUTION: with {what} the response is only {error}, and {100 * self.accuracy:.2g} % is asked for; "
+            f"CAUTION: with {basis} the response is only {error}, and {100 * self.accuracy:.2g} % is requested; "
             "choose more of them, or leave their number to the program"
         )
 
@@ -60,9 +61,9 @@ def choose_shapes(
     highest_hz: float = HIGHEST_HZ,
     hermite: bool = False,
 ) -> ShapeChoice:
-    """Return the smallest number of `SHAPE_STEPS` that is accurate, or how accurate a given `n` of them is.
+    """Return the smallest accurate number of `SHAPE_STEPS`, or the accuracy of a given `n`.
 
-    With `hermite` the choice beyond the paper's number is of `HERMITE_STEPS`. The largest number is returned where none is accurate.
+    With `hermite` the candidates beyond the paper's number are `HERMITE_STEPS`. If none is accurate, the largest is returned.
 
     Raises:
         ParameterError: the accuracy is not between 1e-9 and 1, or n is outside 3..300.

@@ -15,12 +15,7 @@ from model import AmplifierMap, Complex, ParameterError, Skin, Tactor
 from model.beam import receptance
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import check_input_range
-from model.response.harmonic_response import (
-    check_frequency,
-    harmonic_orders,
-    peak_to_peak,
-    tactor_modal_form,
-)
+from model.response.harmonic_response import check_frequency, harmonic_orders, peak_to_peak, tactor_modal_form
 from model.response.periodic_response import PeriodicResponse
 
 
@@ -36,14 +31,14 @@ def square_wave_response(
     skin: Skin | None = None,
     n: int = 7,
 ) -> PeriodicResponse:
-    """Response at the centre to a square wave with RC edges; time and phases count from where it rises through its offset.
+    """Response at the centre to a square wave with RC edges; time and phases begin where the wave rises through its offset.
 
     Args:
         tactor: the specimen.
         frequency_hz: (F,) or one.
-        amplitude_v: distance of the two levels that it relaxes to from `offset_v`, volts at the input.
-        offset_v: middle of the two levels.
-        duty: fraction of the period in which it relaxes to the upper level.
+        amplitude_v: distance of both final levels from `offset_v`, volts at the input.
+        offset_v: mean of both final levels.
+        duty: fraction of the period with relaxation to the upper level.
         edge_s: time constant of the edges in seconds.
         amplifier: static map of the amplifier.
         skin: skin on the tactor, if any.
@@ -91,7 +86,7 @@ def square_wave_series(
         )
     check_input_range(offset_v + lowest, offset_v + highest, amplifier)
     V = np.zeros(orders + 1, complex)
-    begin = -edge_s * math.log(1 - lowest / amplitude_v)  # of the rising edge
+    begin = -edge_s * math.log(1 - lowest / amplitude_v)  # time of the rising edge
     for start, length, level, at_start in (
         (begin, duty * period, amplitude_v, lowest),
         (begin + duty * period, (1 - duty) * period, -amplitude_v, highest),

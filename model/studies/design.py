@@ -10,23 +10,23 @@ from model.response import natural_frequencies, response_curve
 from model.studies.uncertainty import EstimateSet, linear_band
 
 LIGHTEST_KG, HEAVIEST_KG, TRIED_MASSES = 1e-4, 0.2, 40
-"""Added masses between which one is sought, and how many are tried first."""
+"""Range of the search for an added mass, and number of first trials."""
 
 NEAR = 0.7, 1.4
-"""Multiples of the answer between which the answer for slightly different parameters is sought first."""
+"""Multiples of the result that bracket the first search for slightly different parameters."""
 
 SLOPE_SHARE = 1e-3
-"""Relative distance from the frequency at which the slope of the response is taken."""
+"""Relative distance from the frequency for the slope of the response."""
 
 FULL_AMPLITUDE_V = 2.5
 
 MassFunction = Callable[[float], float]
-"""Of the added mass, kg: positive while the resonance lies above the frequency asked for."""
+"""Function of the added mass, kg: positive while the resonance lies above the requested frequency."""
 
 
 @dataclass(frozen=True, slots=True)
 class DesignAnswer:
-    """A value and its standard error, SI; the error is None where no estimates are given."""
+    """A value and its standard error, SI; the error is None without estimates."""
 
     value: float
     standard_error: float | None
@@ -35,13 +35,13 @@ class DesignAnswer:
 def required_mass(
     specimen: Specimen, frequency_hz: float, estimates: EstimateSet | None = None, undamped: bool = False, n: int = 7
 ) -> DesignAnswer:
-    """Return the moving added mass that brings the resonance to a frequency.
+    """Return the moving added mass for a resonance at a frequency.
 
     Args:
-        specimen: with any added mass.
-        frequency_hz: of the largest fundamental under a sine of constant amplitude.
-        estimates: of its parameters, with their covariance; an added mass among them does not count.
-        undamped: whether the undamped natural frequency of the first mode is meant instead; damping lowers the peak.
+        specimen: specimen with any added mass.
+        frequency_hz: frequency of the largest fundamental under a sine of constant amplitude.
+        estimates: estimates of the specimen's parameters with covariance; an added mass among them is ignored.
+        undamped: use the undamped natural frequency of the first mode instead; damping lowers the peak.
         n: number of shape functions.
 
     Raises:
@@ -67,8 +67,8 @@ def required_drive(
 ) -> DesignAnswer:
     """Return the sine around rest, volts peak to peak at the amplifier's input, for a max - min of the displacement.
 
-    The response is proportional to a sine around rest, because the amplifier has one slope to either side of it. The answer may be
-    more than the amplifier takes.
+    The response is proportional to a sine around rest, because the amplifier has one slope on each side of it. The result may
+    exceed the amplifier's input range.
 
     Raises:
         ParameterError: a frequency or an amplitude that is not positive.
@@ -111,7 +111,8 @@ def _sought_mass(above: MassFunction, frequency_hz: float, expected_kg: float | 
             return float(brentq(above, low, high, xtol=1e-9))
     masses_kg = np.geomspace(LIGHTEST_KG, HEAVIEST_KG, TRIED_MASSES)
     rises = np.array([above(mass) > 0 for mass in masses_kg])
-    last = np.flatnonzero(rises[:-1] & ~rises[1:])  # a light tactor is so damped that its response falls from the start
+    # A light tactor can be so damped that its response falls from the start.
+    last = np.flatnonzero(rises[:-1] & ~rises[1:])
     if not last.size:
         span = f"no added mass from {1e3 * LIGHTEST_KG:g} to {1e3 * HEAVIEST_KG:g} g gives a resonance at {frequency_hz:g} Hz"
         if rises[-1]:

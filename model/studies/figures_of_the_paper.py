@@ -1,23 +1,13 @@
 """The theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11 and 12 as data.
 
-Their captions say where the text and the equations differ; plots and exports add nothing to them.
+Their captions state differences of text and equations; plots and exports add nothing to them.
 """
 
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from model import (
-    GRAVITY,
-    NONIDEAL_NAMES,
-    AmplifierMap,
-    Membrane,
-    Series,
-    Specimen,
-    Tactor,
-    beams,
-    replace_variables,
-)
+from model import GRAVITY, NONIDEAL_NAMES, AmplifierMap, Membrane, Series, Specimen, Tactor, beams, replace_variables
 from model.response import load_compliance, natural_frequencies_of, voltage_gain
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 
@@ -63,7 +53,7 @@ def figure5(t: Tactor) -> PaperFigure:
             Series(mass, literal, label="eta = m_add / (L - L2), the text's words"),
         ),
         "Fundamental frequency without damping. The text takes eta as added mass over the length of the third segment; only with "
-        "half of it, since the cylinder sits on both halves of the beam, does 7.73 g resonate near 160 Hz as the text says.",
+        "half of it, since the cylinder sits on both halves of the beam, does 7.73 g resonate near 160 Hz as the text states.",
     )
 
 
@@ -181,7 +171,7 @@ def _frequency_figure(name: str, curves: tuple[Series, ...], caption: str) -> Pa
 
 
 def paper_figures(tactor: Tactor | None = None, membrane: Membrane | None = None) -> tuple[PaperFigure, ...]:
-    """All of them; Fig. 9 as six panels. With other parameters than Table I's the captions say so."""
+    """All figures; Fig. 9 as six panels. Captions state parameters that differ from Table I."""
     t, m = tactor or Tactor(), membrane or Membrane()
     drawn = (
         figure4(t),

@@ -60,7 +60,7 @@ class StudyResult:
 
 
 CACHED_MB = 8.0
-"""Size of the intermediate arrays of the sets that are computed at a time: larger ones leave the processor's cache, at 1.3 times the time."""
+"""Size of the intermediate arrays of one computation; larger arrays exceed the processor's cache and take 1.3 times as long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,19 +109,21 @@ class Study:
     @property
     def axes(self) -> tuple[Axis, ...]:
         """The variables, then frequency."""
-        known = variable_specs()
-        named = (Axis(name, known[name].unit, tuple(values)) for name, values in self.vary.items())
+        specs = variable_specs()
+        named = (Axis(name, specs[name].unit, tuple(values)) for name, values in self.vary.items())
         return (*named, Axis("frequency", "Hz", self.frequency_hz))
 
     @property
     def title(self) -> str:
         """Definition of a study."""
-        what = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[self.measure]
-        return f"{what} of the centre over {', '.join(axis.name for axis in self.axes)}"
+        quantity = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[
+            self.measure
+        ]
+        return f"{quantity} of the centre over {', '.join(axis.name for axis in self.axes)}"
 
     @property
     def fixed(self) -> dict[str, float]:
-        """Fixed parameters by name, SI, without those that follow from a variable."""
+        """Fixed parameters by name, SI, without parameters that a variable determines."""
         specimen, follows = self.specimen, set()
         if specimen.membrane is not None:
             follows = {name for name in ("k_s", "c_s") if getattr(specimen, name) is None}
@@ -131,7 +133,7 @@ class Study:
 
     @property
     def chunk_size(self) -> int:
-        """Parameter sets computed at a time, such that their intermediate arrays stay below `memory_mb`."""
+        """Number of parameter sets per computation whose intermediate arrays stay below `memory_mb`."""
         points = len(self.frequency_hz)
         samples = 0
         if self.measure == "peak_to_peak":
@@ -143,7 +145,7 @@ class Study:
     def chunks(self, executor: Executor | None = None, in_flight: int = 8) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield (index of the first set, values (sets, F)) in order, each computed on demand.
 
-        With an executor at most `in_flight` chunks are handed out beyond the one being read; closing the iterator cancels them.
+        With an executor at most `in_flight` chunks are submitted in advance; closing the iterator cancels them.
         """
         total = prod(self.shape)
         starts = iter(range(0, total, self.chunk_size))

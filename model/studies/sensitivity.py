@@ -22,7 +22,7 @@ class Sensitivity:
     first_order: Array
     """(outputs, variables): share of the variance that the variable explains alone."""
     total_order: Array
-    """(outputs, variables): share that would vanish if the variable were known."""
+    """(outputs, variables): share that would vanish with a fixed variable."""
 
 
 def sobol_indices_of(

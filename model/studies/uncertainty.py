@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from model import Array, Mask, ParameterError, ParameterSpec, variable_specs
 
 ParameterizedCurve = Callable[[Mapping[str, Array]], Array]
-"""Takes arrays of P values by name and gives P curves, (P, F)."""
+"""Function from arrays of P values by name to P curves, (P, F)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,18 +25,18 @@ class EstimateSet:
     covariance: Array
     """(P, P), in the units of the values."""
     specs: Mapping[str, ParameterSpec] = field(default_factory=variable_specs, repr=False)
-    """What the values may be, by name: the variables of the model unless further ones are known."""
+    """Permitted values by name; default: the variables of the model."""
 
     def __post_init__(self) -> None:
-        known = self.specs
+        specs = self.specs
         if len(self.names) != len(self.values):
             raise ParameterError(
                 f"estimates have {len(self.names)} names but {len(self.values)} values: give one value each"
             )
         for name, value in zip(self.names, self.values, strict=True):
-            if name not in known:
-                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
-            known[name].check(value)
+            if name not in specs:
+                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(specs)}")
+            specs[name].check(value)
         S = np.asarray(self.covariance, float)
         expected = (len(self.names), len(self.names))
         if S.shape != expected:
@@ -51,7 +51,7 @@ class EstimateSet:
             )
 
     def without(self, names: Collection[str]) -> "EstimateSet | None":
-        """Return the estimates but for some names; None if there are no others."""
+        """Return the estimates without some names; None if nothing is left."""
         at = [i for i, name in enumerate(self.names) if name not in names]
         if not at:
             return None

@@ -1,4 +1,4 @@
-"""Aspects of the built-in protocols: a module for each, of the same name as in `protocols.measurements`."""
+"""Aspects of the built-in protocols: one module each, named as in `protocols.measurements`."""
 
 import lazy_loader
 

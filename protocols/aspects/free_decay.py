@@ -1,12 +1,18 @@
 """Aspects of the protocol `free-decay`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.identification import DecayPoleObservation, Observation
-from protocols.aspects.run_points import RunPoints
+from model import identification
 from protocols.base import Aspects
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 
 class FreeDecayAspects(Aspects):
@@ -20,7 +26,7 @@ class FreeDecayAspects(Aspects):
         good &= (errors > 0) & (damping_errors > 0) & (damping < 1)
         if good.any():
             filled = (np.where(good, column, 0.5) for column in values)
-            yield DecayPoleObservation(points.label, *filled, good=good, **points.common_arguments())
+            yield identification.DecayPoleObservation(points.label, *filled, good=good, **points.common_arguments())
 
 
 ASPECTS = FreeDecayAspects()

@@ -1,4 +1,4 @@
-"""Guard around the aspects of a laboratory's protocol: an error of its code is a sentence, and does not end a list of runs."""
+"""Guard around the aspects of a laboratory's protocol: an error of its code becomes a sentence, and does not end a list of runs."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -59,5 +59,5 @@ class _GuardedAspects:
 
 
 def guarded_aspects(aspects: Aspects, protocol: str) -> Aspects:
-    """Return the aspects with methods that raise AspectsError in the place of an unexpected error."""
+    """Return the aspects with methods that raise AspectsError instead of an unexpected error."""
     return cast("Aspects", _GuardedAspects(aspects, protocol))

@@ -1,17 +1,22 @@
 """Aspects of the protocol `latency`."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from model import SeriesAxis, quantity_label
-from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigure
-from protocols.runfile import RunRecord
+
+if TYPE_CHECKING:
+    from protocols.aspects.run_points import RunPoints
+    from protocols.runfile import RunRecord
 
 FELT = "latency"
-"""How the names of times to the threshold begin."""
+"""Prefix of the names of times to the threshold."""
 BETWEEN = "rise_time, after a step"
-"""How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
+"""Prefixes of the names of times between two moments of a response, which the sensor's delay does not shift."""
 
 TIMES_NOTE = (
     "± total standard uncertainty, with the sensor's gain and delay. A step's times count from the centroid of its "
@@ -27,8 +32,8 @@ class OnsetLatencyAspects(Aspects):
     def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterator[RunFigure]:
         """Yield the estimates with the sensor's delay and gain in their total uncertainty.
 
-        An error of the delay shifts all times from an onset. An error of the gain moves the threshold, which the displacement
-        reaches at the measured speed; shares of the final value do not depend on it.
+        An error of the delay shifts all times from an onset. An error of the gain shifts the threshold, which the displacement
+        reaches at the measured speed; shares of the final value are independent of the gain.
         """
         sensor, threshold_m = run.sensor, float(run.parameters["threshold_m"])
         speeds = {f.name.rpartition(", ")[2]: f.value for f in estimates if f.unit == "m/s"}
@@ -41,16 +46,13 @@ class OnsetLatencyAspects(Aspects):
             yield figure._replace(total=math.hypot(figure.total, delay_s, moved_s))
 
     def figures(self, points: RunPoints) -> Iterator[Figure]:
-        """Yield the responses after an onset, and the times against the frequency beside the times of other actuators."""
+        """Yield the responses after an onset, and the times over the frequency beside the times of other actuators."""
         from model.response import PUBLISHED_LATENCIES  # slow to import
 
         threshold_m = float(points.run.record.parameters["threshold_m"])
         yield Figure(lines=points.run.series(), levels=(-threshold_m, threshold_m))
         x = SeriesAxis("frequency", "Hz", "frequency of the sine, a step at 0")
-        columns = (
-            ("latency", f"time to {1e6 * threshold_m:g} µm"),
-            ("rise", "rise: step 10 to 90 %, sine to 90 %"),
-        )
+        columns = (("latency", f"time to {1e6 * threshold_m:g} µm"), ("rise", "rise: step 10 to 90 %, sine to 90 %"))
         times = tuple(points.series(x, SeriesAxis(name, "s", "time"), label) for name, label in columns)
         spans = (
             ReferenceSpan(each.low_s, each.high_s, f"{each.actuator}: {each.meaning}") for each in PUBLISHED_LATENCIES

@@ -1,15 +1,20 @@
 """Aspects of the protocol `mass-resonance`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import Array, SeriesAxis
-from model.identification import MassResonanceObservation, Observation, resonance_frequencies
-from protocols.aspects.run_points import RunPoints
+from model import Array, SeriesAxis, identification
 from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.base import Figure, ImportColumn, ImportForm, ModelState
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 
 class MassResonanceAspects(RunningSweepAspects):
@@ -18,7 +23,7 @@ class MassResonanceAspects(RunningSweepAspects):
     import_form = ImportForm(
         columns=(
             ImportColumn("mass", "kg", "added mass", ("m", "addedmass", "masse"), (1e-5, 0.1), 0.0),
-            ImportColumn("frequency", "Hz", "where the response is largest: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0), 0.0, True),
+            ImportColumn("frequency", "Hz", "frequency of the largest response: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0), 0.0, True),
             ImportColumn("natural_frequency", "Hz", "undamped natural frequency", ("undampedfrequency", "eigenfrequency"), (1.0, 2000.0), 0.0, True),
         ),
         required=(("mass",), ("frequency", "natural_frequency")),
@@ -47,7 +52,7 @@ class MassResonanceAspects(RunningSweepAspects):
         frequency, errors = columns[peak], columns[f"{peak}_errors"]
         good = points.good & (errors > 0) & np.isfinite(frequency)
         masses = points.input_errors("mass", "mass", good, f"{points.label}, mass of {{}} kg")
-        yield MassResonanceObservation(
+        yield identification.MassResonanceObservation(
             points.label,
             columns["mass"],
             frequency,
@@ -59,13 +64,13 @@ class MassResonanceAspects(RunningSweepAspects):
 
 
 def _frequency_column(points: RunPoints) -> str:
-    """Return the column of the largest response; of the fitted mode where a table has only this."""
+    """Return the column of the largest response; of the fitted mode if a table has no other."""
     return "frequency" if np.isfinite(points.columns["frequency"]).any() else "natural_frequency"
 
 
 def _resonance(state: ModelState, mass_kg: Array, peak: bool) -> Array:
     acting, damped = state.acting_mass(mass_kg), np.full(mass_kg.size, peak)
-    return resonance_frequencies(state.specimen.acting_tactor, acting, damped, state.shape_count)[0]
+    return identification.resonance_frequencies(state.specimen.acting_tactor, acting, damped, state.shape_count)[0]
 
 
 ASPECTS = MassResonanceAspects()

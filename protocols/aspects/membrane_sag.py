@@ -1,13 +1,19 @@
 """Aspects of the protocol `membrane-sag`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.identification import MembraneSagObservation, Observation
-from protocols.aspects.run_points import RunPoints
+from model import identification
+from protocols import measurements
 from protocols.base import REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
-from protocols.measurements import MembraneSag
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 
 class MembraneSagAspects(Aspects):
@@ -16,14 +22,14 @@ class MembraneSagAspects(Aspects):
     import_form = ImportForm(
         columns=(
             ImportColumn("sag", "m", "depth of the membrane's centre", ("durchhang", "sagging", "membranesag"), (1e-5, 5e-2)),
-            ImportColumn("repeat", "1", "which repeat; numbered by itself if it is not there", REPEAT_ALIASES),
+            ImportColumn("repeat", "1", "number of the repeat; counted automatically if missing", REPEAT_ALIASES),
         ),
         required=(("sag",),),
     )  # fmt: skip
 
     def complete_table(self, table: ImportedTable) -> None:
         table.values.setdefault("repeat", np.arange(1.0, table.rows + 1))
-        table.parameters.update(MembraneSag(**table.parameters).model_dump(mode="json"))
+        table.parameters.update(measurements.MembraneSag(**table.parameters).model_dump(mode="json"))
         table.warnings.append(
             "the strip's geometry and weight are the protocol's unless changed with --set: see 'parameters'"
         )
@@ -35,10 +41,10 @@ class MembraneSagAspects(Aspects):
         if not points.good.any():
             return
         given = points.read_protocol()
-        assert isinstance(given, MembraneSag)
+        assert isinstance(given, measurements.MembraneSag)
         sag, errors = (points.columns[name][points.good] for name in ("sag", "sag_errors"))
         mean_m, error_m = given.mean_sag(sag, errors)
-        yield MembraneSagObservation(
+        yield identification.MembraneSagObservation(
             points.label,
             np.array([mean_m]),
             np.array([given.combined_sag_error_m(mean_m, error_m)]),

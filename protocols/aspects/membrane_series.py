@@ -1,12 +1,13 @@
 """Aspects of the protocol `membrane-series`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from model import SeriesAxis
-from model.identification import Observation
-from protocols.aspects.run_points import RunPoints
 from protocols.aspects.sine_dwell import (
     INPUT_UNCERTAINTIES,
     MEASURED_COLUMNS,
@@ -15,6 +16,10 @@ from protocols.aspects.sine_dwell import (
     dwell_observation,
 )
 from protocols.base import Aspects, Figure, ImportedTable, ImportForm
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 
 class MembraneSeriesAspects(Aspects):

@@ -1,7 +1,7 @@
 """Points of a run with the errors of its instruments, from which a protocol's aspects make observations for the fit.
 
-The gain error of a sensor is shared by all its values; it is named by the serial number, so that runs with the same sensor share
-it and runs with different sensors do not.
+The gain error of a sensor is shared by all its values; its name has the serial number, so that only runs with the same sensor
+share it.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from protocols.base import Protocol
 from protocols.runfile import Run
 
 MAX_INPUT_ERRORS = 100
-"""Errors of single inputs, such as masses or levels, that a fit takes from one run."""
+"""Largest number of errors of single inputs, such as masses or levels, of one run in a fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +25,10 @@ class RunPoints:
     """Points of an open run.
 
     Attributes:
-        run: the run; further data, such as its curves and events, are read from it.
-        columns: of its points, (F,) each.
-        good: points that a fit may use, (F,); flagged ones are kept but not used.
-        read_protocol: returns the protocol with the run's parameters; raises RunReadError where they are rejected.
+        run: the run, for further data such as curves and events.
+        columns: columns of its points, (F,) each.
+        good: mask of points that a fit may use, (F,); flagged points are kept but not used.
+        read_protocol: function that returns the protocol with the run's parameters; raises RunReadError for rejected parameters.
     """
 
     run: Run
@@ -65,9 +65,9 @@ class RunPoints:
         Args:
             x: column, as an axis with a description or by name.
             y: column, in the same form.
-            label: of the series.
-            rows: points that belong to it; None: all.
-            values: of y, (F,), if they are not the column's.
+            label: label of the series.
+            rows: mask of its points; None: all.
+            values: values of y, (F,), if different from the column's.
         """
         units = self.run.units()
         x_axis, y_axis = (SeriesAxis(axis, units[axis]) if isinstance(axis, str) else axis for axis in (x, y))
@@ -110,11 +110,11 @@ class RunPoints:
         """Return an error for each different value of an input whose uncertainty a table states, such as each mass.
 
         Args:
-            column: of the input; its errors are in `<column>_errors`.
-            target: what they act on.
+            column: column of the input; its errors are in `<column>_errors`.
+            target: affected quantity.
             good: usable points.
-            name: of the error, with {} for the value.
-            values: the input as the model takes it, if not the column.
+            name: name of the error, with {} for the value.
+            values: input of the model, if different from the column.
         """
         stated = self.columns.get(f"{column}_errors")
         if stated is None:
@@ -129,12 +129,12 @@ class RunPoints:
         if len(errors) > MAX_INPUT_ERRORS:
             raise ParameterError(
                 f"{column} has {len(errors)} different values with a separate uncertainty, the limit is {MAX_INPUT_ERRORS}: "
-                "add it to the uncertainty of the measured values, and leave this one out"
+                "add it to the uncertainty of the measured values, and omit this column"
             )
         return tuple(errors)
 
     def recording_times(self, count: int) -> Array | None:
-        """Return begin and end of the last `count` recordings of each point, s, (F, count, 2); None where one has fewer."""
+        """Return begin and end of the last `count` recordings of each point, s, (F, count, 2); None if a point has fewer."""
         run, entries = self.run, self.columns["entry"]
         if run.record.imported or not entries.size or run.resumed_from is not None:
             return None

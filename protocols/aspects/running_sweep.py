@@ -1,42 +1,41 @@
-"""Frequency response of a sweep that is still running, from the samples so far."""
+"""Frequency response of a running sweep, from its present samples."""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers import LinearSweep, PeriodicSweep
+from protocols import measurements, signals
 from protocols.base import Aspects, Recording, Series
-from protocols.measurements import SETTLED_S
-from protocols.signals import (
-    FrequencyResponse,
-    concatenate_responses,
-    estimate_periodic_response,
-    estimate_swept_response,
-)
+
+if TYPE_CHECKING:
+    from protocols.signals import FrequencyResponse
 
 
 class RunningSweepAspects(Aspects):
-    """Aspects of a protocol whose sweeps are drawn while they run."""
+    """Aspects of a protocol with live curves of its sweeps."""
 
     live_drives = (PeriodicSweep, LinearSweep)
 
     def live_part(self, recording: Recording) -> FrequencyResponse | None:
-        """Return the response so far; None while the samples do not suffice."""
+        """Return the present response; None while the samples are insufficient."""
         drive, rate, delay_s = recording.drive, recording.rate_hz, recording.sensor_delay_s
         volts, metres = recording.drive_v, recording.displacement_m
         assert isinstance(drive, PeriodicSweep | LinearSweep)
         band = drive.start_hz, drive.stop_hz
         try:
             if isinstance(drive, LinearSweep):
-                response = estimate_swept_response(volts, metres, rate, band, delay_s=delay_s)
+                response = signals.estimate_swept_response(volts, metres, rate, band, delay_s=delay_s)
             else:
-                # Samples before the drive belong to the periods that are dropped.
+                # Samples before the drive belong to the dropped periods.
                 used = round(_periods(recording, drive) * drive.period_s * rate)
-                dropped = max(math.ceil(SETTLED_S / drive.period_s), 1)
-                response = estimate_periodic_response(
+                dropped = max(math.ceil(measurements.SETTLED_S / drive.period_s), 1)
+                response = signals.estimate_periodic_response(
                     volts[-used:], metres[-used:], rate, drive.period_s, band, dropped, delay_s
                 )
         except ValueError:
@@ -44,14 +43,14 @@ class RunningSweepAspects(Aspects):
         return response if response.x.size else None
 
     def live_curve(self, parts: Sequence[FrequencyResponse], running: Recording) -> Series:
-        """Return the response of the entry so far; its axis has the whole band of the running sweep."""
+        """Return the present response of the entry; its axis has the whole band of the running sweep."""
         assert isinstance(running.drive, PeriodicSweep | LinearSweep)
         curve = replace(_joined(parts), label=_progress(running))
         return _over_the_band(curve, running.drive.start_hz, running.drive.stop_hz)
 
 
 def _progress(recording: Recording) -> str:
-    """Return how far the sweep has come, as text."""
+    """Return the progress of the sweep as text."""
     drive = recording.drive
     if isinstance(drive, LinearSweep):
         share = min(recording.drive_v.size / recording.rate_hz / drive.duration_s, 1.0)
@@ -65,11 +64,11 @@ def _periods(recording: Recording, drive: PeriodicSweep) -> int:
 
 
 def _joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
-    """Return responses of sweeps that follow each other as one, each up to where the next begins."""
+    """Return consecutive sweeps' responses as one, each up to the begin of the next."""
     parts = sorted(parts, key=lambda part: float(part.x[0]))
     starts = [float(part.x[0]) for part in parts[1:]]
     kept = [part.within(0.0, math.nextafter(start, 0.0)) for part, start in zip(parts, starts, strict=False)]
-    return concatenate_responses([*kept, parts[-1]])
+    return signals.concatenate_responses([*kept, parts[-1]])
 
 
 def _over_the_band(curve: Series, *ends_hz: float) -> Series:

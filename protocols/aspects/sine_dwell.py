@@ -1,16 +1,17 @@
 """Aspects of the protocol `sine-dwell`, and base of the aspects of dwells under a membrane."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers import Sine
-from model import AmplifierMap, Array, Membrane, SeriesAxis
-from model.identification import FrequencyResponseObservation, Observation
-from protocols.aspects.run_points import RunPoints
+from model import AmplifierMap, Array, Membrane, SeriesAxis, identification
+from protocols import measurements, signals
 from protocols.base import (
     DISPLACEMENT_RANGE_M,
     Aspects,
@@ -26,24 +27,27 @@ from protocols.base import (
     RunFigure,
     RunOfSamples,
 )
-from protocols.measurements import MembraneSeries, SinePoint, sine_point
-from protocols.runfile import RunRecord
-from protocols.signals import fit_frequency, fit_sine
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
+    from protocols.measurements import SinePoint
+    from protocols.runfile import RunRecord
 
 CARD_READBACK_MARGIN_V = 0.02
-"""How far a recorded drive may lie beyond the amplifier's range."""
+"""Largest excess of a recorded drive over the amplifier's range."""
 
 MEASURED_COLUMNS = ("peak_to_peak", "fundamental", "receptance")
 INPUT_UNCERTAINTIES = {"frequency": "Hz", "elongation": "m"}
 
 MIN_CYCLES = 3
-"""Of a time series."""
+"""Fewest cycles of a time series."""
 
 MAX_NOISE_RATIO = 0.1
 """Residual of the sine fit relative to the amplitude above which a recorded drive is no single sine."""
 
 SAME_FREQUENCY_HZ = 0.05
-"""Distance of two time series' frequencies up to which they are repeats."""
+"""Largest distance between the frequencies of repeated time series."""
 
 
 class SineDwellAspects(Aspects):
@@ -83,13 +87,13 @@ class SineDwellAspects(Aspects):
 
     def complete_table(self, table: ImportedTable) -> type[Protocol] | None:
         complete_dwell(table)
-        return MembraneSeries if "elongation" in table.values else None
+        return measurements.MembraneSeries if "elongation" in table.values else None
 
     def series_fault(self, series: ImportedSamples) -> str | None:
         if series.drive_v is None:
             return ""
         f = _largest_frequency(series.drive_v, series.rate_hz)
-        fit = fit_sine(series.drive_v, series.rate_hz, f)
+        fit = signals.fit_sine(series.drive_v, series.rate_hz, f)
         if fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
             return ""
         return (
@@ -98,9 +102,9 @@ class SineDwellAspects(Aspects):
         )
 
     def series_runs(self, series: Sequence[ImportedSamples]) -> Iterator[RunOfSamples]:
-        """Yield one run of all series, a point each."""
+        """Yield one run of all series, one point each."""
         points = [_series_point(each) for each in series]
-        warnings = [f"{each.name} has no drive: its phase is not known" for each in series if each.drive_v is None]
+        warnings = [f"{each.name} has no drive: its phase is unknown" for each in series if each.drive_v is None]
         for i, point in enumerate(points):
             same = (j for j in range(i) if abs(points[j].frequency - point.frequency) < SAME_FREQUENCY_HZ)
             if (j := next(same, None)) is not None:
@@ -145,10 +149,9 @@ def amplitude_figure(points: RunPoints) -> Figure:
     x, displacement = SeriesAxis("frequency", "Hz"), "displacement of the centre"
     whole = points.series(x, SeriesAxis("peak_to_peak", "m", displacement), "max - min")
     half = points.series(x, SeriesAxis("fundamental", "m", displacement), "2 x fundamental")
-    assert half.errors is not None
     models = {whole.label: amplitude_model(points), half.label: amplitude_model(points, peak_to_peak=False)}
     grid = np.linspace(5.0, 1.05 * max(float(whole.x.max(initial=0.0)), 250.0), 500)
-    series = (whole, replace(half, y=2 * half.y, errors=2 * half.errors))
+    series = (whole, half.scaled(1.0, 2.0))
     return Figure(series, models=models, grid=grid, from_zero=True, has_threshold=True)
 
 
@@ -173,14 +176,16 @@ def amplitude_model(
     return amplitudes
 
 
-def dwell_observation(points: RunPoints, label: str, elongation_m: float | None) -> FrequencyResponseObservation:
+def dwell_observation(
+    points: RunPoints, label: str, elongation_m: float | None
+) -> identification.FrequencyResponseObservation:
     """Return the response to sines, free or under a membrane."""
     columns, imported = points.columns, points.run.record.imported
     sine, width = (
         points.good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0)
         for name in ("fundamental", "peak_to_peak")
     )
-    good = sine if sine.any() else width  # an imported table may have one of them only
+    good = sine if sine.any() else width  # an imported table may have only one of them
     phase = columns["phase"]
     measured: dict[str, Any] = {}
     if sine.any():
@@ -189,7 +194,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
         has_phase = np.isfinite(phase[good]).all()
         if imported and has_phase and (phase_errors[good] > 0).all():
             measured["phase_errors_rad"] = phase_errors
-        elif not imported:  # the phase has the noise of the drive channel, too, which the ratio to the drive shares
+        elif not imported:  # the phase includes the noise of the drive channel, which the ratio to the drive shares
             measured["harmonic_errors_m"] = errors
             errors = np.fmax(errors, size * phase_errors)
         measured |= {"fundamental_m": size * (np.exp(1j * phase) if has_phase else 1.0), "errors_m": errors}
@@ -203,7 +208,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
     if elongation_m is not None:
         common["shared_errors"] += points.input_errors("elongation", "elongation", good, f"{label}, {{}} m")
     offset_v = columns["drive_offset"]
-    return FrequencyResponseObservation(
+    return identification.FrequencyResponseObservation(
         label,
         columns["frequency"],
         drive_amplitude_v=_within_range(columns["drive_amplitude"], offset_v, points.run.record.amplifier_map),
@@ -217,7 +222,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
 
 
 def _within_range(amplitude_v: Array, offset_v: Array, amplifier: AmplifierMap) -> Array:
-    """Return the recorded amplitudes: no admitted drive leaves the amplifier's range, so that a value beyond is the card's error."""
+    """Return the recorded amplitudes: no admitted drive leaves the amplifier's range, so that an excess is the card's error."""
     room_v = np.minimum(offset_v - amplifier.low_v, amplifier.high_v - offset_v)
     return np.where(amplitude_v < room_v + CARD_READBACK_MARGIN_V, np.minimum(amplitude_v, room_v), amplitude_v)
 
@@ -232,7 +237,7 @@ def complete_dwell(table: ImportedTable) -> None:
     values, amplifier = table.values, table.amplifier
     if "receptance" in values:
         if "fundamental" in values:
-            raise table.refusal(" has both receptance and fundamental; name the one to leave out with --column")
+            raise table.refusal(" has both receptance and fundamental; name the one to omit with --column")
         values["fundamental"] = values.pop("receptance") * values["drive_amplitude"]
         if "receptance_errors" in values:
             values["fundamental_errors"] = values.pop("receptance_errors") * values["drive_amplitude"]
@@ -244,7 +249,7 @@ def complete_dwell(table: ImportedTable) -> None:
         )
     if table.elongation_m is not None:
         if "elongation" in values:
-            raise table.refusal(" has a column for the elongation: leave --membrane-elongation away")
+            raise table.refusal(" has a column for the elongation: omit --membrane-elongation")
         values["elongation"] = np.full(table.rows, table.elongation_m)
     if "elongation" in values and "part" not in values:
         each = values["elongation"]
@@ -280,7 +285,7 @@ def _series_point(series: ImportedSamples) -> SinePoint:
         drive = amplifier.rest_v + amplitude * np.sin(2 * np.pi * f * (time - time[0]))
     else:
         f = _largest_frequency(drive, series.rate_hz)
-        amplitude = abs(fit_sine(drive, series.rate_hz, f).fundamental)
+        amplitude = abs(signals.fit_sine(drive, series.rate_hz, f).fundamental)
     cycles = float((time[-1] - time[0]) * f)
     if cycles < MIN_CYCLES:
         raise series.refusal(f" holds {cycles:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed")
@@ -288,14 +293,14 @@ def _series_point(series: ImportedSamples) -> SinePoint:
     moved = series.displacement_m
     recording = Recording(0, (0, moved.size), series.rate_hz, sine, drive, moved, Quality.IMPORTED, series.delay_s)
     try:
-        point = sine_point([recording], series.simulated)
+        point = measurements.sine_point([recording], series.simulated)
     except ValueError as error:
         raise series.refusal(f": {error}") from None
     return point if series.drive_v is not None else replace(point, phase=math.nan, phase_errors=math.nan)
 
 
 def _stated_drive(series: ImportedSamples) -> tuple[float, float]:
-    """Return frequency and amplitude of a drive that was not recorded."""
+    """Return frequency and amplitude of an unrecorded drive."""
     f, volts = series.settings.get("frequencies_hz", ()), series.settings.get("peak_to_peak_v")
     if len(f) != 1 or volts is None:
         raise series.refusal(
@@ -306,7 +311,7 @@ def _stated_drive(series: ImportedSamples) -> tuple[float, float]:
 
 def _largest_frequency(drive: Array, rate_hz: float) -> float:
     spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
-    return fit_frequency(drive, rate_hz, (int(spectrum[1:].argmax()) + 1) * rate_hz / drive.size)
+    return signals.fit_frequency(drive, rate_hz, (int(spectrum[1:].argmax()) + 1) * rate_hz / drive.size)
 
 
 ASPECTS = SineDwellAspects()

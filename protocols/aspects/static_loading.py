@@ -1,13 +1,15 @@
 """Aspects of the protocol `static-loading`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import GRAVITY, Array, DriveHistory, Mask, SeriesAxis
-from model.identification import LOADING_TIME_S, Observation, SharedError, Side, StaticLoadingObservation
-from protocols.aspects.run_points import RunPoints
+from model import GRAVITY, Array, DriveHistory, Mask, SeriesAxis, identification
+from protocols import measurements
 from protocols.base import (
     DISPLACEMENT_RANGE_M,
     REPEAT_ALIASES,
@@ -18,7 +20,10 @@ from protocols.base import (
     ImportForm,
     ModelState,
 )
-from protocols.measurements import StaticLoading
+
+if TYPE_CHECKING:
+    from model.identification import Observation, SharedError, Side
+    from protocols.aspects.run_points import RunPoints
 
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
 SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
@@ -27,7 +32,7 @@ SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
 SEEN = "seen by the laser"
 SIDE_LABELS: dict[Side, str] = {"mfc": "MFC side", "aluminium": "aluminium side", "both": "both sides"}
 MAX_ANSWER_S = 0.5
-"""From the answer to a prompt to the recording that follows it, at most."""
+"""Longest time from the answer to a prompt to the following recording."""
 
 
 class StaticLoadingAspects(Aspects):
@@ -37,7 +42,7 @@ class StaticLoadingAspects(Aspects):
         columns=(
             ImportColumn("load", "N", "force on the centre", ("force", "f", "kraft", "weight"), (1e-3, 20.0)),
             ImportColumn("mass", "kg", "mass of the weight on the centre", ("m", "weightmass", "load", "weight"), (1e-4, 2.0), 0.0),
-            ImportColumn("deflection", "m", "displacement under the load against none", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
+            ImportColumn("deflection", "m", "displacement under the load against no load", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
             ImportColumn("side", "1", "which side was pushed", ("seite",), codes=SIDES, code_hint="write 'MFC' or 1 where the MFC is up, otherwise 'aluminium' or -1"),
             ImportColumn("repeat", "1", "which repeat", REPEAT_ALIASES),
         ),
@@ -52,9 +57,7 @@ class StaticLoadingAspects(Aspects):
             values["load"] = gravity * values["mass"]
         if "mass_errors" in values:
             if "load_errors" in values:
-                raise table.refusal(
-                    ": the uncertainty of the weights is given twice, for mass and load; leave one away"
-                )
+                raise table.refusal(": the uncertainty of the weights is given twice, for mass and load; omit one")
             values["load_errors"] = gravity * values.pop("mass_errors")
         values.setdefault("mass", values["load"] / gravity)
         if "side" not in values:
@@ -87,7 +90,7 @@ class StaticLoadingAspects(Aspects):
             errors = columns["deflection_errors"][at]
             common = points.common_arguments("displacement")
             common["shared_errors"] += _weight_errors(points, good & at)
-            yield StaticLoadingObservation(
+            yield identification.StaticLoadingObservation(
                 f"{points.label} {name}",
                 columns["load"][at],
                 deflection[at],
@@ -111,11 +114,13 @@ def _pushed_sides(points: RunPoints) -> Iterator[tuple[Side, Mask, Array]]:
 def _deflection(state: ModelState, load_n: Array) -> Array:
     from model.response import load_compliance  # slow to import
 
-    return np.asarray(load_compliance(state.specimen.acting_tactor) * load_n * state.crept(LOADING_TIME_S))
+    return np.asarray(
+        load_compliance(state.specimen.acting_tactor) * load_n * state.crept(identification.LOADING_TIME_S)
+    )
 
 
 def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
-    """Return the error of each weight: the same in every repeat, on both sides and in all runs with it."""
+    """Return the error of each weight, shared by all repeats, both sides and all runs with it."""
     load, mass = points.columns["load"], points.columns["mass"]
     grams = 1e3 * load / GRAVITY if np.isnan(mass).any() else 1e3 * mass
     errors = []
@@ -127,24 +132,24 @@ def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
 
 
 def history_of_loads(points: RunPoints) -> DriveHistory | None:
-    """Return the loads in time; None where the file does not have them all, as in an import.
+    """Return the history of the loads; None if the file does not have them all, as in an import.
 
-    A recording follows a weight that the laser saw put on or lifted by the `record_s` in which it was seen to lie still. Where it
-    did not, and a key was pressed, it was about halfway since the recording before.
+    A recording follows a weight detected by the laser by the `record_s` of quiet samples. For a weight confirmed by a key, the
+    time is halfway since the previous recording.
     """
     recordings = points.recording_times(3)
     load = points.columns["load"]
     if recordings is None or not np.isfinite(load).all():
         return None
     protocol = points.read_protocol()
-    assert isinstance(protocol, StaticLoading)
+    assert isinstance(protocol, measurements.StaticLoading)
     half = protocol.record_s / 2
     events = points.run.events()
     seen_s = [event.time_s for event in events if event.kind == "Answered" and event.fields.get("words") == SEEN]
     begins, ends = recordings[:, 1:, 0], recordings[:, :-1, 1]
     seen = np.abs(begins[..., None] - np.array([*seen_s, -np.inf])).min(axis=-1) < MAX_ANSWER_S
     placed, lifted = np.where(seen, np.maximum(begins - protocol.record_s, ends), (begins + ends) / 2).T
-    load = np.where(points.columns["side"] < 0, -load, load)  # as the specimen is bent
+    load = np.where(points.columns["side"] < 0, -load, load)  # in the direction of bending
     none = np.zeros(load.size)
     return DriveHistory.of_points(
         np.stack((placed, placed, lifted, lifted), axis=1),

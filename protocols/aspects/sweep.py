@@ -1,46 +1,49 @@
 """Aspects of the protocol `sweep`."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import Array, Complex
-from model.identification import FrequencyResponseObservation, Observation
-from model.response import loop_share
-from protocols.aspects.run_points import RunPoints
+from model import Array, Complex, identification
+from protocols import measurements, signals
 from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.base import ImportedSamples, Quality, RunOfSamples, Series
-from protocols.measurements import Sweep, check_response_present, sweep_point
-from protocols.signals import FREQUENCY_RESPONSE, MAINS_HZ, estimate_swept_response
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 MAX_SWEPT_CYCLES = 2000
-"""Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
+"""Largest number of cycles per period at the highest frequency for loops computed in time, which takes 1 us per sample."""
 
 LINE_TOLERANCE = 0.01
-"""Of the distance of lines: how far an excited line, an odd multiple of one over the period, may seem to lie from it."""
+"""Largest apparent distance of an excited line from an odd multiple of one over the period, as a share of the distance of lines."""
 
 SAMPLES_PER_CYCLE = 64
-"""Of such a sweep at its highest frequency: turning points are missed by 0.1 % of the amplitude at most."""
+"""Samples per cycle of such a sweep at its highest frequency: turning points are missed by at most 0.1 % of the amplitude."""
 
 MIN_CROSSINGS = 40
-"""Of the middle of the drive's range: fewer are no sweep."""
+"""Fewest crossings of the middle of the drive's range by a sweep."""
 
 MIN_FREQUENCY_RATIO = 1.5
-"""Of the highest to the lowest frequency of a sweep."""
+"""Smallest ratio of the highest to the lowest frequency of a sweep."""
 
 MIN_MONOTONY = 0.98
-"""Correlation of time and frequency, by rank."""
+"""Smallest rank correlation of time and frequency."""
 
 LINEAR_TOLERANCE = 0.05
-"""Deviation of the frequency from a straight line over time, as a share of the band, from which on a caution is given."""
+"""Deviation of the frequency from a straight line over time, as a share of the band, above which a caution is given."""
 
 BLOCK_HZ = 1.0
-"""Lines that lie closer are averaged over this width; at a damping of 0.2 that blunts the resonance by less than 1e-4."""
+"""Width over which closer lines are averaged; at a damping of 0.2 this lowers the resonance by less than 1e-4."""
 
 SHARE_OF_SPACING = 0.25
-"""Lines this near to a harmonic of the mains, as a share of their distance, are left out: hum repeats with every period."""
+"""Distance to a harmonic of the mains, as a share of the distance of lines, below which a line is left out: hum repeats with
+every period."""
 
 
 class SweepAspects(RunningSweepAspects):
@@ -57,11 +60,11 @@ class SweepAspects(RunningSweepAspects):
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield the lines of each sweep as sines of the sweep's amplitude.
 
-        The amplifier's two slopes are their mean and an even part; the sweep is played both ways up, so that only the mean is in
-        its lines, as in the fundamental of a sine.
+        The amplifier's two slopes are their mean and an even part; the sweep is played with both signs, so that only the mean is
+        in its lines, as in the fundamental of a sine.
         """
         run, map_ = points.run, points.run.record.amplifier_map
-        curves = {curve.entry: curve for curve in run.series() if curve.name == FREQUENCY_RESPONSE}
+        curves = {curve.entry: curve for curve in run.series() if curve.name == signals.FREQUENCY_RESPONSE}
         for i in np.flatnonzero(points.good).tolist():
             curve = curves.get(int(points.columns["entry"][i]))
             if curve is None:
@@ -70,7 +73,7 @@ class SweepAspects(RunningSweepAspects):
             amplitude_v = float(min(seen_v, map_.high_v - map_.rest_v, map_.rest_v - map_.low_v))
             lines = response_lines(curve, bool(run.record.imported)).scaled(1.0, amplitude_v)
             if lines.x.size and amplitude_v > 0:
-                yield FrequencyResponseObservation(
+                yield identification.FrequencyResponseObservation(
                     f"{points.label} {curve.label}".strip(),
                     lines.x,
                     lines.y,
@@ -85,20 +88,20 @@ class SweepAspects(RunningSweepAspects):
 
 
 def response_lines(curve: Series, overlaps: bool) -> Series:
-    """Return the usable lines of a frequency response; `overlaps` where neighbours share half of their samples."""
+    """Return the usable lines of a frequency response; `overlaps` if neighbours share half of their samples."""
     lines = curve.at(np.argsort(curve.x)[:: 2 if overlaps else 1])
     f, errors = lines.x, lines.errors
     assert errors is not None
     good = np.isfinite(lines.y) & np.isfinite(errors) & (errors > 0) & (f > 0)
     if f.size > 1:
         spacing = float(np.median(np.diff(f)))
-        for mains in MAINS_HZ:
+        for mains in signals.MAINS_HZ:
             good &= np.abs(f - np.maximum(np.round(f / mains), 1) * mains) > SHARE_OF_SPACING * spacing
     return _averaged(lines.at(good))
 
 
 def _averaged(lines: Series) -> Series:
-    """Return weighted means over blocks of `BLOCK_HZ`; lines farther apart stay as they are."""
+    """Return weighted means over blocks of `BLOCK_HZ`; lines farther apart are unchanged."""
     f, errors = lines.x, lines.errors
     if errors is None or f.size < 2 or np.median(np.diff(f)) > 0.5 * BLOCK_HZ:
         return lines
@@ -108,16 +111,18 @@ def _averaged(lines: Series) -> Series:
     total = np.add.reduceat(weights, starts)
     real, imaginary = (np.add.reduceat(weights * part, starts) / total for part in (lines.y.real, lines.y.imag))
     centre = np.add.reduceat(weights * f, starts) / total
-    return replace(lines, x=centre, y=real + 1j * imaginary, errors=total**-0.5, fit=None, coherence=None)
+    return Series(centre, real + 1j * imaginary, total**-0.5, x_axis=lines.x_axis, y_axis=lines.y_axis)
 
 
 def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:
-    """Return what a hysteresis of 1 adds at the lines of a sweep, (F,): its loops are no sine's where it begins and turns.
+    """Return the addition of a hysteresis of 1 at the lines of a sweep, (F,): its loops differ from a sine's at begin and turns.
 
-    None, as under sines, for a long sweep, for one in pieces, whose bands overlap, and for lines that are averages of others.
+    None, as under sines, for a long sweep, for a sweep in pieces, whose bands overlap, and for averaged lines.
     """
+    from model.response import loop_share  # slow to import
+
     protocol, amplifier = points.read_protocol(), points.run.record.amplifier_map
-    assert isinstance(protocol, Sweep)
+    assert isinstance(protocol, measurements.Sweep)
     drives = protocol.drives(amplifier.rest_v)
     if len(drives) != 1 or drives[0].period_s * drives[0].stop_hz > MAX_SWEPT_CYCLES:
         return None
@@ -137,7 +142,7 @@ def sweep_frequencies(drive: Array, rate_hz: float) -> tuple[Array, Array] | Non
     if at.size < MIN_CROSSINGS:
         return None
     crossings = (at + centred[at] / (centred[at] - centred[at + 1])) / rate_hz
-    # Whole cycles, so that an offset does not count, averaged over five.
+    # Whole cycles, so that an offset has no effect, averaged over five.
     cycles = crossings[2:] - crossings[:-2]
     time = 0.5 * (crossings[2:] + crossings[:-2])
     parts = max(cycles.size // 5, 8)
@@ -161,18 +166,18 @@ def _series_run(series: ImportedSamples) -> RunOfSamples:
     at, f = swept
     if series.elongation_m is not None:
         raise series.refusal(
-            " is a sweep, and a run of a sweep has no elongation; leave --membrane-elongation away if the tactor was free, "
+            " is a sweep, and a run of a sweep has no elongation; omit --membrane-elongation if the tactor was free, "
             "else give a table of frequency and receptance"
         )
     low, high = float(np.percentile(f, 1)), float(np.percentile(f, 99))
     amplitude_v = 0.5 * float(np.ptp(drive))
     quality = Quality.IMPORTED | (Quality.SIMULATED if series.simulated else Quality.GOOD)
     try:
-        response = estimate_swept_response(
+        response = signals.estimate_swept_response(
             drive, series.displacement_m, series.rate_hz, (low, high), delay_s=series.delay_s
         )
-        check_response_present(response)
-        point = sweep_point(1.0, response, amplitude_v, int(quality))
+        measurements.check_response_present(response)
+        point = measurements.sweep_point(1.0, response, amplitude_v, int(quality))
     except ValueError as error:
         raise series.refusal(f": {error}") from None
     warnings = [f"{series.name} is taken for one sweep from {f[0]:.4g} to {f[-1]:.4g} Hz"]

@@ -1,13 +1,15 @@
 """Aspects of the protocol `voltage-steps`."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import Array, DriveHistory, Mask, SeriesAxis
-from model.identification import STEP_TIME_S, Observation, SharedError, VoltageStepsObservation
-from protocols.aspects.run_points import RunPoints
+from model import Array, DriveHistory, Mask, SeriesAxis, identification
+from protocols import measurements
 from protocols.base import (
     DISPLACEMENT_RANGE_M,
     REPEAT_ALIASES,
@@ -18,17 +20,20 @@ from protocols.base import (
     ImportForm,
     ModelState,
 )
-from protocols.measurements import ZERO_GUARD_S, VoltageSteps
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
-"""Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
+"""Age of the earlier drive or load whose creep continues, before the begin of a run: any time from seconds to minutes."""
 
 DEFAULT_READ_S = 1.0
-"""From reaching a level to its reading, where a table does not state it."""
+"""Assumed time from reaching a level to its reading, for a table that does not state it."""
 
 LEVEL_COLUMNS = ("level", "drive", "specimen_voltage")
 MAX_BEYOND_V = 0.05
-"""How far an imported level may lie beyond the amplifier's input range."""
+"""Largest excess of an imported level over the amplifier's input range."""
 
 
 class VoltageStepsAspects(Aspects):
@@ -41,7 +46,7 @@ class VoltageStepsAspects(Aspects):
             ImportColumn("deflection", "m", "displacement against rest", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
             ImportColumn("repeat", "1", "which repeat", REPEAT_ALIASES),
             ImportColumn("direction", "1", "levels rising (1) or falling (-1)"),
-            ImportColumn("read_time", "s", "how long the level had been held", ("time", "t")),
+            ImportColumn("read_time", "s", "time from reaching the level to its reading", ("time", "t")),
         ),
         required=(LEVEL_COLUMNS, ("deflection",)),
         input_uncertainties={"level": "V", "specimen_voltage": "V"},
@@ -77,7 +82,7 @@ class VoltageStepsAspects(Aspects):
         from model.response import voltage_gain  # slow to import
 
         gain = voltage_gain(state.specimen.acting_tactor)
-        return np.asarray(gain * state.amplifier.specimen_v(x) * state.crept(STEP_TIME_S))
+        return np.asarray(gain * state.amplifier.specimen_v(x) * state.crept(identification.STEP_TIME_S))
 
     def figures(self, points: RunPoints) -> Iterator[Figure]:
         """Yield the deflection under a held voltage, against rest: levels reached from below and from above."""
@@ -108,7 +113,7 @@ class VoltageStepsAspects(Aspects):
         elif np.isfinite(columns["drive_step"]).any():  # against rest before each level
             held_s = np.where(np.isfinite(time), time, DEFAULT_READ_S)
             history = DriveHistory.of_levels(input_v, points.run.record.amplifier_map.rest_v, held_s, staircase=False)
-        yield VoltageStepsObservation(
+        yield identification.VoltageStepsObservation(
             points.label,
             input_v,
             columns["deflection"],
@@ -122,27 +127,27 @@ class VoltageStepsAspects(Aspects):
 
 
 def _input_v(points: RunPoints) -> Array:
-    """Return the volts at the amplifier's input: as recorded, or as commanded where a table has only this."""
+    """Return the volts at the amplifier's input: as recorded, or as commanded if a table has no other."""
     drive = points.columns["drive"]
     return np.where(np.isfinite(drive), drive, points.columns["level"])
 
 
 def _rising(points: RunPoints) -> Mask | None:
-    """Return whether each level was reached from below; None if that is not known of all."""
+    """Return whether each level is reached from below; None if unknown for a level."""
     direction = np.nan_to_num(points.columns["direction"])
     return direction > 0 if (direction != 0).all() else None
 
 
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
-    """Return levels and rests in time; None where the points do not have them all, as in most imported tables.
+    """Return the history of levels and rests; None if the points do not have them all, as in most imported tables.
 
-    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp did.
+    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp.
     """
     ramp, level = points.columns["ramp_time"], points.columns["drive"]
     if points.run.resumed_from is not None or not (np.isfinite(ramp) & np.isfinite(level)).all():
         return None
     protocol = points.read_protocol()
-    assert isinstance(protocol, VoltageSteps)
+    assert isinstance(protocol, measurements.VoltageSteps)
     reached = points.columns.get("reached")
     if reached is None:  # a file of an earlier version
         recordings = points.recording_times(1)
@@ -156,17 +161,18 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
         np.stack((rest, level, level, rest), axis=1),
         reached,
         reached + points.columns["read_time"],
-        (begun - ZERO_GUARD_S - protocol.window_s / 2)[:, None],
+        (begun - measurements.ZERO_GUARD_S - protocol.window_s / 2)[:, None],
     )
 
 
-def _rest_errors(label: str, zero_m: Array) -> tuple[SharedError, ...]:
-    """Return the drifts at rest by creep from the unknown drive before the run: each at most the movement of the zeros."""
+def _rest_errors(label: str, zero_m: Array) -> tuple[identification.SharedError, ...]:
+    """Return the drifts at rest by creep from an unknown drive before the run: each at most the change of the zeros."""
     moved = float(np.ptp(zero_m)) if zero_m.size and np.isfinite(zero_m).all() else 0.0
     if moved == 0:
         return ()
     return tuple(
-        SharedError(f"{label}, creep of {age:g} s before it", "rest", moved, at=age) for age in EARLIER_CREEP_AGES_S
+        identification.SharedError(f"{label}, creep of {age:g} s before it", "rest", moved, at=age)
+        for age in EARLIER_CREEP_AGES_S
     )
 
 

@@ -43,9 +43,6 @@ from .importing import ImportedTable as ImportedTable
 from .importing import ImportForm as ImportForm
 from .importing import RunOfSamples as RunOfSamples
 from .importing import TableImportError as TableImportError
-from .operator import DISABLE_HIGH_VOLTAGE as DISABLE_HIGH_VOLTAGE
-from .operator import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE
-from .operator import Operator as Operator
 from .protocol import Protocol as Protocol
 from .protocol import extend_plan as extend_plan
 from .protocol import first_adapted as first_adapted
@@ -68,10 +65,13 @@ from .records import recording_too_long_message as recording_too_long_message
 from .reference import ReferenceModel as ReferenceModel
 from .run_figures import ResultTable as ResultTable
 from .run_figures import RunFigure as RunFigure
+from .steps import DISABLE_HIGH_VOLTAGE as DISABLE_HIGH_VOLTAGE
+from .steps import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE
 from .steps import Ask as Ask
 from .steps import DetectionResult as DetectionResult
 from .steps import Detector as Detector
 from .steps import Log as Log
+from .steps import Operator as Operator
 from .steps import Play as Play
 from .steps import Prompt as Prompt
 from .steps import ReadMeter as ReadMeter

@@ -1,40 +1,46 @@
-"""Aspects of a protocol: what fit, import, figures and lists need of it beside its measurement.
+"""Aspects of a protocol: its observations, import columns, figures and live curve, beside its measurement.
 
-Every front end and service asks a protocol's aspects and knows no protocol by name. Built-in protocols have theirs in the module
+Front ends and services use the aspects of a protocol and know no protocol by name. Built-in protocols have theirs in the module
 of the same name in `protocols.aspects`; a laboratory's protocol file assigns its own (docs/how-to-write-a-protocol.md).
 """
 
+from __future__ import annotations
+
 import importlib
-from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from drivers import Drive
-from model import Array
-from protocols.base.figures import Figure, ModelState
-from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
-from protocols.base.records import Recording, Series
-from protocols.base.run_figures import ResultTable, RunFigure
-
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from drivers import Drive
+    from model import Array
     from model.identification import Observation
     from protocols.aspects import RunPoints
+    from protocols.base.figures import Figure, ModelState
+    from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
     from protocols.base.protocol import Protocol
+    from protocols.base.records import Recording, Series
+    from protocols.base.run_figures import ResultTable, RunFigure
     from protocols.runfile import RunRecord
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
 
 
 class Aspects:
-    """Aspects of a protocol without any of its own; a subclass overrides what its protocol has."""
+    """Default aspects; a subclass overrides the aspects that its protocol has."""
 
-    import_form = ImportForm()
-    """Columns of tables that are imported as its runs."""
+    @property
+    def import_form(self) -> ImportForm:
+        """Columns of tables that can be imported as its runs."""
+        from protocols.base.importing import ImportForm  # not needed to measure
+
+        return ImportForm()
 
     short_name: str = ""
     """Name for a narrow column of the report; empty: the protocol's own."""
 
-    def observations(self, points: "RunPoints") -> "Iterable[Observation]":
-        """Return the observations of a run for the fit; none where the protocol does not concern the model.
+    def observations(self, points: RunPoints) -> Iterable[Observation]:
+        """Return the observations of a run for the fit; none for a protocol without relation to the model.
 
         Raises:
             ParameterError: a value is not physical.
@@ -42,8 +48,8 @@ class Aspects:
         """
         return ()
 
-    def complete_table(self, table: ImportedTable) -> "type[Protocol] | None":
-        """Complete the values of an imported table; return the protocol that they are of, if it is another.
+    def complete_table(self, table: ImportedTable) -> type[Protocol] | None:
+        """Complete the values of an imported table; return the protocol of the values, if it is another one.
 
         Raises:
             TableImportError: the values do not suffice, or contradict each other.
@@ -51,14 +57,14 @@ class Aspects:
         return None
 
     def series_fault(self, series: ImportedSamples) -> str | None:
-        """Return why a time series does not become a run of this protocol, empty if it does; None where none ever does."""
+        """Return the reason why a time series cannot become a run of this protocol, empty if it can; None if no time series can."""
         return None
 
     def series_runs(self, series: Sequence[ImportedSamples]) -> Iterable[RunOfSamples]:
-        """Return the runs that the time series become, all without `series_fault`.
+        """Return the runs of time series, all without `series_fault`.
 
         Raises:
-            TableImportError: a series does not suffice.
+            TableImportError: a series is insufficient.
         """
         raise NotImplementedError
 
@@ -67,27 +73,29 @@ class Aspects:
         return None
 
     figure_title: str = ""
-    """Of the points over the protocol's axes, as a figure of the report; empty: the report has no figure of them."""
+    """Title of the points over the protocol's axes as a figure of the report; empty: no figure."""
 
-    def figures(self, points: "RunPoints") -> Iterable[Figure]:
+    def figures(self, points: RunPoints) -> Iterable[Figure]:
         """Return the figures of a run; by default the points over the protocol's axes with the curve of the model."""
+        from protocols.base.figures import Figure  # measuring needs it not
+
         yield Figure((points.series(*points.run.record.axes),), self.figure_title, model=self.model_curve)
 
     live_drives: tuple[type[Drive], ...] = ()
-    """Drives from whose samples `live_curve` makes a curve while they are played; none: curves are drawn when an entry is finished."""
+    """Drives whose samples give a curve (`live_curve`) during play; none: curves are drawn after each entry."""
 
     def live_part(self, recording: Recording) -> Any:
-        """Return what a drive of an entry gives so far, such as a frequency response; None while its samples do not suffice.
+        """Return the present result of a drive of an entry, such as a frequency response; None while its samples are insufficient.
 
         Called in a background thread: again and again for the running drive, once for a finished one.
         """
         return None
 
     def live_curve(self, parts: Sequence[Any], running: Recording) -> Series:
-        """Return the curve of an entry so far from the parts of its drives; `running` are the samples of the last one."""
+        """Return the present curve of an entry from the parts of its drives; `running` are the samples of the last one."""
         raise NotImplementedError
 
-    def run_figures(self, run: "RunRecord", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+    def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Return the figures of a run for lists, fleets and control charts: its estimates, changed or with further figures."""
         return estimates
 

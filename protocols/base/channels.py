@@ -13,9 +13,9 @@ from model import Array
 from protocols.base.quality import Quality
 
 TABULATED_SCANS = 256
-"""From this size on, counts are converted through a table of all counts, which is kept."""
+"""Size above which counts are converted through a cached table of all counts."""
 LOOK_UP_SCANS = 16_384
-"""Length of the pieces in which counts are looked up."""
+"""Number of counts per look-up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class ChannelCalibration:
 
     def to_si(self, raw: NDArray[np.int16]) -> Array:
         """Return volts, or metres with a sensor; same shape as `raw`."""
-        if raw.size >= TABULATED_SCANS:  # the same numbers in a third of the time
+        if raw.size >= TABULATED_SCANS:  # equal values in a third of the time
             return _look_up(_values_of_counts(self), raw)
         return self._computed(raw)
 
@@ -47,7 +47,7 @@ class ChannelCalibration:
 
     def quality(self, raw: NDArray[np.int16]) -> Quality:
         """Return the flags of these samples: clipped by the card, out of the sensor's range."""
-        # A card's polynomial rises with the counts: the ends decide for all.
+        # A card's polynomial rises with the counts: it suffices to check the ends.
         ends = np.array([raw.min(), raw.max()], np.int16) if raw.size else raw
         quality = Quality.CLIPPED if self.scale.is_clipped(ends).any() else Quality.GOOD
         if self.sensor is not None and not self.sensor.is_valid(self.scale.to_volts(ends)).all():
@@ -64,8 +64,8 @@ def _values_of_counts(channel: ChannelCalibration) -> Array:
 def _look_up(values: Array, raw: NDArray[np.int16]) -> Array:
     """Return the values of counts, same shape; in pieces, because numpy makes indices of eight bytes of the counts."""
     counts = np.ascontiguousarray(raw).view(np.uint16).ravel()
-    found = np.empty(counts.size)
+    looked_up = np.empty(counts.size)
     for start in range(0, counts.size, LOOK_UP_SCANS):
         piece = slice(start, start + LOOK_UP_SCANS)
-        np.take(values, counts[piece], out=found[piece], mode="clip")  # the default mode copies `out`
-    return found.reshape(raw.shape)
+        np.take(values, counts[piece], out=looked_up[piece], mode="clip")  # the default mode copies `out`
+    return looked_up.reshape(raw.shape)

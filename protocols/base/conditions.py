@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RunConditions:
-    """Who measures, and the air in the laboratory.
+    """Operator, and the air in the laboratory.
 
     Attributes:
-        operator: name of who measures; empty if unknown.
+        operator: name of the operator; empty if unknown.
         operator_origin: origin of the name, e.g. `given` or `login of the computer`.
-        temperature_c: of the air, degrees Celsius; None if not known.
-        humidity: relative humidity of the air, 0 to 1; None if not known.
-        origin: where both are from: a sensor's identity, or when they were typed.
+        temperature_c: air temperature, degrees Celsius; None if unknown.
+        humidity: relative humidity of the air, 0 to 1; None if unknown.
+        origin: origin of both: a sensor's identity, or the time of typing.
     """
 
     operator: str = ""
@@ -24,9 +24,9 @@ class RunConditions:
     @property
     def air_text(self) -> str:
         """Temperature and humidity as text with their origin; empty without both."""
-        known = [
+        parts = [
             "" if self.temperature_c is None else f"{self.temperature_c:.1f} °C",
             "" if self.humidity is None else f"{100 * self.humidity:.0f} % relative humidity",
         ]
-        text = ", ".join(filter(None, known))
+        text = ", ".join(filter(None, parts))
         return f"{text} ({self.origin})" if text and self.origin else text

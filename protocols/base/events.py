@@ -13,7 +13,7 @@ from protocols.base.text import to_jsonable
 from protocols.base.verdict import Outcome, RunStatus, Verdict
 
 EVENTS: dict[str, type["Event"]] = {}
-"""Event types by the name that run files and `--json` use; a `kind` never changes once it was released."""
+"""Event types by their name in run files and `--json`; a released `kind` never changes."""
 
 
 class Event:
@@ -23,7 +23,7 @@ class Event:
     kind: ClassVar[str]
 
     def __init_subclass__(cls, kind: str = "") -> None:
-        if kind:  # a dataclass with slots is created once more, without the keyword
+        if kind:  # a dataclass with slots is created a second time, without the keyword
             cls.kind = kind
         EVENTS[cls.kind] = cls
 
@@ -55,7 +55,7 @@ class BenchArmed(Event, kind="Armed"):
     way_to_rest_s: float = math.nan
     """Predicted duration of the way to rest from the farthest level; NaN if unknown."""
     safety: str = ""
-    """How soon the bench is at rest after a stop, and after the death of program and watchdog; empty without high voltage."""
+    """Time to rest after a stop, and after the death of program and watchdog; empty without high voltage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +74,14 @@ class BlockDiscarded(Event, kind="BlockSeen"):
 
 
 INTERFERENCE_AT_REST = "interference_at_rest"
-"""Name of the largest line in the displacement at rest, which every run estimates beside its own quantities."""
+"""Name of the estimate of the largest line in the displacement at rest, which every run has."""
 
 
 @dataclass(frozen=True, slots=True)
 class InterferenceMeasured(Event, kind="InterferenceMeasured"):
     """The displacement at rest was recorded in these rows of the file and searched for hum and other lines.
 
-    `lines` has the significant ones, the largest first.
+    `lines` has the significant lines, the largest first.
     """
 
     rows: tuple[int, int]
@@ -135,7 +135,7 @@ class PointMeasured(Event, kind="PointMeasured"):
 
 @dataclass(frozen=True, slots=True)
 class SeriesReady(Event, kind="SeriesReady"):
-    """An entry gave a series, such as a frequency response; published after its point, and again after a repeat.
+    """A series of an entry, such as a frequency response; published after its point, and again after a repeat.
 
     Published, never stored as an event: the series are written when the run ends.
     """
@@ -194,14 +194,14 @@ class LevelExceeded(Event, kind="LevelExceeded"):
     """An abort level was exceeded; the points of the entry are flagged, and `action` follows."""
 
     level: str
-    """Its name in the table [levels] of the bench file."""
+    """Name in the table [levels] of the bench file."""
     time_s: float
-    """End of the block in which it was found, seconds since the acquisition started."""
+    """End of the block that exceeded the level, seconds since the start of the acquisition."""
     channel: str
     value: float
     limit: float
     unit: str
-    """Of value and limit."""
+    """Unit of value and limit."""
     action: str
     """`warning`, `ask` or `rest`."""
     words: str
@@ -211,9 +211,9 @@ class LevelExceeded(Event, kind="LevelExceeded"):
 class DriveReadbackChanged(Event, kind="DriveReadback"):
     """The card no longer sees the commanded drive at the amplifier's input, or sees it again; published, never stored.
 
-    It follows from the comparison of the abort level `drive`, also where that level is off or muted. `low_v` and `high_v`
-    are the lowest and highest volts of the block. A loss is published for two blocks, because the first may contain the
-    moment of the loss.
+    It follows from the comparison of the abort level `drive`, even if that level is off or muted. `low_v` and `high_v` are the
+    lowest and highest volts of the block. A loss is published for two blocks, because the first may contain the moment of the
+    loss.
     """
 
     lost: bool
@@ -223,7 +223,7 @@ class DriveReadbackChanged(Event, kind="DriveReadback"):
 
 @dataclass(frozen=True, slots=True)
 class InjectedFaultChanged(Event, kind="FaultSwitched"):
-    """A fault of a simulated bench was injected or cleared."""
+    """Injection or end of a fault of a simulated bench."""
 
     fault: str
     """Its name."""
@@ -234,7 +234,7 @@ class InjectedFaultChanged(Event, kind="FaultSwitched"):
 
 @dataclass(frozen=True, slots=True)
 class ShutdownStarted(Event, kind="GoingToRest"):
-    """The shutdown has started; nothing is measured any more."""
+    """The shutdown has started; no further measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +263,7 @@ class RestMeasured(Event, kind="AtRest"):
 class RunEnded(Event, kind="RunEnded"):
     """The last event of every run, even if the disk is full. `estimates` are the identified quantities.
 
-    `status` and `reason` state how it ended, `verdict` whether its result is usable.
+    `status` and `reason` state the end of the run, `verdict` whether its result is usable.
     """
 
     status: RunStatus
@@ -271,7 +271,7 @@ class RunEnded(Event, kind="RunEnded"):
     path: str
     estimates: tuple[Any, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
-    """Where none is given: the status of a run that was stopped, failed or ended unsafe; else not judged."""
+    """The given outcome; otherwise the status of a stopped, failed or unsafe run, or not judged."""
     hints: tuple[str, ...] = ()
     """The protocol's warnings about the points."""
 
@@ -281,7 +281,7 @@ class RunEnded(Event, kind="RunEnded"):
 
     @property
     def summary(self) -> str:
-        """Outcome, reasons and how the run ended, as a line."""
+        """Outcome, reasons and end of the run, as a line."""
         return self.verdict.describe(self.reason)
 
 
@@ -297,7 +297,7 @@ Observer = Callable[[Any], object]
 
 
 class EventBus:
-    """Delivers each event to all observers, in the order they subscribed.
+    """Delivers each event to all observers, in the order of their subscription.
 
     An observer's exception is logged and reaches neither the publisher nor the other observers.
     """

@@ -1,4 +1,4 @@
-"""Figures of a protocol as data: measured series over one axis, with the curve of the model and what to compare with."""
+"""Figures of a protocol as data: measured series over one axis, with the curve of the model and reference levels."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ class ModelState:
 
     Attributes:
         shape_count: number of shape functions.
-        mass_fraction, mass_offset_kg: share and offset of the masses put in the cylinder that act at the centre.
+        mass_fraction, mass_offset_kg: acting share and offset of the masses in the cylinder.
     """
 
     specimen: Specimen = field(default_factory=Specimen)
@@ -25,22 +25,22 @@ class ModelState:
     mass_offset_kg: float = 0.0
 
     def acting_mass(self, mass_kg: Array) -> Array:
-        """Return the masses that act at the centre, of those put in the cylinder, (N,)."""
+        """Return the acting masses at the centre of masses in the cylinder, (N,)."""
         return self.mass_fraction * mass_kg + self.mass_offset_kg
 
     def crept(self, time_s: float) -> float:
-        """Return the factor of a deflection that creeps for so long after its step."""
+        """Return the creep factor of a deflection at a time after its step."""
         from model.response import REFERENCE_S  # slow to import
 
         return 1 + self.specimen.creep * float(np.log10(time_s / REFERENCE_S))
 
 
 ModelFunction = Callable[[ModelState, Array], Array | None]
-"""Returns y over x by the model, (N,), SI; None where there is none."""
+"""Returns y over x by the model, (N,), SI; None without a model curve."""
 
 
 class ReferenceSpan(NamedTuple):
-    """A range of y to compare with, SI."""
+    """A reference range of y, SI."""
 
     low: float
     high: float
@@ -53,16 +53,17 @@ class Figure:
 
     Attributes:
         points: drawn with symbols and error bars; a series without a label is named after its run.
-        title: in the report of a specimen, where the figures of one title of all runs are one; empty: in the run's picture only.
-        caption: for the report.
+        title: title in the report of a specimen, which joins the figures of one title of all runs; empty: in the run's picture
+            only.
+        caption: caption in the report.
         model: curve of the model, drawn over `grid`, by default over the range of the points.
         models: curves of the model for the points of a label.
-        has_threshold: the threshold of perception, in µm over Hz, is drawn.
-        lines: drawn as lines.
-        levels: of y to compare with.
-        spans: ranges of y to compare with.
-        from_zero: the axis of y begins at zero.
-        log_limits: of a logarithmic axis of y.
+        has_threshold: draw the threshold of perception, in µm over Hz.
+        lines: series drawn as lines.
+        levels: reference levels of y.
+        spans: reference ranges of y.
+        from_zero: begin the axis of y at zero.
+        log_limits: limits of a logarithmic axis of y.
         markers: symbols by label; others in turn.
     """
 
@@ -86,7 +87,7 @@ class Figure:
         return any(series.usable is None or series.usable.any() for series in self.points)
 
     def model_grid(self, x: Array) -> Array:
-        """Return where the model's curve is drawn for points at `x`, (N,)."""
+        """Return the abscissae of the model's curve for points at `x`, (N,)."""
         if self.grid is not None:
             return self.grid
         return np.linspace(x.min(), x.max(), 40) if np.ptp(x) else x[:1] * np.array([0.95, 1, 1.05])

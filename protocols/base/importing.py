@@ -1,4 +1,4 @@
-"""Import of tables and time series as a protocol states it: columns, values to complete, and points of a time series."""
+"""Interface of a protocol for the import of tables and time series: columns, values to complete, and points of a time series."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -9,7 +9,7 @@ from model import AmplifierMap, Array
 from protocols.base.records import Series, SeriesAxis
 
 DISPLACEMENT_RANGE_M = (1e-9, 1e-2)
-"""Usual displacements of a tactor."""
+"""Usual range of a tactor's displacement."""
 
 REPEAT_ALIASES = ("run", "trial", "wiederholung")
 
@@ -26,9 +26,9 @@ class ImportColumn:
         aliases: other names for it, lower case, letters and digits only.
         usual_range: values outside give a warning.
         lowest: lower bound of all values; a value below it is refused.
-        lowest_excluded: whether the bound itself is refused, too.
-        codes: numbers of cells that hold a text, by the text in lower case without blanks; no other numbers are valid then.
-        code_hint: what to write instead of another text.
+        lowest_excluded: whether the bound itself is refused.
+        codes: numbers by text of a cell, lower case without blanks; no other numbers are valid then.
+        code_hint: remedy for an invalid text.
     """
 
     name: str
@@ -48,11 +48,11 @@ class ImportedTable:
 
     Attributes:
         values: by column, (F,) each.
-        parameters: of the protocol, as far as they are given.
+        parameters: given parameters of the protocol.
         amplifier: map of the amplifier that drove the specimen.
-        elongation_m: of the membrane, for all rows; None where it is not given.
-        headings: of the table's columns, by quantity.
-        place: returns file, row and column as text; without a row, the file.
+        elongation_m: elongation of the membrane for all rows; None if not given.
+        headings: headings of the table's columns, by quantity.
+        place: function that returns file, row and column as text; without a row, the file.
         warnings: for the user.
     """
 
@@ -79,13 +79,13 @@ class ImportedSamples:
     """An evenly sampled time series of a file, in SI, (samples,) each.
 
     Attributes:
-        name: of the file.
-        place: of the file, for messages.
-        drive_v: at the amplifier's input; None where it was not recorded.
-        delay_s: of the sensor's output, to be taken out of phases.
-        settings: parameters that the user gives.
+        name: name of the file.
+        place: place of the file, for messages.
+        drive_v: volts at the amplifier's input; None if not recorded.
+        delay_s: delay of the sensor's output, which is removed from phases.
+        settings: parameters given by the user.
         amplifier: map of the amplifier that drove the specimen.
-        elongation_m: of the membrane; None where it is not given.
+        elongation_m: elongation of the membrane; None if not given.
     """
 
     name: str
@@ -105,7 +105,7 @@ class ImportedSamples:
         return TableImportError(f"{self.place}{message}")
 
     def as_series(self, label: str) -> tuple[Series, ...]:
-        """Return the drive, where it was recorded, and the displacement over time."""
+        """Return the drive, if recorded, and the displacement over time."""
         axis, since = SeriesAxis("time", "s", "time"), self.time_s - self.time_s[0]
         moved = SeriesAxis("displacement", "m", "displacement of the centre")
         shown = Series(since, self.displacement_m, x_axis=axis, y_axis=moved, name="time series", label=label)
@@ -117,7 +117,7 @@ class ImportedSamples:
 
 @dataclass(frozen=True, slots=True)
 class RunOfSamples:
-    """Points of one run that time series give, with the series to store."""
+    """Points of one run from time series, with the series to store."""
 
     samples: Sequence[ImportedSamples]
     points: tuple[Any, ...]
@@ -133,9 +133,10 @@ class ImportForm:
     """Columns of a protocol's tables.
 
     Attributes:
-        columns: quantities that a table may contain beside the columns of the protocol's points, or described better than there.
-        required: groups of columns, one of each is needed; empty: the protocol's axes. The last group is what was measured.
-        ambiguous: names that may mean several quantities; the user is asked.
+        columns: quantities that a table may contain beside the columns of the protocol's points, or that replace their
+            descriptions.
+        required: groups of columns, one of each is needed; empty: the protocol's axes. The last group has the measured quantity.
+        ambiguous: names of several possible quantities, which the user must choose from.
         input_uncertainties: inputs, with their units, whose uncertainty the fit takes into account beside the measured quantities.
         rising: whether rows usually rise with the first required column.
         series: columns of a time series that becomes points of this protocol or of another.

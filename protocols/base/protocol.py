@@ -1,8 +1,8 @@
 """Protocol base class: parameters with units, a plan of entries, steps per entry, pure analysis.
 
-A protocol is one file: a subclass of `Protocol` whose annotated fields become its form, its command-line settings and
-its file attributes. Its plan is a list of entries; each is measured whole and gives one point. Pausing, resuming after a
-crash and repeating a point therefore work the same way for all protocols.
+A protocol is one file: a subclass of `Protocol` whose annotated fields become its form, its command-line settings and its file
+attributes. Its plan is a list of entries; each is measured completely and gives one point. Pausing, resuming after a crash and
+repeating a point therefore work the same way for all protocols.
 """
 
 from abc import ABC, abstractmethod
@@ -37,30 +37,30 @@ class Protocol(BaseModel, ABC):
     point_type: ClassVar[type]
     """Frozen dataclass of annotated quantities, `quality` among them; its fields are the columns of the run's points."""
     axes: ClassVar[tuple[str, str]]
-    """The columns that the live plot draws: x and y. The error of y is the column `<y>_errors`."""
+    """Columns of the live plot: x and y. The error of y is the column `<y>_errors`."""
     default_plot: ClassVar[str] = ""
     """Name of the series that plots and a NeXus viewer show first; empty for the points over `axes`."""
     high_voltage: ClassVar[bool] = True
     """Whether the specimen gets high voltage; if not, the amplifier stays disabled and the drive must read rest."""
     uses_weights: ClassVar[bool] = False
-    """Whether weights are laid on or fixed, whose calibration then belongs to the run."""
+    """Whether the run uses weights, so that their calibration belongs to it."""
     diagnosed_levels: ClassVar[tuple[str, ...]] = ()
-    """Abort levels whose cause the protocol itself finds and reports: beyond them it is only warned."""
+    """Abort levels whose cause the protocol itself detects and reports: exceeding them only gives a warning."""
     passes_or_fails: ClassVar[bool] = False
-    """Whether a failed check means that the run did not pass; its checks then count also for a run that is not judged."""
+    """Whether a failed check means that the run did not pass; its checks then count even for a run without verdict."""
     substitutes: ClassVar[tuple[str, ...]] = ()
-    """Names of protocols that measure the same where the source cannot play this one."""
+    """Names of protocols for the same quantity, for a source that cannot play this one."""
     restore: ClassVar[Prompt | None] = None
-    """Prompt of the next run of another protocol, where this one leaves something else than the tactor under the sensor."""
+    """Prompt of the next run of another protocol, if this one does not leave the tactor under the sensor."""
 
     rest_record_s: ClassVar[float] = 1.0
     """Duration of the recording at rest before the first entry, in which hum and other interference is measured; 0: none."""
 
     max_recording_scans: ClassVar[float] = MAX_RECORDING_SCANS
-    """Longest recording that the analysis takes; infinite where it is analysed in parts."""
+    """Longest recording of the analysis; infinite for an analysis in parts."""
 
     aspects: ClassVar[Aspects] = AspectsOfModule()  # type: ignore[assignment]
-    """What fit, import, figures and lists need of it; a laboratory's protocol assigns an instance of its own subclass."""
+    """Aspects for fit, import, figures and lists; a laboratory's protocol assigns an instance of its own subclass."""
 
     sample_rate_hz: float
 
@@ -77,18 +77,18 @@ class Protocol(BaseModel, ABC):
     @model_validator(mode="before")
     @classmethod
     def _take_former_names(cls, values: Any) -> Any:
-        """Return the values under the present names of the parameters: files of earlier versions have others."""
+        """Return the values under the present names of the parameters, for files of earlier versions."""
         if not isinstance(values, dict):
             return values
-        known = cls.model_fields
-        present = [name if name in known else current_parameter(name, known) for name in values]
+        names = cls.model_fields
+        present = [name if name in names else current_parameter(name, names) for name in values]
         if doubled := [name for name in present if present.count(name) > 1]:
             raise ValueError(f"{doubled[0]} is given twice, once by its former name; give it once")
         return dict(zip(present, values.values(), strict=True))
 
     @property
     def meters(self) -> tuple[str, ...]:
-        """Names of the meters it reads, as in the bench file."""
+        """Names of the meters of the protocol, as in the bench file."""
         return ()
 
     @abstractmethod
@@ -96,14 +96,14 @@ class Protocol(BaseModel, ABC):
         """Return all entries known in advance, in order; the same for the same parameters."""
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Return the protocol with other parameters where the source cannot play its drives; itself if nothing helps. Pure.
+        """Return the protocol with other parameters if the source cannot play its drives; unchanged if that does not help. Pure.
 
-        `reason_unsupported` gives why the source cannot play a drive, empty if it can.
+        `reason_unsupported` returns the reason why the source cannot play a drive, empty if it can.
         """
         return self
 
     def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
-        """Return further entries once all so far are measured; none ends the run. Pure."""
+        """Return further entries after the end of the plan; none ends the run. Pure."""
         return ()
 
     @abstractmethod
@@ -115,14 +115,14 @@ class Protocol(BaseModel, ABC):
         """Return the point of one entry from its recordings. Pure, so that a file gives the numbers of the live run.
 
         Raises:
-            ValueError: the recordings do not suffice; the message gives the reason.
+            ValueError: the recordings are insufficient; the message gives the reason.
         """
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         """Return the series of one entry, such as a frequency response; they are stored in the file. Pure.
 
         Raises:
-            ValueError: the recordings do not suffice; the message gives the reason.
+            ValueError: the recordings are insufficient; the message gives the reason.
         """
         return ()
 
@@ -146,11 +146,11 @@ class Protocol(BaseModel, ABC):
         return ()
 
     def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
-        """Return the checks against the model of the free specimen; none where the points cannot decide. Pure."""
+        """Return the checks against the model of the free specimen; none if the points cannot decide. Pure."""
         return ()
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
-        """Return the names of the estimates that a plan like this must give; without any of them there is no result."""
+        """Return the names of the estimates that such a plan must give; without one of them there is no result."""
         return ()
 
     def folded_onto(self, point: Any, lines: Sequence[InterferenceLine]) -> bool:
@@ -159,12 +159,12 @@ class Protocol(BaseModel, ABC):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:  # noqa: ARG003 - for subclasses
-        """Return the lines that the estimates describe, over the axes of the protocol; none where there is no such line. Pure."""
+        """Return the lines that the estimates describe, over the axes of the protocol; none without such a line. Pure."""
         return ()
 
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """Return what is identified from all points; empty if they do not suffice."""
+        """Return the quantities identified from all points; empty for insufficient points."""
 
 
 P = TypeVar("P", bound=Protocol)
@@ -173,9 +173,9 @@ P = TypeVar("P", bound=Protocol)
 def first_adapted(
     candidates: Iterable[Mapping[str, Any]], protocol: P, rest_v: float, reason_unsupported: Callable[[Drive], str]
 ) -> P:
-    """Return the protocol with the first of the parameter changes whose drives the source can play; itself if none helps.
+    """Return the protocol with the first of the parameter changes whose drives the source can play; unchanged if none helps.
 
-    The protocol as it is comes first; changes that it rejects are passed over.
+    The unchanged protocol is tried first; changes that it rejects are skipped.
     """
     for changes in ({}, *candidates):
         try:
@@ -191,7 +191,7 @@ def first_adapted(
 def extend_plan(
     protocol: Protocol, plan: Sequence[PlanEntry], points: Mapping[int, Any], rest_v: float
 ) -> tuple[PlanEntry, ...]:
-    """Return the plan with all refinements that the points so far allow (`points` by entry)."""
+    """Return the plan with all refinements by the present points (`points` by entry)."""
     whole = tuple(plan)
     while all(i in points for i in range(len(whole))):
         more = protocol.refine([points[i] for i in range(len(whole))], rest_v)

@@ -18,16 +18,16 @@ class Quality(IntFlag):
     UNSETTLED = 2
     """The response was still changing when recorded."""
     OUT_OF_RANGE = 4
-    """The displacement sensor said 'out of range'."""
+    """The displacement sensor reported 'out of range'."""
     DROPPED = 8
     """Scans are missing inside the recording."""
     DRIVE_OFF = 16
-    """The drive read back is not the drive commanded."""
+    """The recorded drive differs from the commanded one."""
     SIMULATED = 32
     CALIBRATION_EXPIRED = 64
     """The displacement sensor's calibration had expired: a warning, the value stays usable."""
     SUPERSEDED = 128
-    """The same entry was measured again later; that value counts."""
+    """The entry was measured again later; the later value counts."""
     NO_RESPONSE = 256
     """The response is less than 5 standard uncertainties."""
     IMPORTED = 512
@@ -37,7 +37,7 @@ class Quality(IntFlag):
     INTERFERENCE = 2048
     """Hum or another line measured at rest coincides with the point's frequency: its size is in the uncertainty."""
     FOLDED = 4096
-    """That line lies above half the sample rate and is folded back: sample faster or at another rate, or filter."""
+    """The coinciding line lies above half the sample rate and is folded back: sample faster or at another rate, or filter."""
     FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED | INTERFERENCE | FOLDED
     """Flags of a usable value."""
 
@@ -58,5 +58,5 @@ def point_quality(point: Any) -> Quality:
 
 
 def usable_mask(flags: Iterable[float]) -> Mask:
-    """Return which values, by their stored flags, fits and summaries may use; (N,)."""
+    """Return the mask of values that fits and summaries may use, by their stored flags; (N,)."""
     return np.array([Quality(int(each)).usable for each in flags], bool)

@@ -16,23 +16,23 @@ from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 
 MAX_RECORDING_SCANS = 50_000_000
-"""Limit of one recording whose analysis holds it in memory: a gigabyte."""
+"""Largest recording whose analysis holds it in memory: a gigabyte."""
 
 PART_SCANS = 4_000_000
-"""Scans of a longer recording that are analysed together where its analysis is one of parts: a hundred megabytes."""
+"""Number of scans analysed together in an analysis by parts: a hundred megabytes."""
 
 SIGNIFICANT_LINE_SIGMAS = 5.0
-"""An interference line of more standard uncertainties than this is no noise."""
+"""Standard uncertainties above which an interference line is significant."""
 
 STREAMED_RECORDING_SCANS = 1 << 15
-"""A recording from this many scans on stays in the run file."""
+"""Number of scans above which a recording stays in the run file."""
 
 
 SAMPLES = ("drive_v", "displacement_m")
 
 
 def recording_too_long_message(scans: float) -> str:
-    """Return the error message for too long a recording."""
+    """Return the error message for a recording that is too long."""
     return (
         f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MAX_RECORDING_SCANS / 1e6:.0f} million); "
         "record for a shorter time or lower sample_rate_hz"
@@ -41,15 +41,15 @@ def recording_too_long_message(scans: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class InterferenceLine:
-    """A spectral line of the displacement at rest: hum of the mains, or another oscillation that no drive makes.
+    """A spectral line of the displacement at rest: hum of the mains, or another oscillation independent of the drive.
 
     Attributes:
-        frequency_hz: as sampled.
-        amplitude_m: peak; the share of the noise is taken off.
+        frequency_hz: frequency after sampling.
+        amplitude_m: peak amplitude, less the share of the noise.
         error_m: standard uncertainty of the amplitude.
-        frequency_error_hz: standard uncertainty of the frequency; NaN where it was not measured: a harmonic of the mains within noise.
-        folded_from_hz: true frequency of a line above half the sample rate; NaN for a line that is not known to be folded.
-        phase_rad: of its sine at the first sample of the recording at rest.
+        frequency_error_hz: standard uncertainty of the frequency; NaN if not measured: a harmonic of the mains within noise.
+        folded_from_hz: true frequency of a line above half the sample rate; NaN for other lines.
+        phase_rad: phase of its sine at the first sample of the recording at rest.
     """
 
     frequency_hz: float
@@ -61,12 +61,12 @@ class InterferenceLine:
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than noise."""
+        """Whether the amplitude is significant."""
         return self.amplitude_m > SIGNIFICANT_LINE_SIGMAS * self.error_m
 
     @property
     def folded(self) -> bool:
-        """Whether it was found to lie above half the sample rate."""
+        """Whether its true frequency lies above half the sample rate."""
         return math.isfinite(self.folded_from_hz)
 
 
@@ -75,8 +75,8 @@ class Recording:
     """Samples recorded under one drive, in SI units, and their quality.
 
     `rows` are the first and one past the last row of the run file's raw data. `drive_v` is at the amplifier's input,
-    `displacement_m` the tactor's centre as measured by the sensor, both (samples,). `sensor_delay_s` is how late the
-    displacement is against the drive: the sensor's delay less the time between the card's conversions of the two.
+    `displacement_m` the tactor's centre as measured by the sensor, both (samples,). `sensor_delay_s` is the delay of the
+    displacement against the drive: the sensor's delay less the time between the card's conversions of the two.
     """
 
     index: int
@@ -88,14 +88,14 @@ class Recording:
     quality: Quality
     sensor_delay_s: float = 0.0
     entry: int = 0
-    """The entry of the plan it belongs to."""
+    """Its entry of the plan."""
     interference: tuple[InterferenceLine, ...] = ()
-    """Lines of the displacement as measured at rest before the first drive."""
+    """Lines of the displacement, measured at rest before the first drive."""
     start_s: float = 0.0
-    """Time of the first sample since the stream of samples began."""
+    """Time of the first sample since the begin of the stream."""
 
     def parts(self, longest: int = PART_SCANS) -> "tuple[Recording, ...]":
-        """Return the recording in parts of about the same length, of `longest` scans at most."""
+        """Return the recording in parts of about equal length, of `longest` scans at most."""
         first, stop = self.rows
         count = math.ceil((stop - first) / longest)
         if count < 2:
@@ -115,8 +115,8 @@ class StreamedRecording(Recording):
     """A recording whose samples are read from the run file at each access, so that a long entry needs no memory.
 
     Args:
-        read_channel: returns the samples of a channel in SI, (samples,), of rows of the run file: the drive for True, else the
-            displacement.
+        read_channel: function that returns the samples of a channel in rows of the run file, SI, (samples,): drive for True,
+            displacement for False.
         values: the other fields.
     """
 
@@ -145,11 +145,11 @@ class StreamedRecording(Recording):
 
 @dataclass(frozen=True, slots=True)
 class PlanEntry:
-    """One entry of a protocol's plan: gives one point and is measured whole or not at all.
+    """One entry of a protocol's plan: gives one point and is measured completely or not at all.
 
     Attributes:
         label: short description.
-        drives: all drives it will play; empty if nothing moves.
+        drives: all drives of the entry; empty if nothing moves.
         expected_s: approximate duration without the operator's time.
         key: identifies the entry by plain values: a frequency, a mass, a repeat. Stored in the file.
         setup: set-up by the operator; prompted if it differs from the previous entry's.

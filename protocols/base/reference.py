@@ -14,12 +14,12 @@ PAPER_SOURCE = "the paper's values"
 
 @dataclass(frozen=True, slots=True)
 class ReferenceModel:
-    """Model of the free specimen that a run is compared with.
+    """Model of the free specimen, for comparison with a run.
 
     Attributes:
         tactor: the specimen without skin.
         amplifier: static map of the bench's amplifier.
-        source: where the parameters come from.
+        source: origin of the parameters.
         calibrated: whether they were identified for this specimen.
     """
 
@@ -54,12 +54,12 @@ class ReferenceModel:
             KeyError, TypeError, ValueError: the record is not a reference.
         """
         return cls(
-            Tactor(**_known(Tactor, record["tactor"])),
-            AmplifierMap(**_known(AmplifierMap, record["amplifier"])),
+            Tactor(**_recorded_parameters(Tactor, record["tactor"])),
+            AmplifierMap(**_recorded_parameters(AmplifierMap, record["amplifier"])),
             str(record["source"]),
             bool(record["calibrated"]),
         )
 
 
-def _known(kind: type[Any], record: Mapping[str, Any]) -> dict[str, float]:
+def _recorded_parameters(kind: type[Any], record: Mapping[str, Any]) -> dict[str, float]:
     return {each.name: float(record[each.name]) for each in fields(kind) if each.name in record}

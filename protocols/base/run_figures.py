@@ -11,8 +11,8 @@ class RunFigure(NamedTuple):
     Attributes:
         statistical: standard uncertainty by the scatter of the points alone.
         total: standard uncertainty, with the uncertainty of the sensor's gain, which is common to all runs of a calibration.
-        condition: what it depends on, such as the drive; figures of different conditions are not compared.
-        frequency_hz: of a margin over the threshold of perception at this frequency; 0 for others.
+        condition: condition of the figure, such as the drive; figures of different conditions are not compared.
+        frequency_hz: frequency of a margin over the threshold of perception; 0 for other figures.
     """
 
     name: str
@@ -36,7 +36,7 @@ class ResultTable:
     """A table of the report; a figure as a cell is shown with its total uncertainty.
 
     Attributes:
-        section: of the report: `perception` or `results`.
+        section: section of the report: `perception` or `results`.
     """
 
     title: str

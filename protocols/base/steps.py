@@ -1,4 +1,4 @@
-"""Steps: what a protocol may request of the runner, and the result of each."""
+"""Steps: requests of a protocol to the runner, and the result of each; prompts and the operator's interface."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class Settle:
 
 @dataclass(frozen=True, slots=True)
 class SettlingResult:
-    """Whether the response became steady, and after how long."""
+    """Whether the response became steady, and its settling time."""
 
     settled: bool
     after_s: float
@@ -33,7 +33,7 @@ class SettlingResult:
 
 @dataclass(frozen=True, slots=True)
 class Play:
-    """Play a drive for `wait_s`, whatever the response. Returns `SettlingResult`."""
+    """Play a drive for `wait_s`, independent of the response. Returns `SettlingResult`."""
 
     drive: Drive
     wait_s: float
@@ -57,8 +57,8 @@ class Prompt:
     """An action for the operator.
 
     Attributes:
-        action: its name, for a simulated operator and for a drawing of the set-up.
-        text: shown to the operator.
+        action: name of the action, for a simulated operator and a drawing of the set-up.
+        text: text for the operator.
         values: the action's numbers by name, for a simulated operator, e.g. `{"mass_kg": 0.05}`.
         choices: possible answers, the expected one first; each has a different initial letter, its key.
         hands_on: whether the specimen must be touched; rest is then measured and high voltage switched off before,
@@ -90,7 +90,7 @@ class Detector(Protocol):
 class WaitForDetection:
     """Show a prompt and wait until `detector` detects the action, or the operator answers.
 
-    Returns `DetectionResult`. The samples are not stored: an operator may take an hour.
+    Returns `DetectionResult`. The samples are not stored: the operator may need an hour.
     """
 
     prompt: Prompt
@@ -131,3 +131,26 @@ class Repeat(Enum):
 
 StepResult = Any
 """Result of a step, as in its docstring."""
+
+
+class Operator(Protocol):
+    """Shows prompts and is polled for answers. Ids are unique, so that a stale answer is never mistaken for a new one.
+
+    An operator may have a property `unreachable_reason`, a text that is empty while an answer is possible; otherwise an abort
+    level with the action "ask" ends the run at rest.
+    """
+
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        """Show a prompt; must not wait."""
+
+    def answer(self, ask_id: int) -> str | None:
+        """Return the answer, or None before it was given. Called many times a second; must not wait."""
+
+
+DISABLE_HIGH_VOLTAGE = Prompt(
+    "disable-high-voltage", "Switch the amplifier's high voltage OFF. The generator's output is about to come up."
+)
+ENABLE_HIGH_VOLTAGE = Prompt(
+    "enable-high-voltage",
+    "Rest is measured at the amplifier's input. Hands off the specimen; the amplifier's high voltage must be ON now.",
+)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 MAX_NESTING = 40
-"""Lists and objects within each other in a JSON or TOML text; the program's own have six."""
+"""Largest depth of lists and objects in a JSON or TOML text; the program's own texts have six levels."""
 MAX_JSON_BYTES = 20_000_000
 """Longest JSON file; a campaign, notes or calibrations have some kilobytes."""
 MAX_INTEGER_BITS = 64
@@ -19,13 +19,13 @@ MAX_INTEGER_BITS = 64
 CONTROL_CHARACTERS = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
-"""Characters that move a terminal's cursor, change its state or its reading direction, and halves of characters."""
+"""Characters that move a terminal's cursor, change its state or its reading direction, and surrogate halves."""
 
 
 def visible_text(text: str, multiline: bool = False) -> str:
     r"""Return a text with control characters as escapes such as `\x1b`; `multiline` keeps line feeds and tabs.
 
-    Text that comes from a file must not give orders to a terminal.
+    A text from a file must not control a terminal.
     """
     if text.isprintable():
         return text
@@ -57,13 +57,12 @@ def read_json_file(path: Path) -> dict[str, Any]:
         OSError: the file cannot be read.
         ValueError: it is not a regular file, too long, not UTF-8 text, or not an object of plain values.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise ValueError("it is not a regular file")
     with path.open("rb") as file:
-        data = file.read(
-            min(found.st_size, MAX_JSON_BYTES) + 1
-        )  # a buffer of the largest size takes longer than the rest
+        # Allocating a buffer of the largest size would dominate the time.
+        data = file.read(min(status.st_size, MAX_JSON_BYTES) + 1)
     if len(data) > MAX_JSON_BYTES:
         raise ValueError(f"it is longer than {MAX_JSON_BYTES / 1e6:g} MB")
     try:
@@ -115,7 +114,8 @@ def to_jsonable(value: Any) -> Any:
             return [to_jsonable(item) for item in value]
         case Enum():
             return to_jsonable(value.value)
-    if hasattr(value, "tolist"):  # of numpy, which is not imported here: the command line starts without it
+    # A number of numpy, which is not imported here, because the command line starts without it.
+    if hasattr(value, "tolist"):
         return to_jsonable(value.tolist())
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_jsonable(getattr(value, field.name)) for field in fields(value)}

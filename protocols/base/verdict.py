@@ -1,7 +1,7 @@
 """Verdict on a run: whether its result can be used, the reasons, and the checks behind it.
 
-The status of a run states how the program ended it; the verdict states whether its result is usable. A protocol's `checks`
-compare figures of its result with limits; `judge` adds what holds for every protocol (usable points) and returns the worst.
+The status of a run states its end; the verdict states whether its result is usable. A protocol's `checks` compare figures of its
+result with limits; `judge` adds the checks common to all protocols (usable points) and returns the worst.
 """
 
 import json
@@ -37,7 +37,7 @@ class Outcome(StrEnum):
 
     GOOD = "good"
     DOUBTFUL = "doubtful"
-    """There is a result, and a reason to question it."""
+    """There is a result with a reason for doubt."""
     NO_RESULT = "no result"
     """Nothing usable was measured."""
     DID_NOT_PASS = "did not pass"  # noqa: S105 - no password
@@ -47,19 +47,19 @@ class Outcome(StrEnum):
     UNSAFE = "unsafe"
     """Rest could not be confirmed at the end."""
     NOT_JUDGED = "not judged"
-    """A run of an earlier version, an imported one, or one that has not ended."""
+    """A run of an earlier version, an imported run, or a run that has not ended."""
 
     @property
     def has_result(self) -> bool:
-        """Whether the run gave a result that may be used."""
+        """Whether the run gave a usable result."""
         return self in (Outcome.GOOD, Outcome.DOUBTFUL)
 
 
 ALL_MEASURED = "all points measured"
-"""Reason of a run whose plan was completed."""
+"""Reason of a completed plan."""
 
 STOP_CAUSE = " points: "
-"""Before the cause in the reason of a run that the operator stopped because a level was exceeded or nothing responded."""
+"""Prefix of the cause in the reason of a run that the operator stopped because of an exceeded level or a missing response."""
 
 SEVERITY = (Outcome.GOOD, Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS)
 """Outcomes of a completed run, the worst last."""
@@ -72,14 +72,14 @@ class CheckResult:
     name: str
     value: float
     unit: str
-    """Empty where the name suffices."""
+    """Remedy; empty if the name suffices."""
     low: float | None
     high: float | None
     remedy: str
     consequence: Outcome = Outcome.DOUBTFUL
     """Outcome of the run if the figure lies outside its limits."""
     detail: str = ""
-    """Which points, weights or recordings the figure is of; empty where the name states it."""
+    """Points, weights or recordings of the figure; empty if the name states them."""
 
     @property
     def passed(self) -> bool:
@@ -119,7 +119,7 @@ class Verdict:
     checks: tuple[CheckResult, ...] = ()
 
     def describe(self, run_reason: str) -> str:
-        """Return outcome, reasons and, where these do not imply it, how the run ended, as a line."""
+        """Return outcome, reasons and, if these do not imply it, the end of the run, as a line."""
         reasons = "; ".join(self.reasons)
         implied = run_reason in reasons or run_reason == ALL_MEASURED
         text = f"{reasons} ({run_reason})" if reasons and not implied else reasons or run_reason
@@ -157,7 +157,7 @@ class Verdict:
 
     @classmethod
     def of_status(cls, status: RunStatus, reason: str, checks: tuple[CheckResult, ...] = ()) -> "Verdict":
-        """Return the verdict of a run that was not completed."""
+        """Return the verdict of an incomplete run."""
         return cls(Outcome(status), (reason,), checks)
 
 
@@ -175,7 +175,7 @@ def judge(
         points: the valid points, superseded ones left out.
         planned: number of entries of the plan.
         reference: model of the free specimen, for protocols that compare with it.
-        estimates: of these points, if they are computed already.
+        estimates: estimates from these points, if already computed.
     """
     identified = identification_checks(protocol, points, estimates)
     checks = (*usability_checks(points, planned), *identified, *protocol.checks(points))
@@ -209,7 +209,7 @@ def judge_ended(
 ) -> Verdict:
     """Return the verdict on a run that ended with `status` and `reason`; see `judge`. Pure.
 
-    A run that was stopped because of an exceeded level or a missing response, without a usable point, gave no result.
+    A run stopped because of an exceeded level or a missing response, without a usable point, has no result.
     """
     if status is RunStatus.COMPLETED:
         return judge(protocol, points, planned, reference, estimates)
@@ -222,23 +222,23 @@ def judge_ended(
 def identification_checks(
     protocol: "Protocol", points: Sequence[Any], estimates: "Sequence[EstimatedQuantity] | None" = None
 ) -> tuple[CheckResult, ...]:
-    """Return the check that the usable points gave the estimates the protocol is made for."""
+    """Return the check that the usable points gave the estimates that the protocol promises."""
     if not any(point_quality(point).usable for point in points):
-        return ()  # reported by the usable points
+        return ()  # reported by the check of usable points
     promised = protocol.promised_estimates(points)
-    found = {each.name for each in (protocol.estimates(points) if estimates is None else estimates)}
-    missing = [name for name in promised if name not in found]
+    identified = {each.name for each in (protocol.estimates(points) if estimates is None else estimates)}
+    missing = [name for name in promised if name not in identified]
     if not promised:
         return ()
-    name, found_count = f"estimates identified of {len(promised)}", len(promised) - len(missing)
-    remedy = "measure more points, or look at those that are not usable"
-    outcome = Outcome.DOUBTFUL if found_count else Outcome.NO_RESULT
+    name, identified_count = f"estimates identified of {len(promised)}", len(promised) - len(missing)
+    remedy = "measure more points, or check the unusable ones"
+    outcome = Outcome.DOUBTFUL if identified_count else Outcome.NO_RESULT
     detail = f"missing: {', '.join(map(quantity_label, missing))}" if missing else ""
-    return (CheckResult(name, float(found_count), "1", float(len(promised)), None, remedy, outcome, detail),)
+    return (CheckResult(name, float(identified_count), "1", float(len(promised)), None, remedy, outcome, detail),)
 
 
 def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, ...]:
-    """Return the checks that hold for every protocol: each entry has a point, and each point is usable."""
+    """Return the checks common to all protocols: each entry has a point, and each point is usable."""
     flags = [point_quality(point) for point in points]
     usable = sum(flag.usable for flag in flags)
     causes = Counter(
@@ -254,7 +254,7 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
         )
     else:
         first = CheckResult(f"no usable point of {planned}", 0.0, "", 1.0, None, remedy, Outcome.NO_RESULT, detail)
-    counts = ((sum(flag in each for each in flags), *words) for flag, words in QUESTIONABLE.items())
+    counts = ((sum(flag in each for each in flags), *texts) for flag, texts in QUESTIONABLE.items())
     return first, *(CheckResult(name, float(count), "1", None, 0.0, remedy) for count, name, remedy in counts if count)
 
 
@@ -263,12 +263,9 @@ QUESTIONABLE = {
         "points with an expired sensor calibration",
         "calibrate the displacement sensor and enter the date under [sensor] in the bench file",
     ),
-    Quality.LEVEL_EXCEEDED: (
-        "points in which an abort level was exceeded",
-        "see the log for the level and its value",
-    ),
+    Quality.LEVEL_EXCEEDED: ("points in which an abort level was exceeded", "see the log for the level and its value"),
 }
-"""Name and remedy of the check of points that are usable but for a flag."""
+"""Name and remedy of the check of usable points with a flag."""
 
 REMEDIES = {
     Quality.OUT_OF_RANGE: "check that the laser is on and bring the target into the sensor's range",
@@ -278,11 +275,11 @@ REMEDIES = {
     Quality.UNSETTLED: "allow more time to settle",
     Quality.DROPPED: "close other programs, or lower the sample rate",
 }
-"""What to do about points that are not usable, by flag; in the order in which causes mask each other."""
+"""Remedies for unusable points by flag, in the order in which causes mask each other."""
 
 
 def remedy_for(flags: Iterable[Quality]) -> str:
-    """Return what to do about points with these flags: about the cause that masks the others."""
+    """Return the remedy for points with these flags: for the cause that masks the others."""
     together = Quality.GOOD
     for each in flags:
         together |= each

@@ -27,7 +27,7 @@ def write_atomic(path: Path, text: str) -> None:
     with replacing(path) as working, working.open("w", encoding="utf-8") as file:
         file.write(text)
         file.flush()
-        os.fsync(file.fileno())  # or a power cut may leave the new name with nothing in it
+        os.fsync(file.fileno())  # or a power cut may leave an empty file under the new name
 
 
 def file_hash(path: Path) -> str:

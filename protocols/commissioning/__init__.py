@@ -1,4 +1,4 @@
-"""Commissioning: measures at the amplifier's input what a driver assumes of its instrument, with high voltage off."""
+"""Commissioning: measures a driver's assumptions about its instrument at the amplifier's input, with high voltage off."""
 
 import lazy_loader
 

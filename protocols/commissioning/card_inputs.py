@@ -1,4 +1,4 @@
-"""Skew and settling of the card's inputs, by a scan that converts each directly after the drive, and the drive several times."""
+"""Skew and settling of the card's inputs, by a scan that converts each input directly after the drive, and the drive several times."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,15 +13,15 @@ from protocols.commissioning.exercise import TAIL_S, Trace
 from protocols.commissioning.verdict import CheckedOutput
 
 SCAN_RATE_HZ = 100e6 / 20011
-"""Scans per second: slow enough for NI's default interval of conversions, and no multiple of the steps of a card's output, which
-so fall on all phases of a scan."""
+"""Scans per second: slow enough for NI's default interval of conversions, and no multiple of the steps of a card's output, so
+that these fall on all phases of a scan."""
 
 FREQUENCY_HZ, PEAK_V = 100.0, 0.25
 PLAYED_S, SETTLED_S, OBSERVED_S = 2.0, 0.1, 1.0
-"""Duration of the sine, and the part of it that is evaluated."""
+"""Duration of the sine, and of its evaluated part."""
 
 SKEW_LIMIT_S = 1e-6
-"""A phase of 0.2 degrees at 500 Hz."""
+"""Largest deviation of a skew: a phase of 0.2 degrees at 500 Hz."""
 
 SETTLING_LIMIT = 0.01
 SEEN_V = 0.02
@@ -37,7 +37,7 @@ class CheckedInputs:
 
 
 def scan_order(channels: int) -> tuple[int, ...]:
-    """Return the numbers of the channels in a scan: each input after the drive and once more after itself, and the drive at the end."""
+    """Return the numbers of the channels in a scan: each input after the drive and again after itself, and the drive at the end."""
     others = (k for k in range(channels) if k != DRIVE_CHANNEL)
     return (*(slot for k in others for slot in (DRIVE_CHANNEL, k, k)), DRIVE_CHANNEL)
 
@@ -49,7 +49,7 @@ def exercise_inputs(
     rest_v: float,
     check_stop: Callable[[], object] = lambda: None,
 ) -> CheckedInputs:
-    """Play a sine and measure the card's inputs in it; nothing is checked with a source that does not play one.
+    """Play a sine and measure the card's inputs during it; no check with a source that does not play sines.
 
     Args:
         bench: exercised with `order`, see `Bench.exercised`.
@@ -64,7 +64,7 @@ def exercise_inputs(
     drive = Sine(FREQUENCY_HZ, PEAK_V, rest_v, round(PLAYED_S * FREQUENCY_HZ))
     skew_s = settling = math.nan
     detail, traces = "", []
-    for _ in range(2):  # once more if it did not start
+    for _ in range(2):  # repeated if it did not start
         try:
             trace = _recorded(bench, clock, drive, check_stop)
         except DriveRejectedError:
@@ -136,11 +136,11 @@ def _largest_skew_error_s(tones: Array, order: Sequence[int], reported_s: Sequen
 
 
 def _largest_share(tones: Array, order: Sequence[int]) -> tuple[float, str]:
-    """Return the largest share of the drive in an input that is converted directly after it, and which input that is."""
+    """Return the largest share of the drive in an input converted directly after it, and the name of the input."""
     shares = [
         (abs(tones[place] / tones[place - 1]), abs(tones[place + 1] / tones[place - 1]), channel)
         for place, channel in enumerate(order)
         if place and channel != DRIVE_CHANNEL and order[place - 1] == DRIVE_CHANNEL
     ]
     directly, later, channel = max(shares)
-    return float(directly), f"of the drive in input {channel} after it, {later:.2g} when it is converted once more"
+    return float(directly), f"share of the drive in input {channel}, {later:.2g} at its second conversion"

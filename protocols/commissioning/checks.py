@@ -10,13 +10,13 @@ from protocols.commissioning.messages import MessageKind
 from protocols.commissioning.verdict import CheckedOutput
 
 HELD_V = 0.2
-"""Distance from rest of the two levels by which the scale of the offset is measured."""
+"""Distance from rest of the two levels that measure the scale of the offset."""
 
 REST_LIMIT_V, LEVEL_LIMIT_V = 0.05, 0.03
 CROSSTALK_LIMIT, START_ROUTE_LIMIT = 0.01, 0.1
 GAIN_LIMIT, OFFSET_LIMIT, SHAPE_LIMIT = 0.03, 0.02, 0.08
 FIT_LIMIT = 0.25
-"""A recording that departs further (rms, in peaks) from the commanded form has no amplitude and no polarity."""
+"""Largest departure (rms, in peaks) from the commanded form of a recording with amplitude and polarity."""
 
 CARD_STOP_LIMIT_S = 2.0
 """Longest Stop of a card's output: a queue of 0.5 s, its margin, the fade and the measurement of the level. Without a rewrite:
@@ -27,12 +27,12 @@ CAUSES = {
     OutputCheck.AMPLITUDE: (MessageKind.AMPLITUDE,),
     OutputCheck.STOP: (MessageKind.ABORT, MessageKind.TRIGGER),
 }
-"""The messages whose transients each check is of; a transient at the trigger, before Stop, belongs to the waveform."""
+"""Messages whose transients belong to each check; a transient at the trigger, before Stop, belongs to the waveform."""
 
 
-def worst_deviation(check: OutputCheck, found: Sequence[tuple[float, str]], limit: float) -> CheckedOutput:
+def worst_deviation(check: OutputCheck, deviations: Sequence[tuple[float, str]], limit: float) -> CheckedOutput:
     """Return the check of the largest deviation."""
-    finite = [each for each in found if math.isfinite(each[0])]
+    finite = [each for each in deviations if math.isfinite(each[0])]
     value, detail = max(finite, key=lambda each: abs(each[0]), default=(math.nan, ""))
     return CheckedOutput(check, value, "V", -limit, limit, detail)
 
@@ -53,14 +53,14 @@ def check_waveforms(
     ratio = abs(uneven.gain / gain) if uneven is not None and uneven.misfit < FIT_LIMIT else math.nan
     yield CheckedOutput(OutputCheck.UNEVEN, ratio, "1", 1 - GAIN_LIMIT, 1 + GAIN_LIMIT, "in parts of the sine's")
     played = [e for e in (sine, uneven, larger) if e is not None]
-    found = [(e.residual, f"'{e.trace.name}'") for e in played]
-    found += [
+    deviations = [(e.residual, f"'{e.trace.name}'") for e in played]
+    deviations += [
         (t.away_v / e.peak_v, f"at the start of '{e.trace.name}'")
         for e in played
         for t in e.transients()
         if is_at_start(e, t)
     ]
-    value, detail = max(found, default=(math.nan, ""))
+    value, detail = max(deviations, default=(math.nan, ""))
     yield CheckedOutput(OutputCheck.SHAPE, value, "1", None, SHAPE_LIMIT, f"largest departure in peaks, {detail}")
 
 
@@ -74,12 +74,12 @@ def check_transients(
     stopped: Evaluation | None,
     causes_of: Mapping[OutputCheck, tuple[MessageKind, ...]] = CAUSES,
 ) -> Iterator[CheckedOutput]:
-    """Yield the checks of transients, by their causes; of Stop also the level that it left."""
-    found: list[tuple[Transient, str]] = [
+    """Yield the checks of transients, by their causes; for Stop also the level after it."""
+    transients: list[tuple[Transient, str]] = [
         (t, e.trace.name) for e in everything for t in e.transients() if not is_at_start(e, t)
     ]
     for check, causes in causes_of.items():
-        caused = [(t, name) for t, name in found if t.cause in causes]
+        caused = [(t, name) for t, name in transients if t.cause in causes]
         worst = max(caused, key=lambda each: each[0].away_v, default=None)
         value = worst[0].away_v if worst else 0.0
         detail = f"{worst[0].volts:.2f} V at '{worst[0].text}' in '{worst[1]}'" if worst else ""
@@ -91,7 +91,7 @@ def check_transients(
 
 
 def check_stop_duration(stopped: Evaluation | None) -> CheckedOutput | None:
-    """Return the check of Stop if the output of a card took too long for it; None if it did not, or has a wire of its own."""
+    """Return the check of a card's output that took too long for Stop; None if it did not, or for a source with its own connection."""
     if stopped is None or stopped.trace.messages or stopped.stop_duration_s <= CARD_STOP_LIMIT_S:
         return None
     detail = stopped.trace.error or f"in '{stopped.trace.name}'"
@@ -99,7 +99,7 @@ def check_stop_duration(stopped: Evaluation | None) -> CheckedOutput | None:
 
 
 def with_rewrites_held_back(check: CheckedOutput) -> CheckedOutput:
-    """Return the check of Stop with the remark that it was measured without a rewrite."""
+    """Return the check of Stop with a remark: measured without a rewrite."""
     if check.check is not OutputCheck.STOP:
         return check
     remark = "NI's driver holds rewritten samples back: Stop keeps the sample that was reached, and leaves it in a line"
@@ -107,21 +107,21 @@ def with_rewrites_held_back(check: CheckedOutput) -> CheckedOutput:
 
 
 def with_jump_at_stop(check: CheckedOutput, stopped: Evaluation) -> CheckedOutput:
-    """Return the check of Stop with the jump by which a stopped drive was left, if that is larger."""
+    """Return the check of Stop with the jump at the end of a stopped drive, if that is larger."""
     if check.check is not OutputCheck.STOP or stopped.stop_jump_v <= check.value:
         return check
     return CheckedOutput(OutputCheck.STOP, stopped.stop_jump_v, "V", None, TRANSIENT_V, f"in '{stopped.trace.name}'")
 
 
 def check_crosstalk(bursts: Sequence[Evaluation]) -> CheckedOutput:
-    """Return the check of the drive in the card's other inputs: high voltage is off, so nothing else carries it there."""
+    """Return the check of the drive in the card's other inputs: high voltage is off, so it arrives by crosstalk alone."""
     value = max((b.crosstalk for b in bursts if math.isfinite(b.crosstalk)), default=math.nan)
     detail = "of the drive, in another input"
     return CheckedOutput(OutputCheck.CROSSTALK, value, "1", None, CROSSTALK_LIMIT, detail)
 
 
 def check_start_route(bursts: Sequence[Evaluation], errors: Sequence[str]) -> CheckedOutput:
-    """Return the check that drives start on scans: the start of a sine lies at the same place between two of them each time."""
+    """Return the check that drives start on scans: the start of a sine always has the same position between two scans."""
     starts = [b.start_in_scans for b in bursts if math.isfinite(b.start_in_scans)]
     spread = max((abs((s - starts[0] + 0.5) % 1.0 - 0.5) for s in starts), default=math.nan)
     detail = "of a scan, between the starts of sines"
@@ -131,7 +131,7 @@ def check_start_route(bursts: Sequence[Evaluation], errors: Sequence[str]) -> Ch
 
 
 def check_wire(cut: Evaluation | None, bursts: Sequence[Evaluation]) -> list[CheckedOutput]:
-    """Return the check of the level after a drive during which the wire was cut, against the other drives' levels."""
+    """Return the check of the level after a drive with an interrupted connection, against the other drives' levels."""
     if cut is None:
         return [CheckedOutput(OutputCheck.WIRE, math.nan, "V", -LEVEL_LIMIT_V, LEVEL_LIMIT_V)]
     others = [b.after_v - b.armed_v for b in bursts if math.isfinite(b.after_v)]

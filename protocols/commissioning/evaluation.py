@@ -12,16 +12,16 @@ from protocols.commissioning.exercise import LEAD_S, Trace
 from protocols.commissioning.messages import MessageKind
 
 EARLIEST_START_S, LATEST_START_S = -0.005, 0.04
-"""When a burst may begin, after its trigger was sent and after the driver had its reply: a busy computer passes both on late."""
+"""Latest begin of a burst after its trigger was sent and after the driver had its reply: a busy computer delays both."""
 
 IDLE_S = 0.005
-"""Before that, the level at which the output idles is measured."""
+"""Time before the drive for the measurement of the idle level."""
 
 TRANSIENT_V = 0.04
-"""Smallest transient that counts: above the card's noise and twice the idle amplitude of an armed burst, 20 mVpp."""
+"""Smallest significant transient: above the card's noise and twice the idle amplitude of an armed burst, 20 mVpp."""
 
 CLOCK_MARGIN_S = 2e-3
-"""Largest difference between the card's time and the messages'."""
+"""Largest difference between the card's time and the time of the messages."""
 
 EDGE_S = 3e-4
 SMOOTHING_S = 1e-4
@@ -41,11 +41,11 @@ class Transient:
 
 
 class Evaluation:
-    """Figures of one recorded output; NaN where the trace has none.
+    """Figures of one recorded output; NaN for a figure that the trace does not have.
 
     Args:
         trace: the recorded output.
-        fitted_s: how long the waveform is fitted, where it was stopped before its end.
+        fitted_s: duration of the fit of a waveform that was stopped before its end.
     """
 
     def __init__(self, trace: Trace, fitted_s: float | None = None) -> None:
@@ -61,7 +61,7 @@ class Evaluation:
         self._fit()
 
     def _fit(self) -> None:
-        from scipy.signal import correlate  # lazily: takes as long to load as all the rest
+        from scipy.signal import correlate  # imported here: takes as long to load as all other modules
 
         trace, rate = self.trace, self.trace.rate_hz
         times = np.arange(round(self._fitted_s * rate)) / rate
@@ -73,7 +73,7 @@ class Evaluation:
         if seen.size <= form.size or not np.any(centred):
             return
         idle = np.concatenate([[0.0], np.cumsum((seen - _mean(trace.span(begin_s - IDLE_S, begin_s))) ** 2)])
-        # Least squares at every lag at once: what is left of the samples is smallest where the waveform begins after the idle level.
+        # Least squares at all lags: the residual of the samples is smallest at the begin of the waveform after the idle level.
         seen = seen - seen.mean()
         match = correlate(seen, centred, "valid")
         sums = np.concatenate([[0.0], np.cumsum(seen)])
@@ -81,7 +81,7 @@ class Evaluation:
         size = form.size
         energy = squares[size:] - squares[:-size] - (sums[size:] - sums[:-size]) ** 2 / size
         left = idle[: energy.size] + energy - match**2 / (centred @ centred)
-        if self._fitted_s == trace.drive.duration_s:  # and a level follows, whichever
+        if self._fitted_s == trace.drive.duration_s:  # and any level follows
             count = np.maximum(seen.size - np.arange(size, seen.size + 1), 1)
             left += squares[-1] - squares[size:] - (sums[-1] - sums[size:]) ** 2 / count
         best = int(np.argmin(left))
@@ -103,7 +103,7 @@ class Evaluation:
 
     @property
     def seen(self) -> bool:
-        """Whether a drive was recorded at all."""
+        """Whether a drive was recorded."""
         return abs(self.gain) * self.peak_v > SEEN_V
 
     @property
@@ -113,15 +113,15 @@ class Evaluation:
 
     @property
     def stop_duration_s(self) -> float:
-        """Duration of Stop; where it waits for the burst, what it needs beyond the burst's own end."""
-        messages = self.trace.messages  # a card's output has none, and never has to wait
+        """Duration of Stop; if it waits for the burst, from the end of the burst."""
+        messages = self.trace.messages  # a card's output has no bursts, and never has to wait
         aborts = any(m.kind is MessageKind.ABORT for m in messages)
         waits = self.end_s < self.trace.rest_s and bool(messages) and not aborts
         return self.trace.rest_s - (self.end_s if waits else self.trace.stop_s)
 
     @property
     def start_in_scans(self) -> float:
-        """Start of a sine between two scans, as a fraction of their interval; NaN of other drives."""
+        """Start of a sine between two scans, as a fraction of their interval; NaN for other drives."""
         drive, rate = self.trace.drive, self.trace.rate_hz
         if not isinstance(drive, Sine) or drive.cycles < 3 or not self.seen:
             return math.nan
@@ -154,12 +154,12 @@ class Evaluation:
 
     @cached_property
     def held_v(self) -> float:
-        """Level while it is held, of a drive that holds one."""
+        """Level during a held level; NaN for other drives."""
         return _mean(self.trace.span(self.trace.started_s + 0.01, self.trace.stop_s - CLOCK_MARGIN_S))
 
     @property
     def stop_jump_v(self) -> float:
-        """Largest change of the output within 0.2 ms from Stop on, beyond the drive's own change."""
+        """Largest change of the output within 0.2 ms after Stop, beyond the drive's own change."""
         smoothed = _smoothed(self.trace.volts, self.trace.rate_hz)
         begin, count = (round(t * self.trace.rate_hz) for t in (self.trace.stop_s - self.trace.start_s, JUMP_S))
         after = smoothed[begin : -round(EDGE_S * self.trace.rate_hz)]
@@ -172,14 +172,14 @@ class Evaluation:
         """Return the departures of the output from its levels before and after the burst, and during Stop."""
         trace, ended_s = self.trace, math.inf
         end_s = trace.start_s + trace.volts.size / trace.rate_hz
-        if isinstance(trace.drive, Hold):  # a ramp, a level and a ramp: all between the two levels
+        if isinstance(trace.drive, Hold):  # a ramp, a level and a ramp: all between both levels
             return self._departures(trace.start_s, end_s, (self.before_v, self.held_v, self.final_v))
         swing_v = abs(self.gain) * self.peak_v if self.seen else self.peak_v
-        # What a running sine may reach while it is stopped; a burst that has ended only idles.
+        # Range of a running sine while it is stopped; an ended burst only idles.
         running = isinstance(trace.drive, Sine) and self.end_s > trace.stop_s
         stopping: tuple[float, ...] = (self.mean_v - swing_v, self.mean_v + swing_v) if running else (self.after_v,)
         if running and not any(m.kind is MessageKind.ABORT for m in trace.messages):
-            # Stop waits for the end of the burst, and what follows is a level after a burst.
+            # Stop waits for the end of the burst, and a level after a burst follows.
             ended_s = self.end_s - CLOCK_MARGIN_S
         rest = (self.before_v, self.armed_v)
         begin_s = self.start_s if self.seen else self.trigger_s
@@ -189,23 +189,23 @@ class Evaluation:
         ]
 
     def _departures(self, begin_s: float, end_s: float, levels: tuple[float, ...]) -> list[Transient]:
-        known = [level for level in levels if math.isfinite(level)]
+        finite = [level for level in levels if math.isfinite(level)]
         volts = self.trace.span(begin_s, end_s)
-        if not known or volts.size < 2:
+        if not finite or volts.size < 2:
             return []
-        away = np.maximum(volts - max(known), min(known) - volts)
-        if len(levels) == 2 and begin_s == self.trace.start_s:  # idle levels: nothing between them is a level
-            away = np.min([np.abs(volts - level) for level in known], axis=0)
+        away = np.maximum(volts - max(finite), min(finite) - volts)
+        if len(levels) == 2 and begin_s == self.trace.start_s:  # idle levels: values between them are no levels
+            away = np.min([np.abs(volts - level) for level in finite], axis=0)
         limit_v = TRANSIENT_V * max(1.0, 0.5 * abs(self.gain)) if self.seen else TRANSIENT_V
         outside = np.flatnonzero(np.diff(np.concatenate([[0], (away > limit_v).astype(np.int8), [0]])))
-        found = []
+        departures = []
         for first, last in outside.reshape(-1, 2):
             if last - first < 2:
                 continue  # one sample of noise
             peak = first + int(np.argmax(away[first:last]))
             time_s = max(begin_s, self.trace.start_s) + first / self.trace.rate_hz
-            found.append(self._attributed(time_s, float(volts[peak]), float(away[peak])))
-        return found
+            departures.append(self._attributed(time_s, float(volts[peak]), float(away[peak])))
+        return departures
 
     def _attributed(self, time_s: float, volts: float, away_v: float) -> Transient:
         sent = [m for m in self.trace.messages if m.time_s <= time_s + CLOCK_MARGIN_S]

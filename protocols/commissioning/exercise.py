@@ -12,7 +12,7 @@ from model import Array
 from protocols.commissioning.messages import SEPARATED_AT_START, SEPARATED_AT_STOP, Message, MessageLog
 
 LEAD_S, TAIL_S = 0.1, 0.15
-"""Recorded before the first message of a drive, and after its end and after Stop."""
+"""Duration of the recording before the first message of a drive, after its end and after Stop."""
 
 GOLDEN_RATIO = 0.618
 
@@ -22,18 +22,18 @@ class Trace:
     """The recorded output of one exercise.
 
     Attributes:
-        name: of the exercise.
-        drive: that was started.
+        name: name of the exercise.
+        drive: started drive.
         rate_hz: scans per second.
         start_s: bench time of the first sample.
         volts: (N,), at the amplifier's input.
         others: (channels, N), volts at the card's other inputs.
-        messages: to the source, in order; empty for a source without a wire of its own.
-        started_s: bench time at which the driver had started the drive.
-        stop_s: bench time at which Stop was commanded.
-        rest_s: bench time at which the driver reported rest.
-        error: of the driver; empty if it reported none.
-        held_until_s: bench time until which a level is held at least; infinite if it does not end by itself.
+        messages: messages to the source, in order; empty for a source without its own connection.
+        started_s: bench time of the driver's return from starting the drive.
+        stop_s: bench time of the Stop command.
+        rest_s: bench time of the driver's report of rest.
+        error: error of the driver; empty without error.
+        held_until_s: earliest bench time of the end of a held level; infinite if it does not end by itself.
     """
 
     name: str
@@ -68,9 +68,9 @@ class Exerciser:
     """Plays drives on an exercised bench and records the output.
 
     Args:
-        bench: with high voltage off, see `Bench.exercised`.
+        bench: bench with high voltage off, see `Bench.exercised`.
         clock: bench time.
-        messages: notes the messages to the source.
+        messages: log of the messages to the source.
         check_stop: called with every block that is read; raises to abandon.
     """
 
@@ -97,28 +97,28 @@ class Exerciser:
 
         Args:
             name: of the exercise.
-            drive: within the drive limits.
-            stop_after_s: Stop then, instead of at its end.
-            in_mid_drive: called in the middle of the drive.
-            timed_stop: Stop as in a run; otherwise its messages are separated and confirmed, so that each transient has its cause.
-            as_waveform: hold a level as in a run, by a source that plays it as a finite waveform; it is recorded to its own end.
-            instead: called where the drive would be started.
-            observe_s: recorded after Stop.
+            drive: drive within the drive limits.
+            stop_after_s: time of Stop before the end of the drive.
+            in_mid_drive: callback in the middle of the drive.
+            timed_stop: Stop as in a run; otherwise its messages are separated and confirmed, so that each transient has one cause.
+            as_waveform: hold a level as a finite waveform, as in a run, and record it to its own end.
+            instead: callback in place of the start of the drive.
+            observe_s: duration of the recording after Stop.
 
         Raises:
             BenchError: the card does not answer.
         """
-        self._read_until(self._clock.now())  # what was sampled since the last exercise
+        self._read_until(self._clock.now())  # discard the samples since the last exercise
         self._blocks.clear()
         self._messages.take()
         self._read_until(self._clock.now() + LEAD_S)
         self._messages.separated = SEPARATED_AT_START
         self._played += 1
-        # Between two scans, at another place each time: where a drive is to start on a scan, it then does not by chance.
+        # At varying positions between two scans, so that a drive does not start on a scan by chance.
         self._clock.sleep(GOLDEN_RATIO * self._played % 1.0 / self._bench.rate_hz)
         error = ""
         amplifier = self._bench.amplifier
-        # A level is held by the offset here, whose volts are measured so; as a waveform it would be measured by the amplitude.
+        # A level held by the offset measures the volts of the offset; as a waveform it would measure the amplitude.
         amplifier.holds_by_offset = not as_waveform
         try:
             if instead is None:
@@ -155,7 +155,7 @@ class Exerciser:
         return Trace.of_blocks(name, drive, self._bench, self._blocks, *facts)
 
     def _read_until(self, time_s: float) -> None:
-        """Read blocks until all samples before a bench time are there."""
+        """Read blocks until all samples before a bench time are available."""
         while (
             not self._blocks or self._bench.stream.start_time_s + self._blocks[-1].stop / self._bench.rate_hz < time_s
         ):

@@ -1,4 +1,4 @@
-"""Evaluation of a long level: whether it is held steadily, and whether Stop may hasten its end."""
+"""Evaluation of a long level: steadiness, and whether Stop may hasten its end."""
 
 import math
 
@@ -18,22 +18,23 @@ SEEN_V = 0.02
 SMOOTHING_S = 0.01
 
 EARLY_HELD_S, EARLY_STOP_AFTER_S = 4.0, 1.0
-"""A level whose end Stop is to hasten."""
+"""Duration of a level with a hastened end, and time of Stop."""
 
 DEPARTURE_V, JUMP_S, MARGIN_S = 0.04, 2e-4, 0.1
-"""A hastened level stays within this of itself until its return to rest, and of rest after it, and never moves so far within JUMP_S."""
+"""Largest deviation of a hastened level from itself until its return to rest, and from rest after it, and largest change within
+JUMP_S."""
 
 LONGEST_EARLY_STOP_S = 2.0
 
 
 def is_reached(trace: Trace) -> bool:
-    """Whether the level was reached at all."""
-    held = _held(trace)
-    return held.size > 0 and abs(float(np.median(held)) - _before_v(trace)) > SEEN_V
+    """Whether the level was reached."""
+    held, before_v = _held(trace), float(np.median(trace.volts[: round(REACHED_S * trace.rate_hz)]))
+    return held.size > 0 and abs(float(np.median(held)) - before_v) > SEEN_V
 
 
 def check_long_level(trace: Trace | None) -> CheckedOutput:
-    """Return the check that a level is held steadily for as long as the driver says."""
+    """Return the check that a level is steady for the duration stated by the driver."""
     value, detail = math.nan, ""
     if trace is not None and is_reached(trace):
         volts = _smoothed(_held(trace), trace.rate_hz, SMOOTHING_S)
@@ -43,11 +44,11 @@ def check_long_level(trace: Trace | None) -> CheckedOutput:
 
 
 def hastened_stop_s(trace: Trace | None, ends_s: float) -> float:
-    """Return the duration of Stop from a level whose end it hastened; NaN if the output did not follow without a jump.
+    """Return the duration of Stop from a level with a hastened end; NaN for a jump of the output.
 
     Args:
-        trace: recorded until after the level would have ended by itself.
-        ends_s: bench time at which it would.
+        trace: recording beyond the natural end of the level.
+        ends_s: bench time of the natural end.
     """
     if trace is None or trace.error or not is_reached(trace):
         return math.nan
@@ -70,10 +71,6 @@ def hastened_stop_s(trace: Trace | None, ends_s: float) -> float:
         and np.abs(stopping[count:] - stopping[:-count]).max() < DEPARTURE_V
     )
     return took_s if follows else math.nan
-
-
-def _before_v(trace: Trace) -> float:
-    return float(np.median(trace.volts[: round(REACHED_S * trace.rate_hz)]))
 
 
 def _held(trace: Trace) -> Array:

@@ -1,4 +1,4 @@
-"""Messages to a source by what they change: the setting to which a transient of the output is attributed."""
+"""Messages to a source by the setting that they change, to which a transient of the output is attributed."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from protocols.commissioning.verdict import CommandTime
 
 
 class MessageKind(StrEnum):
-    """What a message changes."""
+    """Setting that a message changes."""
 
     UPLOAD = "upload"
     AMPLITUDE = "amplitude"
@@ -31,18 +31,18 @@ PATTERNS = (
     ),
     (MessageKind.AMPLITUDE, re.compile(r"\bVOLT [0-9]|BSWV AMP")),
 )
-"""By the headers of all supported families; the first that matches counts."""
+"""Settings by the headers of all supported families; the first match counts."""
 
 SEPARATED_AT_START = frozenset({MessageKind.UPLOAD, MessageKind.AMPLITUDE, MessageKind.TRIGGER})
 SEPARATED_AT_STOP = frozenset({MessageKind.ABORT})
-"""Messages before which the output is observed for a while, so that the transient of the one before has ended."""
+"""Messages after a pause of observation, so that the transient of the previous message has ended."""
 
 SEPARATION_S = 0.015
-"""Longer than an attenuator's relay needs."""
+"""Duration of the pause: longer than the switching of an attenuator's relay."""
 
 
 def message_kind(text: str) -> MessageKind:
-    """Return what a message changes."""
+    """Return the setting that a message changes."""
     head = text.partition(",#")[0][:120].upper()
     if head.rstrip().endswith("?") and ";" not in head:
         return MessageKind.OTHER
@@ -64,10 +64,10 @@ class Message:
 
 
 class MessageLog:
-    """Notes the messages to a source with their time, and separates those in `separated`.
+    """Records the messages to a source with their time, and separates messages in `separated`.
 
-    Meanwhile the driver waits for the reply to each step of a ramp, also on a slow wire: steps that are sent ahead, or as one message, show
-    their transients when another message was the last.
+    Meanwhile the driver waits for the reply to each step of a ramp, even on a slow connection: the transients of steps sent ahead,
+    or as one message, would follow other messages.
     """
 
     def __init__(self) -> None:
@@ -79,7 +79,7 @@ class MessageLog:
         """Longest time from the beginning of a message to its reply; NaN before the first."""
 
     def observe(self, link: Link, clock: Clock) -> ObservedLink:
-        """Return the link to the source whose messages are noted."""
+        """Return the link to the source that records its messages."""
         self._clock = clock
         return ObservedLink(link, self._note, self._note_reply, lambda: bool(self.separated))
 
@@ -105,8 +105,8 @@ class MessageLog:
 
     def command_times(self) -> tuple[CommandTime, ...]:
         """Return the reply times of each command, the slowest first."""
-        found = (
+        command_times = (
             CommandTime(command, len(times), float(np.median(times)), max(times))
             for command, times in self._reply_times.items()
         )
-        return tuple(sorted(found, key=lambda each: -each.longest_s))
+        return tuple(sorted(command_times, key=lambda each: -each.longest_s))

@@ -1,4 +1,4 @@
-"""Sequence of a commissioning: the exercises of a source in their order, and the checks that follow from them."""
+"""Sequence of a commissioning: the exercises of a source in their order, and the resulting checks."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -55,17 +55,17 @@ from protocols.commissioning.verdict import CheckedOutput, CommandTime, Measured
 
 FREQUENCY_HZ = 10.0
 SMALL_V, LARGER_V = 0.25, 0.6
-"""Peaks of the sines: small enough for a source that outputs four times as much, and of two attenuator ranges."""
+"""Peaks of the sines: small enough for a source with a fourfold output, and in two attenuator ranges."""
 CYCLES = 4
 UNSTOPPED_S = 3.0
-"""Duration of a sine that is stopped."""
+"""Duration of a stopped sine."""
 STOP_AFTER_S = 0.5
 HELD_S = 0.3
 SPAN_SHARE = 0.96
-"""Share of the amplifier's range in the drive whose Stop is timed."""
+"""Share of the amplifier's range of the drive with a timed Stop."""
 
 HARMLESS = (OutputCheck.CROSSTALK, OutputCheck.START_ROUTE)
-"""Deviations with which the largest drive may be played nevertheless."""
+"""Deviations that do not prevent the largest drive."""
 
 PLANNED_S = {
     "sine": 1.0,
@@ -83,15 +83,15 @@ PLANNED_S = {
     "second connection": 1.0,
     CARD_INPUTS_NAME: 3.0,
 }
-"""Exercises in their order with about their durations, by which progress is stated."""
+"""Exercises in order with approximate durations, for the progress."""
 
 ProgressListener = Callable[[str, float], object]
-"""Called with the name of the present measurement, and the fraction that is done, 0 to 1."""
+"""Callback with the name of the present measurement, and the completed fraction, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class Commissioned:
-    """What a commissioning measured: checks in order, times, traces, whether the source plays more than levels, reply times."""
+    """Result of a commissioning: checks in order, times, traces, whether the source plays more than levels, reply times."""
 
     checks: tuple[CheckedOutput, ...]
     times: MeasuredTimes
@@ -105,7 +105,7 @@ class Commissioning:
     """Exercises the source of a bench, with high voltage off.
 
     Args:
-        bench: see `Bench.exercised`.
+        bench: bench with high voltage off, see `Bench.exercised`.
         clock: bench time.
         messages, progress, second_client, check_stop: as in `commission_bench`.
     """
@@ -129,7 +129,7 @@ class Commissioning:
         self._begun: set[str] = set()
 
     def run(self) -> Commissioned:
-        """Exercise the source; return what was measured.
+        """Exercise the source; return the result.
 
         Raises:
             BenchError: the card does not answer.
@@ -153,7 +153,7 @@ class Commissioning:
         cut = self._burst("wire cut in mid-drive", Sine(FREQUENCY_HZ, SMALL_V, rest_v, 10), in_mid_drive=self._cut_wire)
         uploaded, upload_s = self._upload()
         everything = [b for b in (*bursts, above, below, stopped, cut, uploaded) if b is not None]
-        # A card that stops too late could not renew a level either; a generator may have to wait for the end of its drive.
+        # A card that stops too late cannot renew a level either; a generator may have to wait for the end of its drive.
         too_long = None if self._bench.amplifier.plays_to_the_end else check_stop_duration(stopped)
         steady = check_long_level(None) if too_long else self._long_level()
         level_stop_s = self._hastened_stop_s()
@@ -203,15 +203,15 @@ class Commissioning:
         return None if trace is None else Evaluation(trace, None if stop_after_s is None else stop_after_s - 0.1)
 
     def _burst(self, name: str, drive: Drive, **options: Any) -> Evaluation | None:
-        """Play a burst, once more if it did not start; return its evaluation, None if it could not be recorded."""
+        """Play a burst, again if it did not start; return its evaluation, None if it could not be recorded."""
         for _ in range(2):
-            found = self._record(name, drive, **options)
-            if found is None:
+            trace = self._record(name, drive, **options)
+            if trace is None:
                 return None
             self._plays_bursts = True
             self._started += 1
-            if found.seen:
-                return found
+            if trace.seen:
+                return trace
             self._lost += 1
         return None
 
@@ -221,7 +221,7 @@ class Commissioning:
         self._progress(name, min(done_s / sum(PLANNED_S.values()), 1.0))
 
     def _level(self, name: str, held_s: float, **options: Any) -> Trace | None:
-        """Hold a level as in a run, once more if it was not reached; return its recording, or None."""
+        """Hold a level as in a run, again if it was not reached; return its recording, or None."""
         for _ in range(2):
             trace = self._play(name, Hold(self._rest_v + LEVEL_V, held_s), as_waveform=True, **options)
             if trace is None or is_reached(trace):
@@ -233,7 +233,7 @@ class Commissioning:
         return check_long_level(self._level("long level", held_s))
 
     def _hastened_stop_s(self) -> float:
-        """Return the duration of Stop from a level whose end it hastens; NaN where that is not needed or not possible."""
+        """Return the duration of Stop from a level with a hastened end; NaN if this is not needed or not possible."""
         amplifier = self._bench.amplifier
         if not amplifier.plays_to_the_end:
             return math.nan
@@ -250,7 +250,7 @@ class Commissioning:
         return hastened_stop_s(trace, ends_s)
 
     def _upload(self) -> tuple[Evaluation | None, float]:
-        """Upload the longest waveform that the driver sends, without playing it; return the output meanwhile, and the duration."""
+        """Upload the driver's longest waveform without playing it; return the recorded output, and the duration."""
         upload = self._bench.amplifier.upload_longest
         if upload is None:
             return None, math.nan
@@ -262,14 +262,14 @@ class Commissioning:
             took_s[0] = self._clock.now() - begin_s
 
         try:
-            found = self._record(name, Hold(self._rest_v, HELD_S), instead=timed)
-        except ScansLostError as error:  # on a slow wire the upload takes longer than the card's buffer lasts
+            trace = self._record(name, Hold(self._rest_v, HELD_S), instead=timed)
+        except ScansLostError as error:  # on a slow connection the upload takes longer than the card's buffer lasts
             if not isinstance(self._bench.stream, RestartableStream):
                 raise
             self._bench.stream.restart()
             self._errors.append(f"{name}: took {took_s[0]:.1f} s; the output meanwhile was not recorded: {error}")
             return None, took_s[0]
-        return found, math.nan if found is None else took_s[0]
+        return trace, math.nan if trace is None else took_s[0]
 
     def _cut_wire(self) -> None:
         with suppress(InstrumentError):
@@ -287,7 +287,7 @@ class Commissioning:
         return CheckedOutput(OutputCheck.START, lost, "drives lost", 0.0, 0.0, f"of {self._started}")
 
     def _largest_stop(self, checks: Sequence[CheckedOutput]) -> Evaluation | None:
-        """Stop the largest drive; only tried on a source that did what is assumed."""
+        """Stop the largest drive; only for a source that fulfils the assumptions."""
         if not all(check.passed for check in checks if check.check not in HARMLESS):
             return None
         span_v = SPAN_SHARE * min(
@@ -298,7 +298,7 @@ class Commissioning:
 
     def _with_remarks(self, largest: Evaluation | None, check: CheckedOutput) -> CheckedOutput:
         """Return a check with remarks on the Stop of the largest drive and on NI's driver."""
-        if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
+        if largest is not None and not largest.trace.messages:  # a card's output has no messages
             check = with_jump_at_stop(check, largest)
         return with_rewrites_held_back(check) if self._bench.amplifier.holds_rewrites_back else check
 
@@ -323,29 +323,30 @@ def commission_bench(
     second_client: Callable[[], float] | None = None,
     check_stop: Callable[[], object] = lambda: None,
 ) -> Commissioned:
-    """Exercise the instruments of a bench; return what was measured.
+    """Exercise the instruments of a bench; return the result.
 
     Args:
-        bench: its source is brought to rest at the end, whatever happens.
-        switch: disables high voltage; it is never enabled.
+        bench: the bench; its source is always brought to rest at the end.
+        switch: switch that disables high voltage; it is never enabled.
         rate_hz: scans per second while the source is exercised.
         messages: notes the messages to the source.
-        progress: called with the name of each exercise as it begins, and the fraction that is done.
-        second_client: connects to the instrument once more, and returns the time of its reply; None if there is none.
+        progress: callback with the name of each exercise at its begin, and the completed fraction.
+        second_client: function that opens a second connection to the instrument and returns the time of its reply; None without
+            such a connection.
         check_stop: called with every block that is read; raises to abandon, with the source brought to rest.
 
     Raises:
-        BenchError: an instrument is absent, or rejects what it must do to be set up.
+        BenchError: an instrument is absent, or rejects its set-up.
     """
     with bench.exercised(rate_hz, lambda _: None, switch) as exercised:
-        found = Commissioning(exercised, bench.clock, messages, progress, second_client, check_stop).run()
-    if not found.plays_bursts:
-        return found
+        result = Commissioning(exercised, bench.clock, messages, progress, second_client, check_stop).run()
+    if not result.plays_bursts:
+        return result
     progress(CARD_INPUTS_NAME, 1 - PLANNED_S[CARD_INPUTS_NAME] / sum(PLANNED_S.values()))
     order = scan_order(2 + len(bench.channels))
     try:
         with bench.exercised(SCAN_RATE_HZ, lambda _: None, switch, order) as scanned:
             inputs = exercise_inputs(scanned, bench.clock, order, bench.amplifier.map.rest_v, check_stop)
-    except ScanOrderError:  # a converter for each input: no skew, and nothing that would have to settle
-        return found
-    return replace(found, checks=(*found.checks, *inputs.checks), traces=(*found.traces, *inputs.traces))
+    except ScanOrderError:  # one converter per input: no skew and no settling
+        return result
+    return replace(result, checks=(*result.checks, *inputs.checks), traces=(*result.traces, *inputs.traces))

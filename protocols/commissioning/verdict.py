@@ -8,11 +8,11 @@ from enum import StrEnum
 from drivers.evidence import Assumption, OutputCheck
 
 DANGEROUS_V = 0.1
-"""A level or a transient of this size at the amplifier's input is up to 20 V (towards rest) or more on the specimen."""
+"""Dangerous level or transient at the amplifier's input: 20 V or more on the specimen."""
 
 
 DANGEROUS_RATIO = 1.1
-"""A drive or a departure from its form that exceeds its limit by this factor."""
+"""Dangerous ratio of a drive, or of a departure from its form, to the limit."""
 
 
 class OutputVerdict(StrEnum):
@@ -46,7 +46,7 @@ class CheckedOutput:
 
     @property
     def verdict(self) -> OutputVerdict:
-        """Pass, differs, or dangerous: a drive that is inverted or too large, a wrong level, a step or a drop."""
+        """Pass, differs, or dangerous: an inverted or too large drive, a wrong level, a step or a drop."""
         if not math.isfinite(self.value):
             return OutputVerdict.NOT_MEASURED
         if (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high):
@@ -65,9 +65,9 @@ class CommandTime:
     """Reply times of one command.
 
     Attributes:
-        command: its header, with `?` for a query. One that an instrument does not confirm counts with the query after it.
-        count: how often it was replied to.
-        median_s, longest_s: from the beginning of its message to its reply.
+        command: header, with `?` for a query. An unconfirmed command counts with the query after it.
+        count: number of replies.
+        median_s, longest_s: time from the begin of the message to its reply.
     """
 
     command: str
@@ -81,14 +81,14 @@ class MeasuredTimes:
     """Measured times of a source, seconds; NaN where not measured.
 
     Attributes:
-        stop_s: of Stop from the largest drive until the driver reports rest; of a small drive if the source differs. Where Stop
-            waits for the end of a burst, without that time.
-        start_s: from the trigger to the first sample of a drive.
-        second_client_s: reply of the instrument to a second connection; NaN if it answers one client only.
-        reply_s: longest time from the beginning of a message to its reply, uploads included.
-        level_stop_s: of Stop from a level whose end it hastened, of a source whose bursts can only be waited for; NaN if the output
-            did not follow without a jump.
-        upload_s: of the longest waveform that the driver sends.
+        stop_s: time of Stop from the largest drive until the driver reports rest; from a small drive if the source differs.
+            Without the time of waiting for the end of a burst.
+        start_s: time from the trigger to the first sample of a drive.
+        second_client_s: time of the reply to a second connection; NaN if the instrument answers one client only.
+        reply_s: longest time from the begin of a message to its reply, uploads included.
+        level_stop_s: time of Stop from a level with a hastened end, for a source that cannot abort bursts; NaN for a jump of the
+            output.
+        upload_s: time of the upload of the driver's longest waveform.
     """
 
     stop_s: float
@@ -101,7 +101,7 @@ class MeasuredTimes:
 
 @dataclass(frozen=True, slots=True)
 class CheckedAssumption:
-    """An assumption of the driver and what its measurement says."""
+    """An assumption of the driver and the verdict of its measurement."""
 
     assumption: Assumption
     verdict: OutputVerdict
@@ -112,11 +112,11 @@ def checked_assumptions(
 ) -> tuple[CheckedAssumption, ...]:
     """Return the verdict on each assumption: the worst of the checks that measure it."""
     verdicts = {check.check: check.verdict for check in checks}
-    found = []
+    checked = []
     for each in assumptions:
         measured = [verdicts.get(check, OutputVerdict.NOT_MEASURED) for check in each.checks]
-        found.append(CheckedAssumption(each, max(measured, key=SEVERITY.index, default=OutputVerdict.HIDDEN)))
-    return tuple(found)
+        checked.append(CheckedAssumption(each, max(measured, key=SEVERITY.index, default=OutputVerdict.HIDDEN)))
+    return tuple(checked)
 
 
 def worst_verdict(checks: Iterable[CheckedOutput]) -> OutputVerdict:

@@ -10,10 +10,10 @@ from protocols.base import Recording
 from protocols.signals import FrequencyResponse, fit_frequency, fit_sine, remove_lines
 
 HARMONIC_COUNT = 8
-"""Components fitted to the displacement: the amplifier's harmonics are not to disturb the fundamental."""
+"""Components fitted to the displacement, so that the amplifier's harmonics do not disturb the fundamental."""
 
 LINES_IN_PEAK = 13
-"""Frequencies wanted within the half-power width, to which the peak is fitted."""
+"""Required frequencies within the half-power width, the range of the peak's fit."""
 
 FINEST = 1e-3
 """Smallest distance of two frequencies, as a share of them."""
@@ -25,7 +25,7 @@ def coarse_frequencies(low_hz: float, high_hz: float, count: int) -> tuple[float
 
 
 def next_frequencies(frequencies_hz: Sequence[float], responses: Sequence[float]) -> tuple[float, ...]:
-    """Return the middles of the gaps within the half-power width of the largest response; none once enough lie within."""
+    """Return the middles of the gaps within the half-power width of the largest response; none if it has enough frequencies."""
     order = np.argsort(frequencies_hz)
     f, height = np.asarray(frequencies_hz)[order], np.asarray(responses)[order]
     top = int(height.argmax())
@@ -44,7 +44,7 @@ def dwelt_response(recordings: Sequence[Recording]) -> FrequencyResponse:
     The coherence is of one average with this standard error.
 
     Raises:
-        ValueError: fewer than two recordings, or one is too short.
+        ValueError: fewer than two recordings, or a recording is too short.
     """
     lines = sorted((_line(recording) for recording in recordings), key=lambda line: line[0])
     if len(lines) < 2:

@@ -2,24 +2,26 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from annotated_types import Interval, Unit
 
 from model import QUANTITIES
 from protocols.base import EstimatedQuantity, Quality, Recording
-from protocols.signals import DecayFit, ModalFit
+
+if TYPE_CHECKING:
+    from protocols.signals import DecayFit, ModalFit
 
 SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"]
 DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), QUANTITIES["peak_to_peak_v"].definition]
-LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"]
+LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "duration of each recording"]
 FittedFrequency = Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
 NaturalFrequency = Annotated[float, Unit("Hz"), QUANTITIES["natural_frequency"].definition]
 NaturalFrequencyError = Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
 DampingRatio = Annotated[float, Unit("1"), QUANTITIES["damping_ratio"].definition]
 DampingRatioError = Annotated[float, Unit("1"), "standard error of the damping ratio"]
-RepeatNumber = Annotated[float, Unit("1"), "which repeat, from 1"]
-QualityFlags = Annotated[int, Unit("1"), "flags, see protocols.quality"]
+RepeatNumber = Annotated[float, Unit("1"), "number of the repeat, from 1"]
+QualityFlags = Annotated[int, Unit("1"), "quality flags (protocols.Quality)"]
 
 
 def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Mapping[Quality, bool]) -> int:
@@ -32,7 +34,7 @@ def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Ma
     return int(quality)
 
 
-def modal_columns(mode: ModalFit | DecayFit | None) -> dict[str, float]:
+def modal_columns(mode: "ModalFit | DecayFit | None") -> dict[str, float]:
     """Return the columns of a fitted mode in a point; NaN without one."""
     fields = ("natural_hz", "natural_error_hz", "damping_ratio", "damping_error")
     columns = ("natural_frequency", "natural_frequency_errors", "damping", "damping_errors")

@@ -1,4 +1,4 @@
-"""Fit lines of points: which points they take, and the weighted mean as a line."""
+"""Fit lines of points: selection of the points, and the weighted mean as a line."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from model import Array
 from protocols.base import Quality, Role, Series
 
 CURVE_POINTS = 101
-"""Places of a line that is not straight."""
+"""Number of abscissae of a curved line."""
 
 
 def line_indices(points: Sequence[Any], x_name: str, y_name: str) -> tuple[int, ...]:
-    """Return the points with finite coordinates that a fit may use."""
+    """Return the usable points with finite coordinates."""
     return tuple(
         i
         for i, p in enumerate(points)
@@ -29,9 +29,9 @@ def weighted_fit(columns: Sequence[Array], y: Array, weight: Array) -> tuple[Arr
     """
     basis = np.stack(columns, axis=1) * weight[:, None]
     inverse = np.asarray(np.linalg.inv(basis.T @ basis), float)
-    found = inverse @ basis.T @ (y * weight)
-    left = y * weight - basis @ found
-    return found, inverse * max(float(left @ left) / (y.size - len(columns)), 1.0)
+    coefficients = inverse @ basis.T @ (y * weight)
+    left = y * weight - basis @ coefficients
+    return coefficients, inverse * max(float(left @ left) / (y.size - len(columns)), 1.0)
 
 
 def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tuple[Series, ...]:

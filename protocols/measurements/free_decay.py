@@ -46,19 +46,19 @@ from protocols.signals import DecayFit
 SOURCE = "free decay after a step"
 
 SKIPPED_AFTER_EDGE_S = 2e-3
-"""Left out after the edge, until the drive is constant and the second mode, at 2.3 kHz, has decayed."""
+"""Time after the edge that is left out, until the drive is constant and the second mode, at 2.3 kHz, has decayed."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecayPoint:
     """Free decay of the tactor after one edge. Uncertainties are standard and statistical."""
 
-    edge: Annotated[float, Unit("1"), "which edge, from 1; odd ones go up, even ones come back to rest"]
+    edge: Annotated[float, Unit("1"), "number of the edge, from 1; odd edges leave rest, even edges return to it"]
     natural_frequency: NaturalFrequency
     natural_frequency_errors: NaturalFrequencyError
     damping: DampingRatio
     damping_errors: DampingRatioError
-    amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
+    amplitude: Annotated[float, Unit("m"), "amplitude of the ringing at the begin of the fit"]
     noise: Annotated[float, Unit("m"), "standard deviation of the fit's residuals"]
     quality: QualityFlags
 
@@ -80,18 +80,22 @@ class FreeDecay(Protocol):
     axes: ClassVar[tuple[str, str]] = ("edge", "natural_frequency")
     default_plot: ClassVar[str] = "free decay"
 
-    step_v: Annotated[float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the input"] = 0.5
+    step_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the amplifier's input"
+    ] = 0.5
     rise_s: Annotated[
-        float, Unit("s"), Interval(ge=1e-4, le=0.01), "of each edge: short against a period of the resonance"
+        float, Unit("s"), Interval(ge=1e-4, le=0.01), "duration of each edge; short against a period of the resonance"
     ] = 5e-4
-    dwell_s: Annotated[float, Unit("s"), Interval(ge=0.02, le=5), "after each edge: until the ringing is over"] = 0.15
-    edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "how many, up and down in turn"] = 10
-    low_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=1, le=5000), "lower end of the band that is searched for the resonance"
-    ] = 60.0
-    high_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=2, le=5000), "upper end of the band that is searched for the resonance"
-    ] = 600.0
+    dwell_s: Annotated[
+        float, Unit("s"), Interval(ge=0.02, le=5), "recording after each edge, until the ringing has decayed"
+    ] = 0.15
+    edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "number of edges, alternately up and down"] = 10
+    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lower end of the search band of the resonance"] = (
+        60.0
+    )
+    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "upper end of the search band of the resonance"] = (
+        600.0
+    )
     sample_rate_hz: SampleRate = 20_000.0
 
     @model_validator(mode="after")
@@ -103,7 +107,7 @@ class FreeDecay(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Follow each edge for a shorter time where the source's memory is small."""
+        """Record each edge for a shorter time if the source's memory is small."""
         changes = [{"dwell_s": round(self.dwell_s * 0.9**k, 4)} for k in range(1, 20)]
         return first_adapted(changes, self, rest_v, reason_unsupported)
 
@@ -161,14 +165,14 @@ class FreeDecay(Protocol):
         usable = [p for p in points if Quality(p.quality).usable]
         if len(usable) < 2:
             return ()
-        found: list[tuple[float, float]] = []
+        modes: list[tuple[float, float]] = []
         for column in ("natural_frequency", "damping"):
             values = np.array([getattr(p, column) for p in usable])
             weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
             mean = float((weight * values).sum() / weight.sum())
             spread = float(values.std(ddof=1)) / math.sqrt(len(values))
-            found.append((mean, max(float(weight.sum() ** -0.5), spread)))
-        return modal_estimates(*found[0], *found[1], SOURCE)
+            modes.append((mean, max(float(weight.sum() ** -0.5), spread)))
+        return modal_estimates(*modes[0], *modes[1], SOURCE)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)
@@ -182,7 +186,7 @@ class FreeDecay(Protocol):
         return "natural_frequency", "damping_ratio"
 
     def _decay_after_edge(self, recording: Recording, edge: int) -> tuple[Any, Any]:
-        """Times since an edge and the displacement from `SKIPPED_AFTER_EDGE_S` after it on, up to shortly before the next; (N,) each."""
+        """Return time since an edge and displacement, from `SKIPPED_AFTER_EDGE_S` to shortly before the next edge; (N,) each."""
         rate, drive = recording.rate_hz, recording.drive_v
         rest, high = np.median(drive[: max(round(0.01 * rate), 4)]), float(drive.max())
         up = np.flatnonzero(drive > rest + 0.5 * (high - rest))

@@ -44,13 +44,13 @@ from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remo
 SOURCE = "line through the loop widths of this run over frequency"
 
 MIN_FREQUENCIES = 3
-"""Frequencies from which on a line separates hysteresis from damping."""
+"""Smallest number of frequencies for a line that separates hysteresis from damping."""
 
 PHASES_PER_CYCLE = 128
-"""Of a cycle, each the mean of at least two samples."""
+"""Parts of a cycle, each the mean of at least two samples."""
 
 DRIVE_TOLERANCE = 0.05
-"""How far the recorded amplitude may be from the one commanded."""
+"""Largest deviation of the recorded amplitude from the commanded one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,9 @@ class LoopPoint:
     share_errors: Annotated[float, Unit("1"), "standard uncertainty of the share"]
     width: Annotated[float, Unit("m"), "falling minus rising branch in the middle of the drive"]
     width_errors: Annotated[float, Unit("m"), "standard uncertainty of the width"]
-    largest: Annotated[float, Unit("m"), "width where it is largest"]
+    largest: Annotated[float, Unit("m"), "largest width of the loop"]
     largest_errors: Annotated[float, Unit("m"), "standard uncertainty of the largest width"]
-    stroke: Annotated[float, Unit("m"), "displacement at the top of the drive minus that at its bottom"]
+    stroke: Annotated[float, Unit("m"), "displacement at the highest drive minus displacement at the lowest"]
     stroke_errors: Annotated[float, Unit("m"), "standard uncertainty of the stroke"]
     area: Annotated[float, Unit("m V"), "area of the loop; positive where the displacement lags"]
     area_errors: Annotated[float, Unit("m V"), "standard uncertainty of the area"]
@@ -78,24 +78,24 @@ class LoopPoint:
         """The point in a line, for a log."""
         return (
             f"{self.frequency:.4g} Hz: loop {format_quantity(self.width, self.width_errors, 'm')} wide, "
-            f"{format_with_uncertainty(100 * self.share, 100 * self.share_errors, '%')} of the stroke of {1e6 * self.stroke:.1f} µm, "
+            f"{format_quantity(self.share, self.share_errors, '1', 'share')} of the stroke of {format_quantity(self.stroke, self.stroke_errors, 'm')}, "
             f"asymmetry {format_with_uncertainty(self.asymmetry, self.asymmetry_errors, signed=True)}"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class FoldedCycles:
-    """The cycles of a recording, each in `PHASES_PER_CYCLE` parts, the sensor's delay taken out; arrays are (cycles, PHASES)."""
+    """The cycles of a recording, each in `PHASES_PER_CYCLE` parts, the sensor's delay removed; arrays are (cycles, PHASES)."""
 
     frequency_hz: float
     drive_v: Array
     displacement_m: Array
     interference_m: float
-    """Amplitude of interference at harmonics of the loop's rate, which every cycle repeats; the rest is taken off."""
+    """Amplitude of interference at harmonics of the loop's rate, which repeats in every cycle; other interference is removed."""
 
 
 class Hysteresis(Protocol):
-    """Loops at several rates: width, area and asymmetry; separates hysteresis from damping."""
+    """Loops at several frequencies: width, area and asymmetry; separates hysteresis from damping."""
 
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "Hysteresis"
@@ -108,15 +108,12 @@ class Hysteresis(Protocol):
         tuple[Annotated[float, Interval(ge=0.01, le=100)], ...],
         Unit("Hz"),
         Len(1, 100),
-        "rates at which the loop is gone through, in order; far below resonance",
+        "loop frequencies, in order; far below resonance",
     ] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
     peak_to_peak_v: DriveVpp = 5.0
-    cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "loops that are averaged"] = 5
+    cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "number of averaged loops"] = 5
     dropped: Annotated[
-        int,
-        Unit("1"),
-        Interval(ge=1, le=100),
-        "loops at the start that are left out: the first one does not begin where it ends",
+        int, Unit("1"), Interval(ge=1, le=100), "loops discarded at the start; the first loop is never closed"
     ] = 1
     sample_rate_hz: SampleRate = 5000.0
 
@@ -127,7 +124,7 @@ class Hysteresis(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Leave out the rates that the source cannot play, where enough are left to tell hysteresis from damping."""
+        """Omit the rates that the source cannot play, if enough are left to separate hysteresis from damping."""
         played = tuple(f for f in self.frequencies_hz if not reason_unsupported(self._drive(f, rest_v)))
         return self.model_copy(update={"frequencies_hz": played}) if len(set(played)) >= MIN_FREQUENCIES else self
 
@@ -140,7 +137,7 @@ class Hysteresis(Protocol):
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[0])
         yield Play(entry.drives[0], self.dropped / f)
-        yield Record((self.cycles + 0.5) / f)  # the sensor is late, and the clocks differ a little
+        yield Record((self.cycles + 0.5) / f)  # the sensor has a delay, and the clocks differ slightly
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoopPoint:
         return self._loop_point(recordings[-1], self._fold_cycles(recordings[-1]), simulated)
@@ -169,7 +166,7 @@ class Hysteresis(Protocol):
         return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> Series:
-        """Return the closed mean loop; its errors are of the shape alone, because its position drifts between cycles."""
+        """Return the closed mean loop; its errors refer to the shape alone, because its position drifts between cycles."""
         centre = folded.displacement_m.mean()
         shapes = folded.displacement_m - folded.displacement_m.mean(axis=1, keepdims=True)
         errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
@@ -189,7 +186,7 @@ class Hysteresis(Protocol):
         seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
         drive_off = abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v
         loop = measure_loops(folded.drive_v, folded.displacement_m)
-        # A difference of two places of the loop: the variances of a sine of unknown phase add.
+        # A difference of two points of the loop: the variances of a sine of unknown phase add.
         width_error, max_width_error, stroke_error = (
             math.hypot(error, folded.interference_m)
             for error in (loop.width_error, loop.max_width_error, loop.stroke_error)
@@ -219,17 +216,17 @@ class Hysteresis(Protocol):
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         """The loop's width over frequency: hysteresis where it meets zero, damping and delay in its slope."""
         used = line_indices(points, *cls.axes)
-        if (found := _width_over_frequency([points[i] for i in used])) is None:
+        if (fit := _width_over_frequency([points[i] for i in used])) is None:
             return ()
         ends = np.array([0.0, max(points[i].frequency for i in used)])
-        line = found[0][0] + found[0][1] * ends
+        line = fit[0][0] + fit[0][1] * ends
         label = "hysteresis + loop width per frequency"
         return (Series(ends, line, role=Role.FIT, label=label, fitted_rows=used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        if (found := _width_over_frequency(points)) is None:
+        if (fit := _width_over_frequency(points)) is None:
             return ()
-        line, errors = found
+        line, errors = fit
         return (
             EstimatedQuantity.listed("loop_hysteresis", float(line[0]), float(errors[0]), SOURCE),
             EstimatedQuantity.listed("loop_width_per_frequency", float(line[1]), float(errors[1]), SOURCE),
@@ -243,18 +240,18 @@ class Hysteresis(Protocol):
         return ("loop_hysteresis",) if len(set(self.frequencies_hz)) >= MIN_FREQUENCIES else ()
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
-        # Two loops to spare, finite so that a generator left alone comes to rest.
+        # Two spare loops; finite, so that a generator left alone comes to rest.
         cycles = self.dropped + self.cycles + 2 + math.ceil(frequency_hz)
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
 
 
 def _close_loop(loop: Array) -> Array:
-    """With its first value once more at its end."""
+    """Return the loop closed by its first value."""
     return np.append(loop, loop[0])
 
 
 def _advance(samples: Array, shift: float) -> Array:
-    """The samples as they would be `by` samples earlier, on straight lines between them; shorter at the end."""
+    """Return the samples shifted `by` samples earlier by linear interpolation; shorter at the end."""
     at = np.arange(samples.size, dtype=float) + shift
     inside = at[(at >= 0) & (at <= samples.size - 1)]
     return np.asarray(np.interp(inside, np.arange(samples.size), samples))

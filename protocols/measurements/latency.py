@@ -1,8 +1,8 @@
 """Latency: time until the displacement reaches the perception threshold, after a step and after the onset of a sine.
 
-The steps are the fastest that the bench admits. A step's times count from the centroid of its edge in the recorded drive, so that they are
-times of an ideal step to first order; the remaining effect of the edge is in the uncertainty. A sine's times count from its begin.
-The sensor's delay is taken off. The amplifier is part of the actuator: times count from its input.
+The steps are the fastest that the bench admits. The times of a step begin at the centroid of its edge in the recorded drive, so
+that they equal times of an ideal step to first order; the remaining effect of the edge is in the uncertainty. The times of a sine
+begin at its onset. The sensor's delay is removed. The amplifier is part of the actuator: times refer to its input.
 """
 
 import math
@@ -15,7 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Sine, Steps
-from model import THRESHOLD_M, Array, format_with_uncertainty
+from model import THRESHOLD_M, Array, format_quantity
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -52,23 +52,23 @@ from protocols.signals import (
 STEP, SINE = "step", "sine"
 
 LEAST_DWELL_S = 0.02
-"""Shorter than this no step is still moving when it is taken back: the first mode settles within 17 ms."""
+"""Shortest dwell after which a step has settled before its return: the first mode settles within 17 ms."""
 
 SLOWER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-"""Shares of the slope that are tried where the source's memory is too small for the fastest edge."""
+"""Shares of the slope, tried in turn if the source's memory is too small for the fastest edge."""
 
 SHOWN_S = 0.03
-"""How much of a response is stored as a curve, from `CURVE_LEAD_S` before the onset on."""
+"""Duration of the stored curve of a response, from `CURVE_LEAD_S` before the onset."""
 CURVE_LEAD_S = 1e-3
 
 FINAL_SHARE = 0.2
 """Share of a dwell at its end whose mean is the final value of a step."""
 
 HARMONICS = 8
-"""Harmonics of the steady response to a sine; the amplifier's two slopes make even ones."""
+"""Harmonics of the steady response to a sine; the amplifier's two slopes generate even ones."""
 
 SETTLED_NOISE = 1.5
-"""Uncertainty of a deviation from the steady state divided by a sample's: the steady state is fitted."""
+"""Uncertainty of a deviation from the fitted steady state, divided by the uncertainty of a sample."""
 
 RISE_LOW, RISE_HIGH = 0.1, 0.9
 DRIVE_TOLERANCE = 0.05
@@ -76,30 +76,32 @@ EDGE_LIMIT = 1.3
 """Largest recorded duration of an edge over the commanded one: a staircase of 5 µs adds 2 %."""
 
 LEAST_SIGMAS = 5.0
-"""A response of fewer standard uncertainties of a sample counts as none."""
+"""Smallest response in standard uncertainties of a sample."""
 
 SOURCE = "latency"
 
 
 @dataclass(frozen=True, slots=True)
 class LatencyPoint:
-    """One onset. Uncertainties are standard; the uncertainties of the sensor's gain and delay are common to all points and not in them."""
+    """One onset. Uncertainties are standard; the common errors of the sensor's gain and delay are excluded."""
 
-    frequency: Annotated[float, Unit("Hz"), "of the sine; 0 for a step"]
-    level: Annotated[float, Unit("V"), "of the step, or highest of the sine, at the amplifier's input"]
+    frequency: Annotated[float, Unit("Hz"), "frequency of the sine; 0: a step"]
+    level: Annotated[float, Unit("V"), "level of the step, or highest level of the sine, at the amplifier's input"]
     repeat: RepeatNumber
-    latency: Annotated[float, Unit("s"), "from the onset until the displacement reaches the threshold"]
+    latency: Annotated[float, Unit("s"), "time from the onset until the displacement reaches the threshold"]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency, with the residuals at the edge"]
-    driven_latency: Annotated[float, Unit("s"), "the same from the begin of the drive's edge, as it was driven"]
+    driven_latency: Annotated[float, Unit("s"), "latency from the begin of the edge as driven"]
     threshold_speed: Annotated[float, Unit("m/s"), "speed of the displacement at the threshold"]
     rise: Annotated[float, Unit("s"), "step: 10 % to 90 % of the final value; sine: from its begin to 90 % of its peak"]
     rise_errors: Annotated[float, Unit("s"), "standard uncertainty of the rise"]
     overshoot: Annotated[float, Unit("1"), "largest excess over the final value, or over the steady peak, as a share"]
     overshoot_errors: Annotated[float, Unit("1"), "standard uncertainty of the overshoot"]
-    settling: Annotated[float, Unit("s"), "from the onset until the response stays within the band of its steady state"]
+    settling: Annotated[
+        float, Unit("s"), "time from the onset until the response stays within the band of its steady state"
+    ]
     settling_errors: Annotated[float, Unit("s"), "standard uncertainty of the settling time"]
     final: Annotated[float, Unit("m"), "mean at the end of the step, or steady peak of the sine, against rest"]
-    final_errors: Annotated[float, Unit("m"), "standard uncertainty of that"]
+    final_errors: Annotated[float, Unit("m"), "standard uncertainty of the final value"]
     drive_step: Annotated[float, Unit("V"), "step of the recorded drive, or amplitude of the recorded sine"]
     edge_time: Annotated[float, Unit("s"), "duration of the drive's edge as recorded; 0 for a sine"]
     quality: QualityFlags
@@ -107,23 +109,19 @@ class LatencyPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        what = f"sine of {self.frequency:g} Hz" if self.frequency else f"step to {self.level:g} V"
-        felt = f"threshold after {_milliseconds(self.latency, self.latency_errors)}"
+        drive = f"sine of {self.frequency:g} Hz" if self.frequency else f"step to {self.level:g} V"
+        felt = f"threshold after {format_quantity(self.latency, self.latency_errors, 's')}"
         if not math.isfinite(self.latency):
             felt = "below the threshold"
         return (
-            f"{what}, repeat {self.repeat:g}: {felt}, rise {_milliseconds(self.rise, self.rise_errors)}, overshoot "
+            f"{drive}, repeat {self.repeat:g}: {felt}, rise {format_quantity(self.rise, self.rise_errors, 's')}, overshoot "
             f"{100 * self.overshoot:.1f} %, settled after {1e3 * self.settling:.3g} ms"
         )
 
 
 def _onset_name(frequency_hz: float, level_v: float) -> str:
-    """Return the end of an estimate's name; files list estimates by name, steps first."""
+    """Return the suffix of an estimate's name; files list estimates by name, steps first."""
     return f"from the onset of {frequency_hz:g} Hz" if frequency_hz else f"after a step to {level_v:g} V"
-
-
-def _milliseconds(value_s: float, error_s: float) -> str:
-    return format_with_uncertainty(1e3 * value_s, 1e3 * error_s, "ms")
 
 
 class OnsetLatency(Protocol):
@@ -137,22 +135,27 @@ class OnsetLatency(Protocol):
     substitutes: ClassVar[tuple[str, ...]] = ("voltage-steps",)
 
     levels_v: Annotated[
-        tuple[Annotated[float, Interval(ge=0, le=5)], ...], Unit("V"), Len(0, 20), "levels stepped to from rest"
+        tuple[Annotated[float, Interval(ge=0, le=5)], ...],
+        Unit("V"),
+        Len(0, 20),
+        "levels of the steps; each step begins at rest",
     ] = (5.0,)
     slew_v_per_s: Annotated[
         float,
         Unit("V/s"),
         Interval(ge=100, le=1e6),
-        "slope of each edge at the input; the default is a tenth below the usual limit, because a source plays samples",
+        "slope of each edge at the amplifier's input; the default is 10 % below the usual limit, because a source plays samples",
     ] = 9_000.0
-    dwell_s: Annotated[float, Unit("s"), Interval(ge=LEAST_DWELL_S, le=1), "before and after each edge"] = 0.1
+    dwell_s: Annotated[float, Unit("s"), Interval(ge=LEAST_DWELL_S, le=1), "recording before and after each edge"] = 0.1
     frequencies_hz: Annotated[
-        tuple[Annotated[float, Interval(ge=10, le=500)], ...], Unit("Hz"), Len(0, 50), "of the sines that begin at rest"
+        tuple[Annotated[float, Interval(ge=10, le=500)], ...], Unit("Hz"), Len(0, 50), "frequencies of the sine onsets"
     ] = (100.0, 150.0, 200.0, 250.0)
     peak_to_peak_v: DriveVpp = 5.0
     sine_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=5), "duration of each sine"] = 0.2
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every onset is measured"] = 5
-    threshold_m: Annotated[float, Unit("m"), Interval(gt=0, le=1e-2), "displacement that can be felt"] = THRESHOLD_M
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each onset"] = 5
+    threshold_m: Annotated[float, Unit("m"), Interval(gt=0, le=1e-2), "displacement threshold of perception"] = (
+        THRESHOLD_M
+    )
     tolerance: Annotated[
         float, Unit("1"), Interval(gt=0, lt=0.5), "band of the settling time, as a share of the final value"
     ] = 0.02
@@ -165,7 +168,7 @@ class OnsetLatency(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Shorten the dwells where the source's memory is small, then slow down the edges."""
+        """Shorten the dwells if the source's memory is small, then slow down the edges."""
         dwells = [self.dwell_s * share for share in (0.7, 0.5, 0.35) if self.dwell_s * share >= LEAST_DWELL_S]
         dwell = {"dwell_s": min(self.dwell_s, LEAST_DWELL_S)}
         changes: list[dict[str, float]] = [{"dwell_s": round(s, 4)} for s in dwells]
@@ -188,7 +191,7 @@ class OnsetLatency(Protocol):
             yield SINE, f, f"sine of {f:g} Hz", Sine(f, self.peak_to_peak_v / 2, rest_v, cycles)
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
-        # Driven twice: a specimen with hysteresis answers differently to the first onset after another drive.
+        # Driven twice: a specimen with hysteresis responds differently to the first onset after another drive.
         yield Record(entry.drives[0].duration_s, entry.drives[0])
         yield Record(entry.drives[0].duration_s, entry.drives[0])
 
@@ -244,10 +247,12 @@ class OnsetLatency(Protocol):
         groups: dict[tuple[float, float], list[Any]] = {}
         for point in usable_points(list(points)):
             groups.setdefault((point.frequency, point.level), []).append(point)
-        return tuple(found for (f, level), group in groups.items() for found in self._estimates_of(f, level, group))
+        return tuple(
+            estimate for (f, level), group in groups.items() for estimate in self._estimates_of(f, level, group)
+        )
 
     def _estimates_of(self, frequency_hz: float, level_v: float, group: Sequence[Any]) -> Iterator[EstimatedQuantity]:
-        what = _onset_name(frequency_hz, level_v)
+        onset = _onset_name(frequency_hz, level_v)
         for column, name in (
             ("latency", self._felt_name),
             ("rise", "rise_time"),
@@ -255,8 +260,8 @@ class OnsetLatency(Protocol):
             ("settling", "settling_time"),
             ("threshold_speed", f"threshold_speed, {1e6 * self.threshold_m:g} µm"),
         ):
-            if (found := _mean_with_error(group, column)) is not None:
-                yield EstimatedQuantity.listed(f"{name}, {what}", *found, SOURCE)
+            if (mean := _mean_with_error(group, column)) is not None:
+                yield EstimatedQuantity.listed(f"{name}, {onset}", *mean, SOURCE)
 
     @property
     def _felt_name(self) -> str:
@@ -288,15 +293,15 @@ class OnsetLatency(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Onset:
-    """A response from its onset on, smoothed.
+    """A smoothed response from its onset.
 
     Attributes:
-        time_s: since the onset, sensor's delay removed, (N,).
-        signed, moved: displacement against rest, and in the direction of the final value or without its sign, (N,).
-        deviation: from the steady state, (N,); 0 before the onset.
+        time_s: time since the onset, sensor's delay removed, (N,).
+        signed, moved: displacement against rest, and its component in the direction of the final value or its modulus, (N,).
+        deviation: deviation from the steady state, (N,); 0 before the onset.
         noise: standard uncertainty of a smoothed sample.
-        averaged: `moved` averaged over the edge once more; the change bounds what the edge leaves. None for a sine.
-        since_begin_s: from the begin of the drive's edge to the onset.
+        averaged: `moved` averaged over the edge once more; the change bounds the remaining effect of the edge. None for a sine.
+        since_begin_s: time from the begin of the drive's edge to the onset.
     """
 
     time_s: Array
@@ -315,17 +320,17 @@ class _Onset:
 
     def first(self, level: float) -> Crossing:
         """Return the first crossing of a level, with the remaining effect of the edge."""
-        found = first_crossing(self.time_s, self.moved, level, self.noise)
-        if self.averaged is None or not math.isfinite(found.time_s):
-            return found
+        crossing = first_crossing(self.time_s, self.moved, level, self.noise)
+        if self.averaged is None or not math.isfinite(crossing.time_s):
+            return crossing
         again = first_crossing(self.time_s, self.averaged, level, self.noise)
-        left = again.time_s - found.time_s if math.isfinite(again.time_s) else self.edge_spread_s
-        error = math.hypot(found.standard_error, left, EDGE_FLOOR * self.edge_spread_s)
-        return Crossing(found.time_s, error, found.slope_per_s)
+        left = again.time_s - crossing.time_s if math.isfinite(again.time_s) else self.edge_spread_s
+        error = math.hypot(crossing.standard_error, left, EDGE_FLOOR * self.edge_spread_s)
+        return Crossing(crossing.time_s, error, crossing.slope_per_s)
 
 
 def _rest(recording: Recording, begin: int) -> tuple[float, float, float]:
-    """Return displacement at rest before the onset, its standard uncertainty with the hum's, and the noise of a sample."""
+    """Return displacement at rest before the onset, its standard uncertainty including hum, and the noise of a sample."""
     quiet = recording.displacement_m[max(begin // 4, 0) : max(begin - 5, 8)]
     hum = math.sqrt(sum(line.amplitude_m**2 / 2 for line in recording.interference if line.significant))
     noise = float(np.std(np.diff(quiet))) / math.sqrt(2)
@@ -384,7 +389,7 @@ def _sine_onset(recording: Recording) -> _Onset:
     first, last = int(away[0]), int(away[-1])
     frequency = fit_frequency(volts[first:last], rate, drive.frequency_hz)
     driven = fit_sine(volts[first:last], rate, frequency)
-    # The sine rises through its offset where its phase is a whole turn: the last time before it is seen away from it.
+    # The sine rises through its offset at whole turns of its phase: the last one before it is seen away from the offset.
     phase = float(np.angle(driven.fundamental)) / (2 * math.pi)
     begin_s = first / rate - (phase % 1.0) / frequency
     rest_m, rest_error, noise = _rest(recording, int(begin_s * rate))
@@ -414,11 +419,11 @@ def _sine_onset(recording: Recording) -> _Onset:
 
 
 def _mean_with_error(group: Sequence[Any], column: str) -> tuple[float, float] | None:
-    """Return the mean of the finite values and its uncertainty: their own, common to all, and the scatter of the mean."""
+    """Return the mean of the finite values and its uncertainty: their common uncertainty, and the scatter of the mean."""
     pairs = [(getattr(p, column), getattr(p, f"{column}_errors", 0.0)) for p in group]
-    known = np.array([(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)])
-    if not known.size:
+    finite = np.array([(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)])
+    if not finite.size:
         return None
-    values, errors = known.T
+    values, errors = finite.T
     scatter = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size > 1 else 0.0
     return float(values.mean()), math.hypot(scatter, float(np.median(errors)))

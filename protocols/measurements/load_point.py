@@ -24,38 +24,38 @@ ValueWithError = tuple[float, float]
 
 
 def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """Return all quantities identified from the usable points; those without enough points are left out."""
+    """Return all quantities identified from the usable points; quantities without enough points are left out."""
     by_side = {side: [p for p in points if p.side == side] for side in SIDE_LABELS}
     lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
-    found = [
+    estimates = [
         EstimatedQuantity.listed(f"compliance, {SIDE_LABELS[side]}", *line, SOURCE) for side, line in lines.items()
     ]
     if len(lines) == len(SIDE_LABELS):
         (one, one_error), (other, other_error) = lines.values()
         error = math.hypot(one_error, other_error)
         mean = (one + other) / 2
-        found += [
+        estimates += [
             EstimatedQuantity.listed("compliance, mean of both sides", mean, error / 2, SOURCE),
             EstimatedQuantity.listed("side_difference", (one - other) / mean, error / abs(mean), SOURCE),
         ]
     for side, group in by_side.items():
         if (bend := nonlinearity(group)) is not None:
             source = f"static loading, against a line, at {max(p.load for p in group):.3g} N"
-            found.append(EstimatedQuantity.listed(f"nonlinearity, {SIDE_LABELS[side]}", *bend, source))
-    return tuple(found)
+            estimates.append(EstimatedQuantity.listed(f"nonlinearity, {SIDE_LABELS[side]}", *bend, source))
+    return tuple(estimates)
 
 
 def compliance(points: Sequence[Any]) -> ValueWithError | None:
     """Slope of the weighted line through zero, m/N; None for fewer than two points or no load.
 
-    Each point is weighted with its own error, the load's included. Scatter of the points beyond that widens the
-    standard error (Birge ratio).
+    Each point is weighted with its own error, including the error of the load. Excess scatter of the points widens the standard
+    error (Birge ratio).
     """
     if len(points) < 2:
         return None
     load, moved = (np.array([getattr(p, name) for p in points]) for name in ("load", "deflection"))
     slope = float(load @ moved / (load @ load))
-    for _ in range(2):  # the load's error counts by the slope
+    for _ in range(2):  # the load's error times the slope
         weight = 1 / _variance(points, slope)
         slope = float((weight * load) @ moved / ((weight * load) @ load))
     left = moved - slope * load
@@ -64,7 +64,7 @@ def compliance(points: Sequence[Any]) -> ValueWithError | None:
 
 
 def nonlinearity(points: Sequence[Any]) -> ValueWithError | None:
-    """By how much the compliance at the largest load differs from that at none, as a share: d = c F (1 + n F / F_max).
+    """Return the relative difference of the compliance at the largest load from the compliance without load: d = c F (1 + n F / F_max).
 
     None for fewer than three different loads.
     """
@@ -92,16 +92,18 @@ class LoadPoint:
     side: Annotated[float, Unit("1"), "1 with the MFC up, -1 with the aluminium up"]
     mass: Annotated[float, Unit("kg"), "mass of the weight, besides the offset"]
     repeat: RepeatNumber
-    load: Annotated[float, Unit("N"), "its weight"]
-    load_errors: Annotated[float, Unit("N"), "standard uncertainty of its weight; the same in every repeat"]
+    load: Annotated[float, Unit("N"), "force of mass and gravity"]
+    load_errors: Annotated[float, Unit("N"), "standard uncertainty of the load; one error shared by all repeats"]
     deflection: Annotated[
         float, Unit("m"), "displacement under the weight against the mean of the zeros before and after"
     ]
-    deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, the zero's move included"]
-    zero_before: Annotated[float, Unit("m"), "displacement before, as measured by the sensor"]
-    zero_after: Annotated[float, Unit("m"), "displacement after the weight was taken off"]
+    deflection_errors: Annotated[
+        float, Unit("m"), "standard uncertainty of the deflection, change of the zero included"
+    ]
+    zero_before: Annotated[float, Unit("m"), "sensor reading before the weight is put on"]
+    zero_after: Annotated[float, Unit("m"), "sensor reading after the weight is taken off"]
     drift: Annotated[float, Unit("m"), "zero after - zero before"]
-    creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight, while it was read"]
+    creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight during the recording"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains under the weight"]
     quality: QualityFlags
 
@@ -123,15 +125,16 @@ def load_point(
     zero_limit_m: Callable[[float], float],
     simulated: bool,
 ) -> LoadPoint:
-    """The point of one weight; the last three recordings count.
+    """Return the point of one weight; the last three recordings count.
 
     Args:
-        key: side (1: MFC up, -1: aluminium up), mass in kg, which repeat.
-        recordings: what was recorded for it.
-        measure_level: the level of a recording.
+        key: side (1: MFC up, -1: aluminium up), mass in kg, number of the repeat.
+        recordings: recordings of the weight.
+        measure_level: function that returns the level of a recording.
         load_n: the weight's force and its standard uncertainty.
-        zero_limit_m: how far the zero may move over a deflection in m; further makes the point unsettled.
-        simulated: whether the bench was.
+        zero_limit_m: function that returns the largest change of the zero over a deflection in m; a larger one makes the point
+            unsettled.
+        simulated: whether the bench was simulated.
 
     Raises:
         ValueError: there are fewer than three recordings.
@@ -175,15 +178,15 @@ def load_point(
 DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
 
 MAX_ATTEMPTS = 3
-"""Number of repeats of a weight that does not fit, before its deflection is accepted as the specimen's."""
+"""Repeats of an implausible weight before its deflection is accepted as the specimen's."""
 
 
 CREEP_MARGIN = 1.5
-"""Times what a specimen creeps in a baseline under the weight before, which still counts as quiet."""
+"""Multiple of a specimen's creep in a baseline under the previous weight that counts as quiet."""
 
 
 class WeightStepWatcher:
-    """Detects in the laser signal that a weight is put on or taken off, from the level before (protocols.base.steps.Detector)."""
+    """Detects in the laser signal that a weight is put on or taken off, from the previous level (protocols.base.steps.Detector)."""
 
     def __init__(self, baseline: Recording, min_step_m: float, baseline_s: float) -> None:
         before = baseline.displacement_m[-round(baseline_s * baseline.rate_hz) :]
@@ -194,7 +197,7 @@ class WeightStepWatcher:
         self._detector.feed(before)
 
     def feed(self, drive_v: Any, displacement_m: Any) -> bool:
-        """Whether what came now, (n,) each, shows it."""
+        """Return whether the new samples, (n,) each, show the event."""
         return self._detector.feed(displacement_m) is not None
 
 
@@ -210,7 +213,7 @@ def turn_side_prompt(side: float, offset_kg: float) -> Prompt:
 
 
 def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prompt:
-    """Put a weight on; or report that the one before was wrong."""
+    """Return the prompt to put a weight on; or to report that the previous one was wrong."""
     return Prompt(
         "place-weight",
         f"Place the {format_quantity(mass_kg, 0.0, 'kg')} weight on the centre; the laser sees it land.",
@@ -221,13 +224,13 @@ def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prom
 
 
 def remove_weight_prompt(side: float, mass_kg: float) -> Prompt:
-    """Take a weight off; or report that it was wrong."""
+    """Return the prompt to take a weight off; or to report that it was wrong."""
     text = f"Take the {format_quantity(mass_kg, 0.0, 'kg')} weight off."
     return Prompt("remove-weight", text, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
 
 
 def repeat_or_keep_prompt(action: str, message: str, attempt: int) -> Prompt:
-    """Repeat at first; a deflection that recurs so often is accepted as the specimen's."""
+    """Return the repeat of an implausible weight; a deflection that recurs often is accepted as the specimen's."""
     if attempt < MAX_ATTEMPTS:
         return Prompt(action, f"{message} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
     return Prompt(action, f"{message} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))

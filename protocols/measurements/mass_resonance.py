@@ -1,9 +1,9 @@
 """Mass resonance: peak of the displacement spectrum for several added masses (paper, Sec. IV-1).
 
-A sweep too long for the waveform memory is played in pieces, from rest to rest, each over its share of the band at the
-same sweep rate; the responses of the pieces overlap and are joined. A card's analogue output plays it in one piece
-(`piece_s` = `sweep_s`). Where the memory is too small for pieces, sines at single frequencies take the sweep's place, closer
-together within the peak (`method` = `dwell`).
+A sweep too long for the waveform memory is played in pieces, from rest to rest, each over its share of the band at the same sweep
+rate; the responses of the pieces overlap and are joined. A card's analogue output plays it in one piece (`piece_s` = `sweep_s`).
+If the memory is too small for pieces, sines at single frequencies replace the sweep, closer together within the peak (`method` =
+`dwell`).
 """
 
 import contextlib
@@ -47,29 +47,30 @@ from protocols.measurements.result_checks import (
 from protocols.signals import FREQUENCY_RESPONSE, MIN_BINS_PER_LINE, FrequencyResponse, ModalFit
 
 RINGDOWN_S = 0.3
-"""Recorded after a sweep, until the free vibration has decayed."""
+"""Duration of the recording after a sweep, until the free vibration has decayed."""
 
 OVERLAP_LINES = 6
-"""Lines by which neighbouring pieces overlap, half of them beyond the share of each: begin and end of a piece disturb its outermost lines."""
+"""Overlap of neighbouring pieces in lines, half of it beyond the share of each: begin and end of a piece disturb its outermost
+lines."""
 
 MAX_OVERLAP = 0.5
-"""Longest overlaps of adapted pieces together, as a share of the band: they take their time from the lines."""
+"""Largest total overlap of adapted pieces, as a share of the band: overlaps reduce the time per line."""
 
 DRIVE_TOLERANCE = 0.05
 
 SWEEP = "sweep"
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.002, 1.5
-"""Relative change between windows that counts as settled under a sine, and how long it is waited for."""
+"""Largest relative change between windows of a settled response to a sine, and the longest wait for it."""
 
 DWELL_RECORD_S, DWELL_CYCLES, DWELL_MARGIN_S = 0.3, 20, 1.0
-"""Shortest recording of a sine, its fewest cycles, and how much longer than needed a sine lasts."""
+"""Shortest recording of a sine, its fewest cycles, and the spare duration of the drive."""
 
 DWELL_S, MAX_DWELLS = 1.2, 120
-"""Typical duration of one frequency, and the most frequencies of a mass."""
+"""Typical duration of one frequency, and the largest number of frequencies of a mass."""
 
 EDGE_MARGIN = 0.1
-"""A peak this near to the band's edge, as a share of its frequency, is reported."""
+"""Distance of a peak from the band's edge, as a share of its frequency, below which it is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +78,15 @@ class MassPoint:
     """One added mass. Uncertainties are standard and statistical."""
 
     mass: Annotated[float, Unit("kg"), "added mass"]
-    frequency: Annotated[float, Unit("Hz"), "where the response is largest: the paper's resonance"]
+    frequency: Annotated[float, Unit("Hz"), "frequency of the largest response: the paper's resonance"]
     frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
-    spectrum_peak: Annotated[float, Unit("Hz"), "peak of the displacement's own spectrum, of all pieces joined"]
+    spectrum_peak: Annotated[
+        float, Unit("Hz"), "frequency of the peak in the spectrum of the displacement, all pieces joined"
+    ]
     spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
     natural_frequency: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
     natural_frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the natural frequency"]
-    damping: Annotated[float, Unit("1"), "damping ratio of that mode"]
+    damping: Annotated[float, Unit("1"), "damping ratio of the fitted mode"]
     damping_errors: Annotated[float, Unit("1"), "standard uncertainty of the damping ratio"]
     height: Annotated[float, Unit("m/V"), "response at the peak, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the peak's half-power width"]
@@ -112,13 +115,13 @@ class MassResonance(Protocol):
     masses_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=0.1)], ...], Unit("kg"), Len(1, 100), "added masses, in order"
     ] = (1.75e-3, 2.75e-3, 3.75e-3, 4.75e-3, 5.75e-3, 6.75e-3, 7.75e-3, 8.75e-3, 9.75e-3)
-    start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "where the sweep begins"] = 25.0
-    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "where the sweep ends"] = 525.0
+    start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "first frequency of the sweep"] = 25.0
+    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "last frequency of the sweep"] = 525.0
     sweep_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=5, le=3600),
-        "time of one sweep, all pieces together; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
+        "duration of one sweep, all pieces together; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
     ] = 300.0
     piece_s: Annotated[
         float,
@@ -127,18 +130,18 @@ class MassResonance(Protocol):
         "longest piece, limited by the generator's memory (docs/generators.md)",
     ] = 20.0
     method: Annotated[
-        Literal["sweep", "dwell"], "a sweep, or sines at single frequencies where the memory holds no piece of it"
+        Literal["sweep", "dwell"],
+        "sweep, or dwell: sines at single frequencies, for a generator with a memory too small for a piece of the sweep",
     ] = "sweep"
-    dwells: Annotated[int, Unit("1"), Interval(ge=8, le=200), "single frequencies over the band, before the peak's"] = (
-        16
-    )
+    dwells: Annotated[
+        int,
+        Unit("1"),
+        Interval(ge=8, le=200),
+        "frequencies over the band, before the refinement of the peak; counts with the method dwell",
+    ] = 16
     peak_to_peak_v: DriveVpp = 5.0
-    low_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=1, le=2000), "lower end of the band that is searched for the peak"
-    ] = 125.0
-    high_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=2, le=2000), "upper end of the band that is searched for the peak"
-    ] = 500.0
+    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "lower end of the search band of the peak"] = 125.0
+    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "upper end of the search band of the peak"] = 500.0
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
@@ -160,7 +163,7 @@ class MassResonance(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Play shorter pieces where the source's memory is small, or single frequencies where the overlaps become too long."""
+        """Play shorter pieces if the source's memory is small, or single frequencies if the overlaps become too long."""
         counts = (math.ceil(self._piece_count * 1.2**k) for k in range(1, 40))
         pieces = (self.sweep_s / count for count in counts)
         most = MAX_OVERLAP * (self.stop_hz - self.start_hz)
@@ -255,18 +258,17 @@ class MassResonance(Protocol):
         peak = response_peak(response, (self.low_hz, self.high_hz))
         _, mode = self._fit_mode(response)
         spectrum = math.nan, math.nan
-        with contextlib.suppress(
-            ValueError
-        ):  # single frequencies have none, nor has a spectrum without a peak of its own, beside a response that has one
+        # Single frequencies have no spectrum, and a spectrum may lack the peak that the response has.
+        with contextlib.suppress(ValueError):
             if self.method != SWEEP:
                 raise ValueError("single frequencies make no spectrum")
-            found = joined_spectrum_peak(
+            peak = joined_spectrum_peak(
                 [recording.displacement_m for recording in recordings],
                 recordings[0].rate_hz,
                 self._shares_hz(recordings),
                 (self.low_hz, self.high_hz),
             )
-            spectrum = found.frequency_hz, found.standard_error_hz
+            spectrum = peak.frequency_hz, peak.standard_error_hz
         drive_off = any(
             abs(0.5 * float(np.ptp(recording.drive_v)) - 0.5 * self.peak_to_peak_v)
             > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
@@ -287,7 +289,7 @@ class MassResonance(Protocol):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
-        """A constant stiffness under the added mass: 1/f² on a straight line over the mass."""
+        """Return the line of a constant stiffness: 1/f² is linear in the added mass."""
         used = line_indices(points, *cls.axes)
         mass, f, error = (
             np.array([getattr(points[i], n) for i in used]) for n in ("mass", "frequency", "frequency_errors")
@@ -303,7 +305,7 @@ class MassResonance(Protocol):
         return (Series(drawn, squared**-0.5, role=Role.FIT, label=label, fitted_rows=used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """The peak of each mass; the damping ratios are in the points, and identifying k2 needs the model, see `identify`."""
+        """Return the peak of each mass; the damping ratios are in the points, and k2 needs the model, see `identify`."""
         source = (
             f"largest response from {self.low_hz:g} to {self.high_hz:g} Hz, sines or sweep of {self.peak_to_peak_v:g} V"
         )
@@ -347,7 +349,7 @@ class MassResonance(Protocol):
         return Sine(frequency_hz, self.peak_to_peak_v / 2, rest_v, math.ceil(longest_s * frequency_hz))
 
     def _sweeps(self, rest_v: float) -> tuple[LinearSweep, ...]:
-        """Return the pieces: of equal duration and pace, `sweep_s` together with their overlaps."""
+        """Return the pieces: equal in duration and sweep rate, `sweep_s` in total with their overlaps."""
         count, overlap = self._piece_count, OVERLAP_LINES * self._resolution_hz
         width = (self.stop_hz - self.start_hz + (count - 1) * overlap) / count
         starts = [self.start_hz + i * (width - overlap) for i in range(count)]
@@ -375,7 +377,7 @@ class MassResonance(Protocol):
 
         if self.method != SWEEP:
             return dwelt_response(recordings)
-        found = []
+        parts = []
         for recording, (low, high) in zip(recordings, self._shares_hz(recordings), strict=True):
             drive = recording.drive
             if not isinstance(drive, LinearSweep):
@@ -389,8 +391,8 @@ class MassResonance(Protocol):
                 recording.sensor_delay_s,
                 recording.interference,
             )
-            found.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
-        return concatenate_responses(found)
+            parts.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
+        return concatenate_responses(parts)
 
 
 def _resolution_hz(piece_s: float) -> float:

@@ -17,7 +17,7 @@ from model import (
     Array,
     Membrane,
     ParameterError,
-    format_with_uncertainty,
+    format_quantity,
     linear_young_modulus,
     weight_per_length,
     young_modulus_from_sag,
@@ -46,13 +46,13 @@ SOURCE = "membrane sag, bending with the tension of the deflection itself"
 LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"
 
 RUBBER_MODULI_PA = 1e4, 1e8
-"""Moduli of rubbers, the softest silicone to the hardest; any other is not a rubber, or there is no membrane."""
+"""Moduli of rubbers, from the softest silicone to the hardest; another value means no rubber or no membrane."""
 
 SAME_SURFACE_SIGMAS = 5.0
-"""A membrane nearer to the reference surface, in standard errors, may be that surface."""
+"""Distance to the reference surface, in standard errors, below which the membrane may be the surface itself."""
 
 MAX_ATTEMPTS = 3
-"""Attempts at a sag that is outside the sensor's range."""
+"""Attempts at a sag outside the sensor's range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,21 +60,21 @@ class SagPoint:
     """One sag of the membrane. Its error is standard and statistical; geometry and reference are common to all."""
 
     repeat: RepeatNumber
-    sag: Annotated[float, Unit("m"), "how far the membrane's centre hangs below the line of its clamps"]
-    sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, the reference's depth left out"]
-    reference: Annotated[float, Unit("m"), "displacement at the reference surface, as measured by the sensor"]
-    hanging: Annotated[float, Unit("m"), "displacement at the membrane's centre, as measured by the sensor"]
+    sag: Annotated[float, Unit("m"), "depth of the membrane's centre below the line of the clamps"]
+    sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, without the reference depth"]
+    reference: Annotated[float, Unit("m"), "sensor reading at the reference surface"]
+    hanging: Annotated[float, Unit("m"), "sensor reading at the membrane's centre"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains in the membrane's trace"]
     quality: QualityFlags
 
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        return f"sag {self.repeat:.0f}: {format_with_uncertainty(1e6 * self.sag, 1e6 * self.sag_errors)} µm"
+        return f"sag {self.repeat:.0f}: {format_quantity(self.sag, self.sag_errors, 'm', 'sag')}"
 
 
 class MembraneSag(Protocol):
-    """The membrane's own weight bends and stretches it; the modulus of its rubber follows from how far."""
+    """The membrane's own weight bends and stretches it; its sag gives the modulus of the rubber."""
 
     name: ClassVar[str] = "membrane-sag"
     title: ClassVar[str] = "Membrane sag"
@@ -87,20 +87,22 @@ class MembraneSag(Protocol):
     )
     high_voltage: ClassVar[bool] = False
 
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often the membrane is hung"] = 5
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "number of times the membrane is clamped anew"] = 5
     reference_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.1), "how deep the reference lies below the line of the clamps"
+        float, Unit("m"), Interval(ge=0, le=0.1), "depth of the reference surface below the line of the clamps"
     ] = 3.5e-3
-    reference_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of that depth"] = (
-        20e-6
-    )
+    reference_error_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of the reference depth"
+    ] = 20e-6
     length_m: Annotated[float, Unit("m"), Interval(gt=0, le=2), "free length between the clamps"] = 0.17
     length_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.1), "standard uncertainty of the length"] = 0.3e-3
     thickness_m: Annotated[float, Unit("m"), Interval(gt=0, le=0.02), "thickness of the membrane"] = 1.4e-3
     thickness_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of the thickness"] = (
         10e-6
     )
-    width_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "width; the modulus does not depend on it"] = 0.066
+    width_m: Annotated[
+        float, Unit("m"), Interval(gt=0, le=1), "width of the membrane; without effect on the modulus"
+    ] = 0.066
     density_kg_per_m3: Annotated[
         float, Unit("kg/m^3"), Interval(gt=0, le=20_000), "density of the rubber, from weighing the strip"
     ] = 1000.0
@@ -108,12 +110,14 @@ class MembraneSag(Protocol):
         float, Unit("kg/m^3"), Interval(ge=0, le=5_000), "standard uncertainty of the density"
     ] = 10.0
     elongation_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.5), "by how much the clamps stretch the membrane; 0 is best"
+        float, Unit("m"), Interval(ge=0, le=0.5), "elongation of the membrane between the clamps; 0 is best"
     ] = 0.0
     elongation_error_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.05), "standard uncertainty of the elongation, the clamping's included"
+        float, Unit("m"), Interval(ge=0, le=0.05), "standard uncertainty of the elongation, clamping included"
     ] = 10e-6
-    settle_s: Annotated[float, Unit("s"), Interval(ge=0, le=600), "after the key, before the trace is read"] = 5.0
+    settle_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=600), "wait after the operator's confirmation, before the recording"
+    ] = 5.0
     record_s: LevelDuration = 1.0
     sample_rate_hz: SampleRate = 2000.0
 
@@ -172,18 +176,18 @@ class MembraneSag(Protocol):
         mean_m, error_m = self.mean_sag(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
         if not mean_m > 0:
             return ()
-        found = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
-        with contextlib.suppress(ParameterError):  # where no modulus explains this sag, the sag itself is reported
-            found.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
+        estimates = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
+        with contextlib.suppress(ParameterError):  # if no modulus explains this sag, the sag alone is reported
+            estimates.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
             linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
-            found.append(
+            estimates.append(
                 EstimatedQuantity.listed("linear_young_modulus", linear, linear * error_m / mean_m, LINEAR_SOURCE)
             )
-        return tuple(found)
+        return tuple(estimates)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)
-        found = {estimate.name: estimate.value for estimate in self.estimates(points)}
+        values = {estimate.name: estimate.value for estimate in self.estimates(points)}
         checks = list(
             repeatability_check(
                 "sag", [[p.sag for p in good]], "clamp the membrane the same way each time, without stretch"
@@ -202,7 +206,7 @@ class MembraneSag(Protocol):
             )
             name = "membrane against the reference / its standard error, least"
             checks.append(CheckResult(name, min(apart), "1", SAME_SURFACE_SIGMAS, None, remedy))
-        if modulus := found.get("E_m"):
+        if modulus := values.get("E_m"):
             remedy = "make sure that the membrane is under the sensor, and check reference_m, length_m and thickness_m"
             checks.append(CheckResult("Young modulus", modulus, "Pa", *RUBBER_MODULI_PA, remedy))
         return tuple(checks)
@@ -230,7 +234,7 @@ class MembraneSag(Protocol):
         return error * 2e-3 * sag_m / abs(high - low)
 
     def _young_modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
-        """E_m and its standard error: what each uncertain input does to it, in quadrature."""
+        """Return E_m and its standard error: effects of the uncertain inputs in quadrature."""
 
         def E_m(changed: "MembraneSag", w: float = sag_m) -> float:
             return young_modulus_from_sag(
@@ -248,7 +252,7 @@ class MembraneSag(Protocol):
                 ("density_kg_per_m3", self.density_kg_per_m3, self.density_error_kg_per_m3),
             )
         ]
-        # No membrane is stretched by less than nothing: near 0 only the upper side exists.
+        # A stretch is not negative: near 0 only the upper side exists.
         stretched = self.model_copy(update={"elongation_m": self.elongation_m + self.elongation_error_m})
         return best, math.hypot(*steps, E_m(stretched) - best)
 

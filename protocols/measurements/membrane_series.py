@@ -1,7 +1,7 @@
 """Membrane series: sine dwells at several elongations of the skin membrane (paper, Sec. IV-4).
 
-The free tactor is measured before and after; the change between the two is drift. A membrane can only stiffen the tactor,
-and more so the further it is stretched; a response that contradicts this gives a warning.
+The free tactor is measured before and after; the change between the two is drift. A membrane can only stiffen the tactor, and
+more so with more stretch; a response that contradicts this gives a warning.
 """
 
 import math
@@ -12,17 +12,16 @@ from typing import Annotated, Any, ClassVar, Self
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from model import format_quantity
 from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Prompt, Recording, ReferenceModel
 from protocols.measurements.result_checks import usable_points
-from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
+from protocols.measurements.sine_dwell import SineDwell, SinePoint, amplitude_text, sine_point
 
 FREE = "free"
-"""In a key in place of an elongation: without a membrane."""
+"""Value of a key without a membrane, in place of an elongation."""
 
 SIGNIFICANCE_SIGMAS = 5.0
 DRIFT_LIMIT = 0.02
-"""A change of the free tactor between before and after that is reported, as a share."""
+"""Relative change of the free tactor from before to after above which it is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +29,13 @@ class MembranePoint(SinePoint):
     """One frequency at one elongation; the free tactor has none (NaN)."""
 
     elongation: Annotated[float, Unit("m"), "elongation of the membrane; NaN for the free tactor"]
-    part: Annotated[float, Unit("1"), "which pass over the frequencies it belongs to, from 0"]
+    part: Annotated[float, Unit("1"), "number of the pass over the frequencies, from 0"]
 
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
         where = "free" if math.isnan(self.elongation) else f"{1e3 * self.elongation:.2f} mm"
-        return (
-            f"{where}, {self.frequency:.3f} Hz: max - min {1e6 * self.peak_to_peak:.1f} µm, "
-            f"2 x fundamental {format_quantity(2 * self.fundamental, 2 * self.fundamental_errors, 'm')}"
-        )
+        return f"{where}, {amplitude_text(self)}"
 
 
 class MembraneSeries(SineDwell):
@@ -53,7 +49,7 @@ class MembraneSeries(SineDwell):
         tuple[Annotated[float, Interval(ge=0, le=0.05)], ...], Unit("m"), Len(1, 50), "elongations, in order"
     ] = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
     reference: Annotated[
-        int, Unit("1"), Interval(ge=0, le=1), "1: the free tactor before and after as well; 0: without"
+        int, Unit("1"), Interval(ge=0, le=1), "1: measure the free tactor before and after; 0: do not"
     ] = 1
     m_per_turn: Annotated[
         float, Unit("m"), Interval(ge=0, le=0.01), "travel of one turn of the micrometer; 0: prompts give no turns"
@@ -89,9 +85,9 @@ class MembraneSeries(SineDwell):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
+        """Return the largest response at each elongation, and the change of the free tactor from before to after."""
         free, stretched = _free_and_stretched(points)
-        found = [
+        estimates = [
             EstimatedQuantity.listed(
                 f"largest_twice_fundamental, {elongation_label(elongation)}",
                 2 * top.fundamental,
@@ -103,11 +99,11 @@ class MembraneSeries(SineDwell):
         if len(free) == 2:
             change, error = _relative_change(free[0], free[1])
             source = "free tactor after against before, mean over frequencies"
-            found.append(EstimatedQuantity.listed("free_response_drift", change, error, source))
-        return tuple(found)
+            estimates.append(EstimatedQuantity.listed("free_response_drift", change, error, source))
+        return tuple(estimates)
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
-        """Return the influence of the way the membrane was stretched, and the drift, from complete passes."""
+        """Return the checks of order and drift from complete passes."""
         warnings = []
         parts = [p.part for p in points]
         free, stretched = _free_and_stretched(p for p in points if parts.count(p.part) == len(self.frequencies_hz))
@@ -137,21 +133,21 @@ class MembraneSeries(SineDwell):
         return (*super().checks(points), *self._order_checks(points))
 
     def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:
-        return ()  # of several elongations together
+        return ()  # mean over several elongations
 
     def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
         return self._membrane_absent([p for p in usable_points(points) if math.isnan(p.elongation)], reference)
 
     def _order_checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """The free tactor must respond most, and the same before and after."""
+        """Return the checks that the free tactor responds most, and equally before and after."""
         free, stretched = _free_and_stretched(points)
         if not free or not stretched:
             return ()
         checks = []
         against = [(elongation, *_relative_change(free[0], group)) for elongation, group in stretched]
-        known = [(elongation, change, error) for elongation, change, error in against if math.isfinite(error)]
-        if known:
-            elongation, change, error = max(known, key=lambda each: each[1])
+        finite = [(elongation, change, error) for elongation, change, error in against if math.isfinite(error)]
+        if finite:
+            elongation, change, error = max(finite, key=lambda each: each[1])
             limit = -max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT)
             name, detail = (
                 "response with membrane against the free tactor, largest change",
@@ -196,9 +192,9 @@ def _compliance(point: Any) -> float:
 def _relative_change(
     reference: Sequence[Any], points: Sequence[Any], lowest_octave: bool = False
 ) -> tuple[float, float]:
-    """Mean relative change of the response at the frequencies both have, and its error; `below`: in the lowest octave only.
+    """Return the mean relative change of the response at common frequencies, and its error; `below`: in the lowest octave only.
 
-    There a tactor answers with its stiffness alone; near its resonance less damping or mass could look like less stiffness.
+    There a tactor responds by its stiffness alone; near its resonance less damping or mass could look like less stiffness.
     """
     top_hz = 2 * min(point.frequency for point in reference) if lowest_octave else math.inf
     pairs = [

@@ -1,4 +1,4 @@
-"""Frequency response as a series to show and store, with a check that there is a response at all."""
+"""Frequency response as a series to show and store, with a check that there is a response."""
 
 from dataclasses import fields
 
@@ -8,11 +8,11 @@ from protocols.base import Series
 from protocols.signals import FrequencyResponse, ModalFit
 
 MIN_RESPONSE_SIGMAS = 5.0
-"""A response with weaker lines counts as no response."""
+"""Smallest median ratio of a line to its error for a response."""
 
 
 def with_fitted_mode(response: FrequencyResponse, near: FrequencyResponse, mode: ModalFit | None, label: str) -> Series:
-    """Return the response, as a series only, with the mode that was fitted to the lines `near` its peak."""
+    """Return the response as a series, with the mode fitted to the lines `near` its peak."""
     fitted = None
     if mode is not None:
         fitted = np.full(response.x.size, np.nan)
@@ -25,7 +25,7 @@ def check_response_present(response: FrequencyResponse) -> None:
     """Reject a response that is noise.
 
     Raises:
-        ValueError: hardly a line exceeds its own error.
+        ValueError: hardly a line exceeds its error.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         seen = np.nan_to_num(response.plotted / response.errors)

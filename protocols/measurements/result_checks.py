@@ -10,24 +10,25 @@ from model import Array
 from protocols.base import CheckResult, point_quality
 
 SIGNAL_TO_NOISE_LIMIT = 20.0
-"""Least value over its standard error: known to 5 %, the accuracy of the paper's comparisons. Below 5 there is no response."""
+"""Smallest ratio of a value to its standard error: an error of 5 %, the accuracy of the paper's comparisons. Below 5 there is no
+response."""
 
 DRIVE_LIMIT = 0.05
 """Largest relative deviation of the recorded amplitude from the commanded one: the amplifier's gain error and the source's
 flatness together are below 2 %."""
 
 COHERENCE_LIMIT = 0.95
-"""Least coherence in the resonance's half-power width: below it a twentieth of the power does not follow the drive, and six
+"""Smallest coherence in the resonance's half-power width: below it a twentieth of the power does not follow the drive, and six
 averages leave an error of 7 %."""
 
 REPEATABILITY_LIMIT = 0.05
-"""Largest standard deviation of repeats over their mean: creep and hysteresis of an MFC make 1 to 3 %."""
+"""Largest standard deviation of repeats over their mean: creep and hysteresis of an MFC cause 1 to 3 %."""
 
 MIN_REPEATS = 3
-"""Fewer repeats do not determine their standard deviation."""
+"""Fewest repeats for an estimate of their standard deviation."""
 
 SIGNIFICANCE_SIGMAS = 5.0
-"""A deviation of fewer standard errors may be noise."""
+"""Standard errors of a significant deviation."""
 
 CABLE_REMEDY = (
     "check the cable from the generator to the amplifier and to the card, and the source's load setting (High Z)"
@@ -50,7 +51,7 @@ def signal_to_noise_check(name: str, pairs: Sequence[tuple[float, float]], detai
 
 
 def drive_ratio_check(seen_v: Sequence[float], commanded_v: float) -> tuple[CheckResult, ...]:
-    """Return the check of the recorded amplitude that deviates most from the commanded one; none where none is recorded."""
+    """Return the check of the recorded amplitude that deviates most from the commanded one; none without a recorded amplitude."""
     ratios = [seen / commanded_v for seen in seen_v if math.isfinite(seen)]
     if not ratios:
         return ()
@@ -61,11 +62,11 @@ def drive_ratio_check(seen_v: Sequence[float], commanded_v: float) -> tuple[Chec
 
 def coherence_check(coherences: Sequence[float]) -> tuple[CheckResult, ...]:
     """Return the check of the lowest coherence; none without coherences."""
-    known = [coherence for coherence in coherences if math.isfinite(coherence)]
-    if not known:
+    finite = [coherence for coherence in coherences if math.isfinite(coherence)]
+    if not finite:
         return ()
     remedy = "check for vibration, a loose clamp or a clipped sensor signal; average more periods"
-    return (CheckResult("coherence at the resonance, lowest", min(known), "1", COHERENCE_LIMIT, None, remedy),)
+    return (CheckResult("coherence at the resonance, lowest", min(finite), "1", COHERENCE_LIMIT, None, remedy),)
 
 
 def repeatability_check(name: str, groups: Sequence[Sequence[float]], remedy: str) -> tuple[CheckResult, ...]:
@@ -82,7 +83,7 @@ def repeatability_check(name: str, groups: Sequence[Sequence[float]], remedy: st
 
 
 MIN_OTHER_MASSES = 2
-"""Other masses needed to identify the wrong one: of two that disagree either may be."""
+"""Smallest number of other masses that identifies the wrong one: of two that disagree, either may be wrong."""
 
 WEIGHT_DEVIATION_LIMIT = 0.1
 """Largest relative deviation of a weight's mass, by its deflection, from its label. Nonlinearity over the paper's weights is
@@ -92,11 +93,11 @@ below 2 %; the next weight of a set differs by a factor of 2."""
 def labelled_weight_checks(
     groups: Mapping[float, Mapping[float, Sequence[tuple[float, float]]]],
 ) -> tuple[CheckResult, ...]:
-    """Return the check of the weight that deviates most from the others of the run, by the deflections it caused.
+    """Return the check of the weight whose deflections deviate most from the others of the run.
 
-    A weight's compliance, mean over its repeats, is divided by the median over the other weights of that side; the ratio's
-    mean over the sides times the label is the mass it behaves like. Its error is from the scatter of repeats, or the points'
-    own errors where these are larger.
+    A weight's compliance, mean over its repeats, is divided by the median over the other weights of that side; the ratio's mean
+    over the sides times the label is the effective mass. Its error is from the scatter of repeats, or the points' own errors if
+    these are larger.
 
     Args:
         groups: by mass (kg), then by side: compliance and its standard error of every repeat.
@@ -134,7 +135,7 @@ MASS_LIMIT_SHARE = 0.05
 1 g apart, and the model's line bends by less than 0.01 g."""
 
 MIN_MASSES_ON_LINE = 4
-"""Masses needed to identify the wrong one: of three, any may deviate from the line through the other two."""
+"""Smallest number of masses that identifies the wrong one: of three, any may deviate from the line through the other two."""
 
 
 def added_mass_checks(
@@ -142,7 +143,7 @@ def added_mass_checks(
 ) -> tuple[CheckResult, ...]:
     """Return the check of the added mass that fits the line of 1 / f^2 over mass through the others least.
 
-    It is the one without which the others lie on a line best (least squares), so that one wrong mass is not blamed on another.
+    Without it the others lie best on a line (least squares), so that one wrong mass is not attributed to another.
     """
     if len(masses_kg) < MIN_MASSES_ON_LINE:
         return ()
@@ -177,19 +178,19 @@ def _mean_with_error(repeats: Sequence[tuple[float, float]]) -> tuple[float, flo
 
 
 CALIBRATED_LIMITS = 0.8, 1.25
-"""Response divided by the response of the specimen's calibration: drift and temperature make a tenth; the slackest membrane leaves 0.75
-around the resonance."""
+"""Response divided by the response of the specimen's calibration: drift and temperature cause a tenth; the slackest membrane
+leaves 0.75 around the resonance."""
 
 PAPER_LIMITS = 0.5, 2.0
 """Response divided by the response of the paper's tactor, for a specimen without a calibration: specimens of one design differ by tens of
 per cent; a membrane stretched by 1.3 mm leaves a third."""
 
 RESONANCE_BAND = 0.6, 1.5
-"""Share of the reference's resonance between which a membrane changes the response most; far below it is not seen."""
+"""Range of frequencies, as shares of the reference's resonance, in which a membrane changes the response most."""
 
 
 def membrane_absent_check(ratios: Sequence[float], calibrated: bool, source: str) -> tuple[CheckResult, ...]:
-    """Return the check that a free tactor responds like the reference; none where no point lies around its resonance."""
+    """Return the check that a free tactor responds like the reference; none without a point around its resonance."""
     if not ratios:
         return ()
     low, high = CALIBRATED_LIMITS if calibrated else PAPER_LIMITS

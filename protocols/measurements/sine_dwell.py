@@ -1,7 +1,7 @@
 """Sine dwell: settled response at one frequency after the other; resonance (paper, Sec. IV-3).
 
-A point has the paper's amplitude, max - min, and the fundamental of a least-squares sine fit: the amplifier's two slopes
-make harmonics, and near half the resonance the two differ by a fifth. Several recordings under one sine are averaged.
+A point has the paper's amplitude, max - min, and the fundamental of a least-squares sine fit: the amplifier's two slopes make
+harmonics, and near half the resonance both amplitudes differ by a fifth. Several recordings under one sine are averaged.
 """
 
 import math
@@ -15,7 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Sine
-from model import Complex
+from model import Complex, format_quantity, format_with_uncertainty
 from protocols.base import (
     PART_SCANS,
     CheckResult,
@@ -59,10 +59,10 @@ from protocols.signals import (
 )
 
 HARMONIC_COUNT = 8
-"""Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
+"""Number of fitted components; under a sine the amplifier generates 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
 
 MIN_RESPONSE_SIGMAS = 5.0
-"""A fundamental of fewer standard uncertainties than this counts as no response."""
+"""Standard uncertainties of the smallest fundamental of a response."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +93,25 @@ class SinePoint:
         """Standard uncertainty of the fundamental over the fundamental."""
         return self.fundamental_errors / self.fundamental if self.fundamental > 0 else math.inf
 
+    @property
+    def summary(self) -> str:
+        """The point in a line, for a log."""
+        return amplitude_text(self)
+
+
+def amplitude_text(point: SinePoint) -> str:
+    """Return frequency, amplitudes, phase and distortion of a point in a line."""
+    phase = format_with_uncertainty(math.degrees(point.phase), math.degrees(point.phase_errors))
+    return (
+        f"{point.frequency:.3f} Hz: max - min {format_quantity(point.peak_to_peak, point.peak_to_peak_errors, 'm')}, "
+        f"2 x fundamental {format_quantity(2 * point.fundamental, 2 * point.fundamental_errors, 'm')}, phase {phase}°, "
+        f"THD {format_with_uncertainty(100 * point.thd, 0.0, '%', digits=3)}"
+    )
+
 
 @dataclass(frozen=True, slots=True)
 class _RecordingFit:
-    """Fits of drive and displacement of one recording. `components` are turned so that the drive has phase 0; (K,), m."""
+    """Fits of drive and displacement of one recording. `components` are rotated so that the drive has phase 0; (K,), m."""
 
     frequency: float
     components: np.ndarray
@@ -105,7 +120,7 @@ class _RecordingFit:
     extremes: MaxMin
     samples: int
     coincident: Mapping[int, float]
-    """Amplitude of the interference at a harmonic of the drive that cannot be told from the response, by its order."""
+    """Amplitude of inseparable interference by order of the drive's harmonic."""
 
     @property
     def drive_amplitude(self) -> float:
@@ -119,7 +134,7 @@ class _RecordingFit:
 
 
 def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
-    """The point of recordings under one sine; several, and parts of a long one, are averaged as vectors, each against its own drive.
+    """Return the point of recordings under one sine; several, or parts of a long one, are averaged as vectors against their drives.
 
     Raises:
         ValueError: a recording was not made under a sine, or is too short for the fit.
@@ -204,7 +219,7 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
 
 
 def is_folded_onto(lines: Sequence[InterferenceLine], frequency_hz: float, duration_s: float) -> bool:
-    """Return whether a line from above half the sample rate lies at a frequency, in a recording of this duration."""
+    """Return whether an aliased line lies at a frequency, in a recording of this duration."""
     return any(
         line.folded and line.significant and abs(line.frequency_hz - frequency_hz) * duration_s < SEPARATION_BINS
         for line in lines
@@ -212,22 +227,22 @@ def is_folded_onto(lines: Sequence[InterferenceLine], frequency_hz: float, durat
 
 
 MIN_SAMPLES_PER_CYCLE = 20
-"""Least samples in a cycle, as the paper has at 250 Hz and 5 kS/s."""
+"""Fewest samples per cycle, as in the paper at 250 Hz and 5 kS/s."""
 
 MAX_RECORDINGS = 20
-"""Recordings averaged at one frequency without a time budget."""
+"""Largest number of averaged recordings of one frequency without a time budget."""
 
 FREQUENCY_TOLERANCE_HZ = 0.05
-"""Frequencies nearer than this are one."""
+"""Distance below which frequencies count as equal."""
 
 SETTLING_LIMIT = 0.05
-"""Largest move of the mean displacement while a frequency is recorded, over the amplitude: what still creeps or drifts."""
+"""Largest change of the mean displacement during a recording, over the amplitude: creep or drift."""
 
 MIN_POINTS_OF_RESONANCE = 5
-"""Usable points from which on a peak between them must give a resonance."""
+"""Smallest number of usable points for which a peak must give a resonance."""
 
 LOOK_SCANS = 1 << 17
-"""Scans from which it is seen, before the point is computed, whether there is a response at all."""
+"""Number of scans for a first test of the response, before the point is computed."""
 
 PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
 
@@ -245,48 +260,58 @@ class SineDwell(Protocol):
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
     ] = PAPER_FREQUENCIES_HZ
     peak_to_peak_v: DriveVpp = 5.0
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=600), "at least this long is recorded"] = 0.5
-    min_cycles: Annotated[
-        int, Unit("1"), Interval(ge=3, le=100_000), "at least this many whole cycles are recorded"
-    ] = 20
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=600), "shortest recording per frequency"] = 0.5
+    min_cycles: Annotated[int, Unit("1"), Interval(ge=3, le=100_000), "fewest whole cycles per recording"] = 20
     settle_tolerance: Annotated[
-        float, Unit("1"), Interval(gt=0, le=0.1), "relative change between windows that counts as settled"
+        float, Unit("1"), Interval(gt=0, le=0.1), "largest relative change between windows of a settled response"
     ] = 0.005
     settle_limit_s: Annotated[
-        float, Unit("s"), Interval(ge=0.5, le=600), "after this long it is recorded unsettled, and flagged"
+        float,
+        Unit("s"),
+        Interval(ge=0.5, le=600),
+        "longest wait for settling; then the point is recorded and flagged as unsettled",
     ] = 5.0
     decay_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=0, le=10),
-        "decay time of the resonance, from a sweep: lower limit of the windows; 0 unknown",
+        "decay time of the resonance, from a sweep: shortest window of the settling test; 0: unknown",
     ] = 0.0
     target_relative_uncertainty: Annotated[
         float,
         Unit("1"),
         Interval(ge=0, le=0.5),
-        "relative uncertainty of the fundamental to average for; 0 once is enough",
+        "average until this relative uncertainty of the fundamental; 0: one recording",
     ] = 0.0
     refine_to_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=0, le=100), "points are added around the peak until they lie this close; 0 none"
+        float,
+        Unit("Hz"),
+        Interval(ge=0, le=100),
+        "add points around the peak until their spacing is this small; 0: do not refine",
     ] = 0.0
     budget_s: Annotated[
-        float, Unit("s"), Interval(ge=0, le=36_000), "bench time that averaging and added points may fill; 0 unlimited"
+        float,
+        Unit("s"),
+        Interval(ge=0, le=36_000),
+        "limit of the bench time for averaging and added points; 0: no limit",
     ] = 0.0
     mains_shift_hz: Annotated[
         float,
         Unit("Hz"),
         Interval(ge=0, le=5),
-        "frequencies nearer than this to a multiple of 50 or 60 Hz are measured this far below it, 3 tells them from hum; 0 as listed",
+        "measure this far below a multiple of 50 or 60 Hz instead of nearer to it (3 separates it from hum); 0: no shift",
     ] = 0.0
     sample_rate_hz: Annotated[
-        float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second; a USB-6341 makes 250 kHz of two channels"
+        float,
+        Unit("Hz"),
+        Interval(ge=500, le=500_000),
+        "scans per second; at most 250 kHz with two channels of a USB-6341",
     ] = 5000.0
 
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:
         highest = max(self.frequencies_hz)
-        # Fewer samples a cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
+        # Fewer samples per cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
         check_sample_rate(self.sample_rate_hz, MIN_SAMPLES_PER_CYCLE * highest, f"for a sine of {highest:g} Hz")
         for f in self.dwell_frequencies_hz:
             if self.settle_limit_s < 3 * self._window_s(f) - 1e-9:
@@ -305,7 +330,7 @@ class SineDwell(Protocol):
 
     @property
     def dwell_frequencies_hz(self) -> tuple[float, ...]:
-        """The frequencies that are measured, in order: those listed, off the mains where `mains_shift_hz` asks for it."""
+        """The measured frequencies in order: the list, shifted off the mains by `mains_shift_hz`."""
         return tuple(self._off_mains(f) for f in self.frequencies_hz)
 
     def _off_mains(self, f: float) -> float:
@@ -319,7 +344,7 @@ class SineDwell(Protocol):
         return tuple(self._plan_entry(f, rest_v) for f in self.dwell_frequencies_hz)
 
     def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
-        """Halve the gaps to either side of the highest point while they are wider than `refine_to_hz`."""
+        """Halve the gaps on both sides of the highest point while they are wider than `refine_to_hz`."""
         if not self.refine_to_hz:
             return ()
         added, left_s = [], self.budget_s - sum(self._expected_s(p.frequency) for p in points)
@@ -332,7 +357,7 @@ class SineDwell(Protocol):
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[-1])
         yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
-        # The card is not read during this, and the point follows: a first part of a long recording suffices.
+        # The card is not read during this computation, and the point follows: a first part of a long recording suffices.
         looked_at = PART_SCANS if self.target_relative_uncertainty else LOOK_SCANS
         have = [(yield Record(self._record_s(f))).parts(looked_at)[0]]
         point = sine_point(have, simulated=False)
@@ -383,16 +408,16 @@ class SineDwell(Protocol):
         return checks + self._resonance_check(good)
 
     def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """Where the points bracket a peak, one mode must fit them."""
+        """Return the check that one mode fits points that bracket a peak."""
         by_frequency = sorted(good, key=lambda p: p.frequency)
         response = [p.fundamental / p.drive_amplitude for p in by_frequency]
         if len(response) < MIN_POINTS_OF_RESONANCE or not all(map(math.isfinite, response)):
             return ()
         if response.index(max(response)) in (0, len(response) - 1) or not all(math.isfinite(p.phase) for p in good):
             return ()
-        found = float(len(fit_resonance(good)) > 0)
+        count = float(len(fit_resonance(good)) > 0)
         remedy = "look at the points around the peak; measure more of them there"
-        return (CheckResult("modes fitted to the peak", found, "1", 1.0, None, remedy),)
+        return (CheckResult("modes fitted to the peak", count, "1", 1.0, None, remedy),)
 
     def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
         return self._membrane_absent(usable_points(points), reference)
@@ -428,7 +453,7 @@ class SineDwell(Protocol):
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
 
     def _window_s(self, frequency_hz: float) -> float:
-        # A window much shorter than the decay sees a ringing response hardly change, and takes it for steady.
+        # In a window much shorter than the decay a ringing response hardly changes and looks steady.
         return max(2, math.ceil(max(0.04, self.decay_s) * frequency_hz)) / frequency_hz
 
     def _record_s(self, frequency_hz: float) -> float:
@@ -436,7 +461,7 @@ class SineDwell(Protocol):
 
 
 def refinement_frequencies(points: Sequence[Any], resolution_hz: float) -> list[float]:
-    """Frequencies in the middle between the highest usable point and its neighbours, where those are not close enough."""
+    """Return the middles between the highest usable point and its neighbours that are not close enough."""
     usable = sorted((p for p in points if Quality(p.quality).usable), key=lambda p: p.frequency)
     if len(usable) < 3:
         return []
@@ -456,17 +481,17 @@ def format_percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} %" if math.isfinite(fraction) else "no response"
 
 
-SOURCE = "complex fit of one mode and what higher modes leave to the fundamentals of this run"
+SOURCE = "complex fit of one mode and the residual of higher modes to the fundamentals of this run"
 
 
 def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """One resonant mode and the remainder of the modes above it, by least squares; see `fit_sdof`.
+    """Fit one resonant mode and the residual of higher modes by least squares; see `fit_sdof`.
 
     Args:
         points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.
 
     Returns:
-        Natural and damped frequency in hertz and damping ratio; empty where the points do not span a resonance.
+        Natural and damped frequency in hertz and damping ratio; empty if the points do not span a resonance.
     """
     from protocols.signals import fit_sdof  # imported here: slow to load
 

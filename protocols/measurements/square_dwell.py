@@ -1,9 +1,9 @@
 """Square dwell: response to a square wave beside the response to a sine, at one frequency after the other.
 
-A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle and the edges of an
-RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for the same time and more; both swing by
-the same volts. Displacement over drive, fundamental by fundamental, is the same under both where the tactor is linear and the duty is 0.5: else
-the amplifier's two slopes add to the square wave's fundamental.
+A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle and the edges
+of an RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for at least the same time; both
+have the same volts peak to peak. The ratio of the fundamentals of displacement and drive is equal for both if the tactor is
+linear and the duty is 0.5; otherwise the amplifier's two slopes add to the square wave's fundamental.
 """
 
 import math
@@ -45,20 +45,20 @@ from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMA
 from protocols.signals import estimate_max_min, fit_frequency, fit_sine, fold, remove_lines
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
-"""Relative change between windows that counts as settled under the sine, and how long it is waited for."""
+"""Largest relative change between windows of a settled response to the sine, and the longest wait for it."""
 
 MIN_CYCLES = 20
 DRIVE_MARGIN_S = 1.5
-"""How much longer than needed a drive lasts; finite, so that a generator left alone comes to rest."""
+"""Spare duration of a drive; finite, so that a generator left alone comes to rest."""
 
 MIN_SAMPLES_PER_CYCLE = 20
 DRIVE_TOLERANCE = 0.05
 MAX_PHASES = 128
-"""Values of a period in its series."""
+"""Number of values of a period in its series."""
 CLOCK_TOLERANCE = 0.01
-"""By which a period may be shorter than told, as a share of it."""
+"""Relative amount by which a period may be shorter than commanded."""
 SYMMETRIC_DUTY = 0.5
-"""Only here the amplifier's two slopes make even harmonics alone."""
+"""The duty for which the amplifier's two slopes generate only even harmonics."""
 
 LINEARITY_LIMIT = 0.05
 """Largest deviation from 1 of the response per volt under the square wave over that under the sine."""
@@ -70,19 +70,19 @@ class SquarePoint:
 
     frequency: FittedFrequency
     peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement under the square wave"]
-    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of that max - min"]
+    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of the max - min under the square wave"]
     sine_peak_to_peak: Annotated[float, Unit("m"), "max - min under the sine of the same volts peak to peak"]
-    sine_peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of that max - min"]
-    ratio: Annotated[float, Unit("1"), "max - min under the square wave over that under the sine"]
+    sine_peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of the max - min under the sine"]
+    ratio: Annotated[float, Unit("1"), "max - min under the square wave over max - min under the sine"]
     ratio_errors: Annotated[float, Unit("1"), "standard uncertainty of the ratio"]
     fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental under the square wave"]
-    fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of that fundamental"]
+    fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the square wave's fundamental"]
     sine_fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental under the sine"]
-    sine_fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of that fundamental"]
+    sine_fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the sine's fundamental"]
     linearity: Annotated[
         float,
         Unit("1"),
-        "fundamental per volt of the drive's, square wave over sine; 1 where the tactor is linear and the duty 0.5",
+        "fundamental per volt of the drive's fundamental, square wave over sine; 1 for a linear tactor and a duty of 0.5",
     ]
     linearity_errors: Annotated[float, Unit("1"), "standard uncertainty of the linearity"]
     harmonics: Annotated[tuple[float, ...], Unit("m"), "peak amplitudes of orders 1..8 (NaN beyond the sample rate)"]
@@ -102,7 +102,7 @@ class SquarePoint:
 
 
 class SquareDwell(Protocol):
-    """Response to a square wave with a duty cycle and RC edges, beside that to a sine of the same volts."""
+    """Response to a square wave with a duty cycle and RC edges, compared with a sine of the same volts."""
 
     name: ClassVar[str] = "square-dwell"
     title: ClassVar[str] = "Square dwell"
@@ -113,12 +113,13 @@ class SquareDwell(Protocol):
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=500)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
     ] = (50.0, 75.0, 100.0, 125.0, 150.0, 160.0, 175.0, 200.0, 225.0, 250.0)
-    peak_to_peak_v: Annotated[DriveVpp, "of the sine, and between the levels that the square wave relaxes to"] = 4.5
-    duty: Annotated[float, Unit("1"), Interval(ge=0.1, le=0.9), "fraction of a period towards the upper level"] = 0.5
-    edge_s: Annotated[float, Unit("s"), Interval(ge=1e-5, le=0.01), "time constant of the edges, R times C"] = 5e-4
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=60), "at least this long is recorded of each drive"] = (
-        0.5
-    )
+    peak_to_peak_v: Annotated[
+        DriveVpp,
+        "drive at the amplifier's input, peak to peak: of the sine, and between the final levels of the square wave",
+    ] = 4.5
+    duty: Annotated[float, Unit("1"), Interval(ge=0.1, le=0.9), "fraction of a period at the upper level"] = 0.5
+    edge_s: Annotated[float, Unit("s"), Interval(ge=1e-5, le=0.01), "time constant of the edges (R times C)"] = 5e-4
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=60), "shortest recording of each drive"] = 0.5
     sample_rate_hz: SampleRate = 10_000.0
 
     @model_validator(mode="after")
@@ -126,7 +127,7 @@ class SquareDwell(Protocol):
         highest = max(self.frequencies_hz)
         check_sample_rate(self.sample_rate_hz, MIN_SAMPLES_PER_CYCLE * highest, f"for a square wave of {highest:g} Hz")
         for f in self.frequencies_hz:
-            self._square(f, 0.0)  # it must cross its offset
+            self._square(f, 0.0)  # the wave must cross its offset
         return self
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
@@ -154,7 +155,7 @@ class SquareDwell(Protocol):
             raise ValueError(f"{key[0]} Hz: a recording under a sine and one under a square wave are needed")
         sine, square = sine_point(recordings[:-1], simulated), recordings[-1]
         rate = square.rate_hz
-        # The clock's error is the sine's: harmonics that fold back bias a fit to the square wave, and a wrong frequency
+        # The clock's error is taken from the sine: aliased harmonics bias a fit to the square wave, and a wrong frequency
         # makes its high harmonics look like noise.
         sine_drive = recordings[0].drive
         nominal_hz = sine_drive.frequency_hz if isinstance(sine_drive, Sine) else drive.frequency_hz
@@ -169,9 +170,9 @@ class SquareDwell(Protocol):
         ratio = extremes.value / sine.peak_to_peak
         fundamental, drive_v = abs(moved.fundamental), abs(driven.fundamental)
         linearity = fundamental / drive_v / (sine.fundamental / sine.drive_amplitude)
-        seen_vpp, told_vpp = float(np.ptp(square.drive_v)), drive.high_v - drive.low_v
+        recorded_vpp, commanded_vpp = float(np.ptp(square.drive_v)), drive.high_v - drive.low_v
         detected = {
-            Quality.DRIVE_OFF: abs(seen_vpp - told_vpp) > DRIVE_TOLERANCE * told_vpp,
+            Quality.DRIVE_OFF: abs(recorded_vpp - commanded_vpp) > DRIVE_TOLERANCE * commanded_vpp,
             Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * fundamental_error,
             Quality.INTERFERENCE: fundamental_error > math.sqrt(2) * moved.standard_error,
         }
@@ -192,7 +193,7 @@ class SquareDwell(Protocol):
             * math.hypot(fundamental_error / fundamental, driven.standard_error / drive_v, sine.relative_uncertainty),
             harmonics=harmonic_amplitudes(moved.components),
             drive_fundamental=drive_v,
-            drive_peak_to_peak=seen_vpp,
+            drive_peak_to_peak=recorded_vpp,
             duty=float(np.mean(square.drive_v > drive.offset_v)),
             quality=point_quality((square,), simulated, detected) | sine.quality,
         )

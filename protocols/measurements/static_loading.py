@@ -1,7 +1,7 @@
 """Static loading: weights on both sides of the shorted tactor, no high voltage (paper, Sec. IV-1).
 
-Each entry is one weight: zero, weight on, zero again. The laser detects placing and removing, so that the operator has
-both hands of the operator free; a deflection that does not fit the weight is queried immediately.
+Each entry is one weight: zero, weight on, zero again. The laser detects placing and removing, so that the operator has both hands
+free; the operator is asked immediately about an implausible deflection.
 """
 
 import math
@@ -58,7 +58,7 @@ from protocols.measurements.result_checks import (
 from protocols.signals import LevelEstimate, estimate_level
 
 WeightClass = Literal["F1", "F2", "M1", "M2", "M3", "own"]
-"""`own`: the uncertainties are given, as in a calibration certificate."""
+"""`own`: the uncertainties are given, e.g. by a calibration certificate."""
 
 NOMINAL_KG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 MAX_ERROR_MG = {
@@ -82,10 +82,10 @@ def uncertainty_kg(mass_kg: float, weight_class: str) -> float:
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
 
 MIN_STEP_SHARE = 0.2
-"""Of the deflection that the smallest weight should cause: a smaller one is not a weight put on."""
+"""Share of the expected deflection of the smallest weight; a smaller deflection is no weight."""
 
 OPERATOR_ACTION_S = 3.0
-"""Approximate time for putting a weight on or taking it off."""
+"""Approximate time to put a weight on or take it off."""
 
 
 class StaticLoading(Protocol):
@@ -101,39 +101,40 @@ class StaticLoading(Protocol):
     weights_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0.001, le=2)], ...], Unit("kg"), Len(1, 20), "masses of the weights"
     ] = PAPER_WEIGHTS_KG
-    weight_class: Annotated[WeightClass, "OIML class of the weights; own: by weight_errors_kg"] = "M1"
+    weight_class: Annotated[WeightClass, "OIML class of the weights; own: errors by weight_errors_kg"] = "M1"
     weight_errors_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=0.1)], ...],
         Unit("kg"),
         Len(1, 20),
-        "standard uncertainty of each weight from its certificate; counts where weight_class is own",
+        "standard uncertainty of each weight from its certificate; counts with weight_class own",
     ] = (1.4e-6, 1.7e-6, 2.9e-6, 5.8e-6, 14e-6)
     offset_kg: Annotated[
-        float, Unit("kg"), Interval(ge=0, le=0.1), "weight that stays on, against slack in the mount; 0 for none"
+        float, Unit("kg"), Interval(ge=0, le=0.1), "permanent weight against slack in the mount; 0: none"
     ] = 0.01
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every weight is measured on a side"] = 10
-    sides: Annotated[Literal["both", "MFC up", "aluminium up"], "which side takes the weights"] = "both"
-    seed: Annotated[
-        int,
-        Unit("1"),
-        Interval(ge=0, le=2**31),
-        "number that selects the random order of the weights: the same number, the same order",
-    ] = 1
-    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "location of the bench"] = GRAVITY
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each weight per side"] = 10
+    sides: Annotated[Literal["both", "MFC up", "aluminium up"], "side that carries the weights"] = "both"
+    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "seed of the random order of the weights"] = 1
+    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "local gravity"] = GRAVITY
     expected_m_per_n: Annotated[
-        float, Unit("m/N"), Interval(gt=0), "expected compliance; a point that does not fit is questioned"
+        float, Unit("m/N"), Interval(gt=0), "expected compliance; the operator is asked about an implausible point"
     ] = 1.379e-4
     plausible_factor: Annotated[
-        float, Unit("1"), Interval(gt=1, le=100), "a deflection that is larger or smaller by this factor does not fit"
+        float, Unit("1"), Interval(gt=1, le=100), "a deflection larger or smaller by this factor is implausible"
     ] = 1.5
     zero_limit_m: Annotated[
-        float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is questioned"
+        float,
+        Unit("m"),
+        Interval(gt=0),
+        "largest change of the zero over one weight; the operator is asked about a larger one",
     ] = 3e-6
     zero_limit_share: Annotated[
-        float, Unit("1"), Interval(ge=0, le=0.5), "the same as a share of the deflection; the larger limit holds"
+        float,
+        Unit("1"),
+        Interval(ge=0, le=0.5),
+        "largest change of the zero as a share of the deflection; the larger limit counts",
     ] = 0.01  # Creep after 1 s under a load and 1 s without it returns within 0.7 % where it is 1.5 % a decade.
     settle_s: Annotated[
-        float, Unit("s"), Interval(ge=0, le=600), "wait after a manual action, before a level is read"
+        float, Unit("s"), Interval(ge=0, le=600), "wait after a manual action, before the recording"
     ] = 1.0
     record_s: LevelDuration = 0.5
     sample_rate_hz: SampleRate = 2000.0
@@ -171,7 +172,7 @@ class StaticLoading(Protocol):
         can_go_back = self._has_previous_entry(entry, rest_v)
         while True:
             attempt += 1
-            # Vibration from the manual action before, or from the key press, has decayed by the end of it.
+            # Vibration of the previous manual action, or of the key press, has decayed at its end.
             zero: Recording = yield Record(self.settle_s + self.record_s)
             _check_rest(zero, rest_v)
             placed = yield WaitForDetection(
@@ -213,14 +214,14 @@ class StaticLoading(Protocol):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
-        """The compliance of either side: a line through zero."""
+        """Return the compliance of each side: a line through zero."""
         lines = []
         for side, name in SIDE_LABELS.items():
             used = tuple(i for i in line_indices(points, *cls.axes) if points[i].side == side)
-            if (found := compliance([points[i] for i in used])) is not None:
+            if (line := compliance([points[i] for i in used])) is not None:
                 ends = np.array([0.0, max(points[i].load for i in used)])
                 label = f"compliance, {name}"
-                lines.append(Series(ends, found[0] * ends, role=Role.FIT, label=label, fitted_rows=used))
+                lines.append(Series(ends, line[0] * ends, role=Role.FIT, label=label, fitted_rows=used))
         return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
@@ -261,7 +262,7 @@ class StaticLoading(Protocol):
         return tuple(self.weights_kg[i] for i in order)
 
     def _has_previous_entry(self, entry: PlanEntry, rest_v: float) -> bool:
-        """Whether there is an entry before on the same side."""
+        """Return whether there is a previous entry on the same side."""
         first = next(planned for planned in self.plan(rest_v) if planned.key[0] == entry.key[0])
         return first.key != entry.key
 
@@ -280,7 +281,7 @@ class StaticLoading(Protocol):
         return estimate_level(samples, recording.rate_hz, interference=recording.interference)
 
     def _plausibility_message(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
-        """Why what happened is not what this weight does; empty where it is."""
+        """Return the reason why the deflection does not match this weight; empty if it does."""
         weight = f"the {format_quantity(mass_kg, 0.0, 'kg')} weight"
         if (zero.quality | loaded.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED):
             return f"The sensor is out of its range under {weight}: move it so that both ends are inside."
@@ -302,7 +303,7 @@ class StaticLoading(Protocol):
         return self._measure_level(loaded).value - self._measure_level(zero).value < -expected_m / self.plausible_factor
 
     def _zero_limit_m(self, deflection_m: float) -> float:
-        """How far the zero may move over a weight that deflects the centre by `deflection_m`."""
+        """Return the largest change of the zero over a weight with a deflection of `deflection_m`."""
         return max(self.zero_limit_m, self.zero_limit_share * abs(deflection_m))
 
 

@@ -1,8 +1,8 @@
 """Sweep: frequency response within seconds, with coherence, standard errors, Q and decay time.
 
-A fast linear sweep is repeated without a pause, every other time inverted. Even-order products - above all the amplifier's
-second harmonic, 21 % of the fundamental - fall between the lines of the response. The first period, in which the response
-becomes periodic, is recorded but not used; the spread of the others gives the standard errors. Where the waveform memory is too small for
+A fast linear sweep is repeated without a pause, with alternating sign. Even-order products - above all the amplifier's second
+harmonic, 21 % of the fundamental - fall between the lines of the response. The first period, in which the response becomes
+periodic, is recorded but not used; the spread of the others gives the standard errors. If the waveform memory is too small for
 the band, octaves of it are swept one after the other (`pieces`).
 """
 
@@ -16,7 +16,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, PeriodicSweep
-from model import format_with_uncertainty
+from model import format_quantity, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -65,48 +65,48 @@ from protocols.signals import FREQUENCY_RESPONSE, FrequencyResponse, ModalFit
 SOURCE = "one mode fitted to the response of a periodic sweep"
 
 DRIVE_MARGIN_S = 0.5
-"""How much longer than the recording the drive lasts: until it has started, and until the card has delivered."""
+"""Spare duration of the drive for its start, and for the delivery by the card."""
 
 DRIVE_TOLERANCE = 0.05
 
 MIN_LINES = 30
-"""Fewest lines in the band of a sweep that is made faster for a small waveform memory: fewer do not show by their scatter what repeats
-with every period (see `repeating_error_share`)."""
+"""Fewest lines in the band of a faster sweep for a small waveform memory: the scatter of fewer lines does not show repeating
+errors (see `repeating_error_share`)."""
 
 FASTER = tuple(1.1**k for k in range(1, 50))
-"""Factors by which a sweep is made faster, tried in turn."""
+"""Factors of faster sweeps, tried in turn."""
 
 REFERENCE_LINES = 201
-"""Lines at which the reference's response is evaluated to find its highest."""
+"""Number of lines for the maximum of the reference's response."""
 
 FIT_BAND = (0.5, 1.8)
-"""Share of the peak's frequency, below and above, within which one mode is fitted: its half-power width for damping up to 0.5."""
+"""Range of the fit of one mode below and above the peak, as a share of its frequency: its half-power width for damping up to 0.5."""
 
 
 @dataclass(frozen=True, slots=True)
 class SweepPoint:
-    """Resonance from one sweep. Uncertainties are standard, and include what one mode leaves unexplained.
+    """Resonance from one sweep. Uncertainties are standard, and include the residual of one mode.
 
-    Resonance and damping are NaN where no single mode fits the response, as under a membrane.
+    Resonance and damping are NaN if no single mode fits the response, as under a membrane.
     """
 
-    repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
+    repeat: Annotated[float, Unit("1"), "number of the repeat, from 1"]
     natural_frequency: NaturalFrequency
     natural_frequency_errors: NaturalFrequencyError
     damping: DampingRatio
     damping_errors: DampingRatioError
-    peak_frequency: Annotated[float, Unit("Hz"), "line with the largest response"]
-    peak_response: Annotated[float, Unit("m/V"), "response there, per volt at the amplifier's input"]
+    peak_frequency: Annotated[float, Unit("Hz"), "frequency of the line with the largest response"]
+    peak_response: Annotated[float, Unit("m/V"), "largest response, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the resonance's half-power width"]
-    lines: Annotated[float, Unit("1"), "lines of the response"]
-    drive_amplitude: Annotated[float, Unit("V"), "half the peak to peak of the recorded drive"]
+    lines: Annotated[float, Unit("1"), "number of lines of the response"]
+    drive_amplitude: Annotated[float, Unit("V"), "half of the recorded drive, peak to peak"]
     quality: QualityFlags
 
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
         if not math.isfinite(self.natural_frequency):
-            return f"no resonance of one mode; largest response {self.peak_response:.4g} m/V at {self.peak_frequency:.4g} Hz"
+            return f"no resonance of one mode; largest response {format_quantity(self.peak_response, 0.0, 'm/V')} at {self.peak_frequency:.4g} Hz"
         return (
             f"natural frequency {format_with_uncertainty(self.natural_frequency, self.natural_frequency_errors)} Hz, damping ratio "
             f"{format_with_uncertainty(self.damping, self.damping_errors)}, "
@@ -115,7 +115,7 @@ class SweepPoint:
 
 
 def fit_one_mode(response: FrequencyResponse) -> tuple[FrequencyResponse, ModalFit | None]:
-    """Return the lines around the peak, and the mode fitted to them; None where no single mode fits."""
+    """Return the lines around the peak, and the mode fitted to them; None if no single mode fits."""
     from protocols.signals import fit_sdof
 
     peak_hz = float(response.x[response.plotted.argmax()])
@@ -127,11 +127,11 @@ def fit_one_mode(response: FrequencyResponse) -> tuple[FrequencyResponse, ModalF
 
 
 def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, quality: int) -> SweepPoint:
-    """Return the point of a frequency response: resonance and damping of one mode where one fits, and the highest line."""
+    """Return the point of a frequency response: resonance and damping of one mode, if it fits, and the highest line."""
     top = int(response.plotted.argmax())
     near, mode = fit_one_mode(response)
     core = near.coherence
-    if mode is not None:  # else what is measured is kept: its height shows whether a membrane is on the tactor
+    if mode is not None:  # otherwise the measured peak is kept: its height shows whether a membrane is on the tactor
         half = mode.natural_hz * min(mode.damping_ratio, 0.5)
         core = response.within(mode.natural_hz - half, mode.natural_hz + half).coherence
     return SweepPoint(
@@ -157,24 +157,24 @@ class Sweep(Protocol):
     substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
 
     start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
-    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, to within a line"] = 525.0
+    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, rounded to a line"] = 525.0
     peak_to_peak_v: DriveVpp = 5.0
     sweep_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=0.02, le=60),
-        "one way through the band, or through the highest of its pieces; lines lie 1 / sweep_s apart",
+        "duration of one pass through the band, or through its highest piece; spacing of the lines: 1 / sweep_s",
     ] = 0.5
     periods: Annotated[
-        int, Unit("1"), Interval(ge=2, le=1000), "periods used, of two sweeps each; one more is played"
+        int, Unit("1"), Interval(ge=2, le=1000), "analysed periods, of two sweeps each; one more is played"
     ] = 6
     pieces: Annotated[
         int,
         Unit("1"),
         Interval(ge=1, le=60),
-        "octaves that are swept one after the other where the generator's memory is too small for the band; 1: all at once",
+        "number of bands swept one after the other, for a generator with a memory too small for the whole band; 1: whole band",
     ] = 1
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often all of it is done"] = 1
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "repeats of the whole measurement"] = 1
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
@@ -211,7 +211,7 @@ class Sweep(Protocol):
             )
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Sweep faster where the source's memory is small, as many more times; or in pieces, each for its share of the time."""
+        """Sweep faster and more often if the source's memory is small; or in pieces, each for its share of the time."""
         most = self.sweep_s * (self.stop_hz - self.start_hz) / MIN_LINES
         rate = 2 * self.sample_rate_hz
         faster = [(divisor, math.floor(self.sweep_s * rate / divisor) / rate) for divisor in FASTER]
@@ -240,10 +240,10 @@ class Sweep(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
         response = self._response(recordings)
         check_response_present(response)
-        asked_v = 0.5 * self.peak_to_peak_v
+        commanded_v = 0.5 * self.peak_to_peak_v
         amplitudes = [0.5 * float(np.ptp(recording.drive_v)) for recording in self._last(recordings)]
-        amplitude_v = max(amplitudes, key=lambda volts: abs(volts - asked_v))
-        drive_off = abs(amplitude_v - asked_v) > DRIVE_TOLERANCE * asked_v
+        amplitude_v = max(amplitudes, key=lambda volts: abs(volts - commanded_v))
+        drive_off = abs(amplitude_v - commanded_v) > DRIVE_TOLERANCE * commanded_v
         quality = point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off})
         return sweep_point(float(key[0]), response, amplitude_v, quality)
 
@@ -305,7 +305,7 @@ class Sweep(Protocol):
         return membrane_absent_check(ratios, reference.calibrated, reference.source)
 
     def _last(self, recordings: Sequence[Recording]) -> Sequence[Recording]:
-        """Return the recordings of the last sweep: one of each piece."""
+        """Return the recordings of the last sweep, one per piece."""
         return recordings[-self.pieces :]
 
     def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
@@ -318,7 +318,7 @@ class Sweep(Protocol):
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):
             raise ValueError(f"a sweep cannot use a recording under {drive.kind}")
-        # Samples before the drive belong to the periods that are dropped.
+        # Samples before the drive belong to the dropped periods.
         dropped, used = self._played_periods(drive.sweep_s)
         surplus = len(recording.drive_v) - round((dropped + used) * drive.period_s * recording.rate_hz)
         return estimate_periodic_response(
@@ -333,7 +333,7 @@ class Sweep(Protocol):
         )
 
     def _played_periods(self, sweep_s: float) -> tuple[int, int]:
-        """Return how many periods of a piece are dropped and how many are used: of all pieces for about the same time."""
+        """Return the numbers of dropped and of used periods of a piece: about equal times for all pieces."""
         if self.pieces == 1:
             return 1, self.periods
         used = max(round(self.periods * self.sweep_s / sweep_s), MIN_PERIODS)
@@ -343,14 +343,14 @@ class Sweep(Protocol):
         """Return the sweep of each piece."""
         if self.pieces == 1:
             return (self._drive(self.start_hz, self.stop_hz, self.sweep_s, rest_v),)
-        rate = 2 * self.sample_rate_hz  # of a period, two sweeps, a whole number of samples
+        rate = 2 * self.sample_rate_hz  # duration of a period, two sweeps, in a whole number of samples
         return tuple(
             self._drive(low, top, math.floor(self.sweep_s * self.stop_hz / top * rate + 1e-6) / rate, rest_v)
             for low, top in piece_bands(self.start_hz, self.stop_hz, self.pieces)
         )
 
     def _drive(self, start_hz: float, top_hz: float, sweep_s: float, rest_v: float) -> PeriodicSweep:
-        # A whole number of cycles: the top gives way, by less than a line, because the period must not.
+        # A whole number of cycles: the top changes by less than a line, because the period must not change.
         cycles = round(0.5 * (start_hz + top_hz) * sweep_s)
         stop_hz = 2 * cycles / sweep_s - start_hz
         periods = sum(self._played_periods(sweep_s)) + math.ceil(DRIVE_MARGIN_S / (2 * sweep_s))
@@ -358,6 +358,6 @@ class Sweep(Protocol):
 
 
 def _mean_with_error(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
-    """Mean of repeats and its error: the repeats' own, which they share in part, or their spread, whichever is larger."""
+    """Return the mean of repeats and its error: the larger of their own errors, which they share in part, and their spread."""
     spread = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
     return float(np.mean(values)), max(float(np.mean(errors)), spread)

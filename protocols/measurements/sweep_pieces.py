@@ -1,4 +1,4 @@
-"""Pieces of a sweep: octaves of its band, where a generator's waveform memory holds no sweep of the whole band.
+"""Pieces of a sweep: octaves of its band, for a generator with a waveform memory too small for the whole band.
 
 A memory of N points holds the same number of cycles, and hence of lines, below any frequency. A piece spans an octave; the tops of
 the pieces lie at equal ratios and closer together than octaves, so that each frequency is covered by several pieces of different
@@ -15,25 +15,25 @@ from model import Array, Complex
 from protocols.signals import FrequencyResponse, concatenate_responses
 
 PIECES_PER_OCTAVE = 3
-"""How closely the tops of adapted pieces lie: so many pieces cover a frequency in mid-band."""
+"""Number of adapted pieces that cover a frequency in mid-band."""
 
 SETTLED_S = 0.3
-"""How long a piece is played before its periods are used: until the free vibration from rest has decayed."""
+"""Duration of a piece before its periods are used, until the free vibration from rest has decayed."""
 
 MIN_PERIODS = 3
-"""Fewest periods of a piece that are used."""
+"""Fewest used periods of a piece."""
 
 OUTLIER_SIGMAS = 3.0
-"""Departure of a line from the smooth curve through its neighbours, in standard errors, that its error does not explain."""
+"""Significant departure of a line from the smooth curve through its neighbours, in standard errors."""
 
 
 def fewest_pieces(start_hz: float, stop_hz: float) -> int:
-    """Return how many octaves cover a band."""
+    """Return the number of octaves of a band."""
     return max(math.ceil(math.log2(stop_hz / start_hz) - 1e-9), 1)
 
 
 def adapted_pieces(start_hz: float, stop_hz: float) -> int:
-    """Return how many pieces interleave over a band."""
+    """Return the number of pieces that interleave over a band."""
     return 1 + max(math.ceil(PIECES_PER_OCTAVE * math.log2(stop_hz / (2 * start_hz))), 0)
 
 
@@ -45,9 +45,9 @@ def piece_bands(start_hz: float, stop_hz: float, pieces: int) -> tuple[tuple[flo
 def merge_pieces(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     """Return the responses of pieces as one, their lines in order.
 
-    A piece has too few lines to show by their scatter what repeats with every period; all together have enough. What a card without
-    a filter folds back from the steps between a generator's points falls on some lines of one piece only: such a line departs from the lines of
-    the other pieces around it, and has its departure as error.
+    The scatter of one piece's few lines does not show repeating errors; all pieces together have enough lines. Aliases of the
+    steps between a generator's points, for a card without a filter, fall on some lines of one piece only: such a line departs
+    from the lines of the other pieces around it, and has its departure as error.
     """
     from protocols.signals import repeating_error_share
 
@@ -64,7 +64,7 @@ def merge_pieces(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
 def _with_departures(frequency_hz: Array, response: Complex, standard_error: Array) -> Array:
     """Return the standard errors, larger at lines that depart from the smooth curve through their neighbours.
 
-    The worst line first, and the others once it has lost its weight.
+    The worst line is treated first, the others without its weight.
     """
     from numpy.polynomial.legendre import legvander
 
@@ -84,7 +84,7 @@ def _with_departures(frequency_hz: Array, response: Complex, standard_error: Arr
         q, _ = np.linalg.qr(legvander(place, POLYNOMIAL_DEGREE) / s[at][..., None])
         target = (inverse / s)[at][..., None]
         left = (target - q @ (q.swapaxes(1, 2) @ target))[np.arange(size), own, 0]
-        free = 1 - (q[np.arange(size), own] ** 2).sum(1)  # share of a line's departure that the curve does not follow
+        free = 1 - (q[np.arange(size), own] ** 2).sum(1)  # share of a line's departure that remains beside the curve
         departure = np.abs(left) / np.sqrt(free)
         worst = int(departure.argmax())
         if not departure[worst] > OUTLIER_SIGMAS:

@@ -45,11 +45,11 @@ DIRECTION_CODES = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}
 """The order of levels as a column of a file: rising, falling, shuffled."""
 
 LEVEL_TOLERANCE_V = 0.02
-"""How far the card may see a level from the one commanded: the supply's accuracy and its own."""
+"""Largest deviation of a recorded level from the commanded one: accuracy of supply and card."""
 
 
 def deflection_per_volt(points: Sequence[Any]) -> tuple[float, float] | None:
-    """Deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
+    """Return the deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
     if len(points) < 2:
         return None
     v, w = np.array([p.drive_step for p in points]), np.array([p.deflection for p in points])
@@ -98,7 +98,7 @@ def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
 
 
 def _mean_variance(repeats: Sequence[Any]) -> float:
-    """Of the mean of repeats: from their scatter where there are some, at least what their own errors make."""
+    """Return the error of the mean of repeats: from their scatter, at least from their own errors."""
     own = sum(float(p.deflection_errors) ** 2 for p in repeats) / len(repeats) ** 2
     scatter = float(np.var([p.deflection for p in repeats], ddof=1)) / len(repeats) if len(repeats) > 1 else 0.0
     return max(own, scatter)
@@ -114,7 +114,7 @@ def _group_by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, lis
 SOURCE = "voltage steps"
 
 CREEP_LIMIT = 0.2
-"""Largest creep per decade over the deflection: MFCs creep by 2 to 10 %; more is the clamp, the glue or the sensor."""
+"""Largest creep per decade over the deflection: MFCs creep by 2 to 10 %; more indicates clamp, glue or sensor."""
 
 PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 
@@ -122,10 +122,10 @@ RAMP_V_PER_S = 5.0
 """Default slope of held levels in the bench file; only the expected duration depends on it."""
 
 ZERO_GUARD_S = 0.01
-"""Kept free between the zero and the ramp: the ramp's begin is known to a few milliseconds."""
+"""Gap between the zero and the ramp: the ramp's begin is certain to a few milliseconds."""
 
 RINGDOWN_S = 0.1
-"""After the ramp, before creep is looked at: the first mode has died down by then."""
+"""Time after the ramp before the fit of creep, in which the first mode has decayed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,17 +135,17 @@ class StepPoint:
     level: Annotated[float, Unit("V"), "level commanded at the amplifier's input"]
     repeat: RepeatNumber
     direction: Annotated[float, Unit("1"), "levels rising (1), falling (-1) or in random order (0)"]
-    drive: Annotated[float, Unit("V"), "the level as the card saw it"]
-    drive_step: Annotated[float, Unit("V"), "the same against rest as the card saw it"]
-    deflection: Annotated[float, Unit("m"), "displacement against rest, at the stated time after the ramp"]
+    drive: Annotated[float, Unit("V"), "level recorded by the card"]
+    drive_step: Annotated[float, Unit("V"), "recorded level minus recorded rest"]
+    deflection: Annotated[float, Unit("m"), "displacement against rest, at read_time"]
     deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, slow noise included"]
-    read_time: Annotated[float, Unit("s"), "the stated time, from the end of the ramp"]
-    ramp_time: Annotated[float, Unit("s"), "how long the ramp lasted, from the recorded drive"]
+    read_time: Annotated[float, Unit("s"), "time of the reading after the end of the ramp"]
+    ramp_time: Annotated[float, Unit("s"), "duration of the ramp, from the recorded drive"]
     creep: Annotated[float, Unit("m"), "growth of the deflection per decade of time"]
     creep_errors: Annotated[float, Unit("m"), "standard uncertainty of the creep"]
-    zero: Annotated[float, Unit("m"), "displacement at rest just before, as measured by the sensor"]
-    drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest just before"]
-    reached: Annotated[float, Unit("s"), "when the level was reached, since the first sample of the run"]
+    zero: Annotated[float, Unit("m"), "sensor reading at rest, just before the level"]
+    drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest, just before the level"]
+    reached: Annotated[float, Unit("s"), "time of the end of the ramp, since the first sample of the run"]
     quality: QualityFlags
 
     @property
@@ -169,28 +169,23 @@ class VoltageSteps(Protocol):
     levels_v: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=5)], ...], Unit("V"), Len(1, 200), "levels at the amplifier's input"
     ] = PAPER_LEVELS_V
-    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every level is measured"] = 5
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "measurements of each level"] = 5
     order: Annotated[
         Literal["up-down", "up", "down", "random"],
-        "levels rising, falling, by turns, or shuffled for every repeat; by turns shows the loop",
+        "order of the levels: up, down, alternately up and down (shows the loop), or random in each repeat",
     ] = "up-down"
-    seed: Annotated[
-        int,
-        Unit("1"),
-        Interval(ge=0, le=2**31),
-        "number that selects the random order: the same number, the same order",
-    ] = 1
-    rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "at rest before every level"] = 2.0
-    read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "after the ramp: when the deflection is read"] = 1.0
+    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "seed of the random order"] = 1
+    rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "time at rest before each level"] = 2.0
+    read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "time of the reading, after the end of the ramp"] = 1.0
     window_s: Annotated[
         float,
         Unit("s"),
         Interval(ge=0.04, le=10),
-        "duration of a reading; 0.1 s is a whole number of cycles of 50 and 60 Hz",
+        "duration of the reading; 0.1 s is a whole number of cycles of 50 and 60 Hz",
     ] = 0.1
-    hold_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=3600), "how long a level is held and its creep watched"] = (
-        5.0
-    )
+    hold_s: Annotated[
+        float, Unit("s"), Interval(ge=0.5, le=3600), "duration of each level, over which its creep is fitted"
+    ] = 5.0
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
@@ -255,19 +250,19 @@ class VoltageSteps(Protocol):
         lines = []
         for sign, name in ((-1.0, "below"), (1.0, "above")):
             used = tuple(i for i in line_indices(points, *cls.axes) if sign * points[i].drive_step > LEVEL_TOLERANCE_V)
-            if (found := deflection_per_volt([points[i] for i in used])) is not None:
+            if (line := deflection_per_volt([points[i] for i in used])) is not None:
                 rest_v = float(np.mean([points[i].level - points[i].drive_step for i in used]))
                 farthest_v = max((points[i].level for i in used), key=lambda level: sign * level)
                 x = np.array(sorted((rest_v, farthest_v)))
                 label = f"deflection per volt {name} rest"
-                lines.append(Series(x, found[0] * (x - rest_v), role=Role.FIT, label=label, fitted_rows=used))
+                lines.append(Series(x, line[0] * (x - rest_v), role=Role.FIT, label=label, fitted_rows=used))
         return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [point for point in points if Quality(point.quality).usable]
         above = [p for p in good if p.drive_step > LEVEL_TOLERANCE_V]
         below = [p for p in good if p.drive_step < -LEVEL_TOLERANCE_V]
-        found = [
+        estimates = [
             EstimatedQuantity.listed(name, *value, SOURCE)
             for name, value in (
                 ("static_gain_above_rest", deflection_per_volt(above)),
@@ -280,8 +275,8 @@ class VoltageSteps(Protocol):
         ]
         if len(good) > 1:
             error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
-            found.append(EstimatedQuantity.listed("zero_drift", good[-1].zero - good[0].zero, error, SOURCE))
-        return tuple(found)
+            estimates.append(EstimatedQuantity.listed("zero_drift", good[-1].zero - good[0].zero, error, SOURCE))
+        return tuple(estimates)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)
@@ -314,7 +309,7 @@ class VoltageSteps(Protocol):
         return tuple(f"static_gain_{side}_rest" for side, count in sides if count > 1)
 
     def _level_order(self, repeat: int) -> tuple[str, tuple[float, ...]]:
-        """The levels of one repeat in their order, and what that order is called."""
+        """Return the levels of one repeat in order, and the name of the order."""
         if self.order == RANDOM:
             shuffled = np.random.default_rng([self.seed, repeat]).permutation(self.levels_v)
             return RANDOM, tuple(shuffled.tolist())
@@ -323,7 +318,7 @@ class VoltageSteps(Protocol):
 
     @property
     def _lead_s(self) -> float:
-        """Recorded before the ramp: the window of the zero, and something to spare."""
+        """Duration of the recording before the ramp: the window of the zero, and a margin."""
         return self.window_s + 0.05
 
     def _creep(self, moved: Any, rate: float, ramp: DetectedRamp, zero: float) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Wiring check: verifies cables, gains and noise of the bench with a tenth of a volt.
 
-Rest, a small step to either side and a small sine are recorded and compared with limits, which are parameters;
-`checks` is the table that `tactor-bench check` prints.
+Rest, a small step to each side and a small sine are recorded and compared with limits, which are parameters; `checks` is the
+table that `tactor-bench check` prints.
 """
 
 import math
@@ -33,14 +33,14 @@ from protocols.signals import fit_frequency, fit_sine
 SOURCE = "wiring check"
 
 RECORDINGS = 4
-"""Rest, either side and the sine."""
+"""Purposes of the recordings: rest, both sides and the sine."""
 
 _limit = partial(CheckResult, consequence=Outcome.DID_NOT_PASS)
 
 
 @dataclass(frozen=True, slots=True)
 class WiringPoint:
-    """What was seen under one small drive. A held level has no frequency, no amplitude and no latency (NaN)."""
+    """Figures of one small drive. A held level has no frequency, amplitude and latency (NaN)."""
 
     commanded: Annotated[float, Unit("V"), "level or offset commanded at the amplifier's input"]
     commanded_amplitude: Annotated[float, Unit("V"), "peak amplitude commanded; 0 for a held level"]
@@ -52,7 +52,9 @@ class WiringPoint:
     displacement: Annotated[float, Unit("m"), "mean displacement"]
     displacement_errors: Annotated[float, Unit("m"), "standard uncertainty of the mean displacement"]
     amplitude: Annotated[float, Unit("m"), "peak amplitude of the displacement's fundamental"]
-    latency: Annotated[float, Unit("s"), "displacement behind drive, the sensor's configured delay removed"]
+    latency: Annotated[
+        float, Unit("s"), "delay of the displacement behind the drive, the sensor's configured delay removed"
+    ]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of the displacement"]
     quality: QualityFlags
@@ -66,7 +68,7 @@ class WiringPoint:
 
 
 class WiringCheck(Protocol):
-    """Small voltages before any high one: polarity, gain, latency, noise, sensor in range, drive read back."""
+    """Small voltages before high voltage: polarity, gain, latency, noise, sensor in range, recorded drive."""
 
     name: ClassVar[str] = "wiring-check"
     rest_record_s: ClassVar[float] = 0.0
@@ -76,18 +78,20 @@ class WiringCheck(Protocol):
     diagnosed_levels: ClassVar[tuple[str, ...]] = ("laser_lost", "no_response")
     passes_or_fails: ClassVar[bool] = True
 
-    level_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "step to either side of rest, and the sine's peak"] = (
-        0.1
+    level_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=0.5), "height of the steps to both sides of rest, and peak of the sine"
+    ] = 0.1
+    frequency_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=100), "frequency of the sine, far below resonance"] = (
+        20.0
     )
-    frequency_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=100), "of the sine, far below resonance"] = 20.0
-    wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "before each recording"] = 0.3
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of each recording"] = 1.0
+    wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "wait before each recording"] = 0.3
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "duration of each recording"] = 1.0
     sample_rate_hz: SampleRate = 5000.0
     polarity: Annotated[
-        int, Unit("1"), Interval(ge=-1, le=1), "sign of displacement per volt that is right; 0 where both are"
+        int, Unit("1"), Interval(ge=-1, le=1), "correct sign of displacement per volt; 0: either sign"
     ] = 1
-    drive_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "drive read back: largest deviation"] = 0.02
-    drive_noise_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "drive read back: largest noise"] = 0.01
+    drive_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "largest deviation of the recorded drive"] = 0.02
+    drive_noise_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "largest noise of the recorded drive"] = 0.01
     gain_low_m_per_v: Annotated[float, Unit("m/V"), Interval(gt=0), "smallest displacement per volt at the input"] = (
         1e-6
     )
@@ -98,7 +102,9 @@ class WiringCheck(Protocol):
     slopes_high: Annotated[float, Unit("1"), Interval(gt=0), "largest ratio of the gains above and below rest"] = 6.0
     latency_limit_s: Annotated[float, Unit("s"), Interval(gt=0), "largest latency beyond the sensor's own"] = 5e-3
     noise_limit_m: Annotated[float, Unit("m"), Interval(gt=0), "largest noise of the displacement"] = 5e-6
-    frequency_limit: Annotated[float, Unit("1"), Interval(gt=0), "relative difference of the two clocks"] = 2e-4
+    frequency_limit: Annotated[
+        float, Unit("1"), Interval(gt=0), "largest relative difference of the clocks of source and card"
+    ] = 2e-4
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:
@@ -129,12 +135,12 @@ class WiringCheck(Protocol):
             commanded_v, commanded_amplitude_v, commanded_hz = drive.offset_v, drive.amplitude_v, drive.frequency_hz
             driven = fit_sine(recording.drive_v, rate, commanded_hz)
             amplitude_v = abs(driven.fundamental)
-            if amplitude_v > 0.5 * drive.amplitude_v:  # where the drive is too small, there is no phase to fit
+            if amplitude_v > 0.5 * drive.amplitude_v:  # a drive that is too small has no phase
                 frequency = fit_frequency(recording.drive_v, rate, commanded_hz)
                 driven = fit_sine(recording.drive_v, rate, frequency)
                 answer = fit_sine(recording.displacement_m, rate, frequency, 4)
                 amplitude, noise, drive_noise = abs(answer.fundamental), answer.noise, driven.noise
-                # A tactor that moves away from the sensor, or a swapped sign, is half a turn and no latency.
+                # A tactor that moves away from the sensor, or a swapped sign, gives half a turn, which is no latency.
                 turn = float(np.angle(driven.fundamental / answer.fundamental))
                 turn -= 2 * math.pi * frequency * recording.sensor_delay_s
                 latency = math.remainder(turn, math.pi) / (2 * math.pi * frequency)
@@ -158,30 +164,30 @@ class WiringCheck(Protocol):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        found = _CheckMeasurements.from_points(list(points))
-        if found is None:
+        measured = _CheckMeasurements.from_points(list(points))
+        if measured is None:
             return ()
         return (
-            EstimatedQuantity.listed("static_gain_above_rest", *found.above, SOURCE),
-            EstimatedQuantity.listed("static_gain_below_rest", *found.below, SOURCE),
-            EstimatedQuantity.listed("bench_latency", found.sine.latency, found.sine.latency_errors, SOURCE),
-            EstimatedQuantity.listed("noise_floor", found.rest.noise, 0.0, SOURCE),
+            EstimatedQuantity.listed("static_gain_above_rest", *measured.above, SOURCE),
+            EstimatedQuantity.listed("static_gain_below_rest", *measured.below, SOURCE),
+            EstimatedQuantity.listed("bench_latency", measured.sine.latency, measured.sine.latency_errors, SOURCE),
+            EstimatedQuantity.listed("noise_floor", measured.rest.noise, 0.0, SOURCE),
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """The table; without all recordings only how many there are."""
-        found = _CheckMeasurements.from_points(points)
-        if found is None:
+        """Return the table; if recordings are missing, only their number."""
+        measured = _CheckMeasurements.from_points(points)
+        if measured is None:
             remedy = "look at the recordings without a point, and check again"
             return (_limit("recordings with a point", float(len(points)), "1", RECORDINGS, None, remedy),)
-        rest, sine = found.rest, found.sine
+        rest, sine = measured.rest, measured.sine
         cable = "check the cable from the generator to the amplifier and to the card's drive channel"
         optics = "check the sensor's distance and wiring, that its output is not stuck, [sensor] in the bench file, and that high voltage is on"
         worst = max(points, key=lambda p: abs(p.drive - p.commanded))
         flagged = sum(bool(Quality(p.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)) for p in points)
-        gains = [abs(found.above[0]), abs(found.below[0])]
-        agreed = found.above[0] * found.below[0] > 0 and self.polarity * found.above[0] >= 0
-        moves = min(gains) >= self.gain_low_m_per_v  # where nothing moves there is no polarity, ratio or latency
+        gains = [abs(measured.above[0]), abs(measured.below[0])]
+        agreed = measured.above[0] * measured.below[0] > 0 and self.polarity * measured.above[0] >= 0
+        moves = min(gains) >= self.gain_low_m_per_v  # without motion there is no polarity, ratio or latency
         limit = self.drive_limit_v
         return (
             _limit("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),

@@ -1,4 +1,4 @@
-"""Checksums of a run file: a digest of every object, stored when the run ends, in addition to HDF5's own of chunks."""
+"""Checksums of a run file: a digest of every object, stored at the end of the run, in addition to HDF5's checksums of chunks."""
 
 import hashlib
 import json
@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from protocols.runfile.foreign_file_check import READ_ERRORS, Found, as_text, walk
+from protocols.runfile.foreign_file_check import READ_ERRORS, FileItem, as_text, walk
 
 CHECKSUMS = "entry/checksums"
 """Text dataset with the digests: JSON, path -> digest."""
@@ -20,7 +20,7 @@ MAX_KNOWN_TYPES = 1000
 
 
 def store_checksums(file: h5py.File) -> None:
-    """Store the digests of all objects in the place of earlier ones."""
+    """Store the digests of all objects in place of earlier ones."""
     if CHECKSUMS in file:
         del file[CHECKSUMS]
     file[CHECKSUMS] = np.array(json.dumps(compute_digests(file), sort_keys=True).encode())
@@ -34,19 +34,19 @@ def stored_digests(file: h5py.File) -> dict[str, str] | None:
     """
     if CHECKSUMS not in file:
         return None
-    found = json.loads(bytes(file[CHECKSUMS][()]))
-    if not isinstance(found, dict):
+    digests = json.loads(bytes(file[CHECKSUMS][()]))
+    if not isinstance(digests, dict):
         raise ValueError(f"{CHECKSUMS} holds no digests")
-    return found
+    return digests
 
 
 def compute_digests(file: h5py.File) -> dict[str, str]:
     """Return the digest of every object but the checksums."""
-    return {found.name: compute_digest(found) for found in walk(file) if found.name != CHECKSUMS}
+    return {item.name: compute_digest(item) for item in walk(file) if item.name != CHECKSUMS}
 
 
 def changed_names(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
-    """Return the objects whose digest is not the stored one."""
+    """Return the objects whose digest differs from the stored one."""
     names = stored.keys() | present.keys()
     return sorted(name or "/" for name in names if not present.get(name) or stored.get(name) != present[name])
 
@@ -65,31 +65,31 @@ def pieces(data: h5py.h5d.DatasetID, chunk: int) -> Iterator[tuple[int, int]]:
         yield start, min(start + step, rows)
 
 
-def compute_digest(found: Found) -> str:
-    """Return the digest of an object: kind, shape, type, attributes, and what HDF5 does not check; of a link, its target.
+def compute_digest(item: FileItem) -> str:
+    """Return the digest of an object: kind, shape, type, attributes, and data not checked by HDF5; for a link, its target.
 
     The data of a dataset with Fletcher-32 checksums is left out. A damaged object has an empty digest.
     """
-    if found.problem is not None:
+    if item.problem is not None:
         return ""
-    if found.link == h5py.h5l.TYPE_EXTERNAL:
-        return _digest("external link", *map(as_text, found.target))
-    if found.id is None:
-        return _digest("link", as_text(found.target))
+    if item.link == h5py.h5l.TYPE_EXTERNAL:
+        return _digest("external link", *map(as_text, item.target))
+    if item.id is None:
+        return _digest("link", as_text(item.target))
     try:
-        if isinstance(found.id, h5py.h5g.GroupID):
-            place = f"{found.name}/".lstrip("/")
-            names = (name for name in map(as_text, found.names) if place + name != CHECKSUMS)
-            return _digest("Group" if found.path else "File", *_attribute_parts(found.id), *names)
-        if isinstance(found.id, h5py.h5d.DatasetID):
-            return _digest("Dataset", *_attribute_parts(found.id), *_dataset_parts(found.id))
-        return _digest("Datatype", *_attribute_parts(found.id))
+        if isinstance(item.id, h5py.h5g.GroupID):
+            place = f"{item.name}/".lstrip("/")
+            names = (name for name in map(as_text, item.names) if place + name != CHECKSUMS)
+            return _digest("Group" if item.path else "File", *_attribute_parts(item.id), *names)
+        if isinstance(item.id, h5py.h5d.DatasetID):
+            return _digest("Dataset", *_attribute_parts(item.id), *_dataset_parts(item.id))
+        return _digest("Datatype", *_attribute_parts(item.id))
     except READ_ERRORS:
         return ""
 
 
 def _digest(*parts: Any) -> str:
-    """Return the digest of parts, each with its length; anything but bytes by its text."""
+    """Return the digest of parts, each with its length; other values by their text."""
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
     for part in parts:
         data = part if isinstance(part, bytes) else str(part).encode("utf-8", "surrogateescape")
@@ -97,13 +97,13 @@ def _digest(*parts: Any) -> str:
     return digest.hexdigest()
 
 
-def _attribute_parts(found: Any) -> Iterator[Any]:
-    if not h5py.h5a.get_num_attrs(found):
+def _attribute_parts(item: Any) -> Iterator[Any]:
+    if not h5py.h5a.get_num_attrs(item):
         return
     names: list[bytes] = []
-    h5py.h5a.iterate(found, names.append)
+    h5py.h5a.iterate(item, names.append)
     for name in sorted(names):
-        attribute = h5py.h5a.open(found, name)
+        attribute = h5py.h5a.open(item, name)
         kind, memory = _types(attribute.get_type())
         value = np.empty(attribute.get_space().get_simple_extent_dims(), kind)
         attribute.read(value, memory)
@@ -117,13 +117,13 @@ def _dataset_parts(data: h5py.h5d.DatasetID) -> Iterator[Any]:
         raise ValueError("a dataset without data")
     kind, memory = _types(data.get_type())
     chunks, checked = None, False
-    if shape:  # a single value has neither chunks nor filters
+    if shape:  # a single value has no chunks and no filters
         created = data.get_create_plist()
         checked = has_chunk_checksums(created)
         chunks = created.get_chunk() if created.get_layout() == h5py.h5d.CHUNKED else None
     yield shape
     yield tuple(None if length == h5py.h5s.UNLIMITED else length for length in longest)
-    yield kind.descr if kind.names else [("", kind.str)]  # the same in less time
+    yield kind.descr if kind.names else [("", kind.str)]  # equal result in less time
     yield chunks
     yield checked
     if not shape:
@@ -140,7 +140,7 @@ _TYPES: dict[bytes, tuple[np.dtype[Any], Any]] = {}
 
 
 def _types(stored: h5py.h5t.TypeID) -> tuple[np.dtype[Any], h5py.h5t.TypeID]:
-    """Return the numpy type of a stored type and HDF5's type of it in memory; composing them takes longer than a look-up."""
+    """Return the numpy type of a stored type and HDF5's type of it in memory, cached: composing them takes longer."""
     key = stored.encode()
     if key not in _TYPES:
         if len(_TYPES) >= MAX_KNOWN_TYPES:
@@ -150,7 +150,7 @@ def _types(stored: h5py.h5t.TypeID) -> tuple[np.dtype[Any], h5py.h5t.TypeID]:
 
 
 def _value_bytes(value: Any) -> bytes:
-    """Return a value as bytes: texts by their characters, not by their place in the file."""
+    """Return a value as bytes: texts by their characters, not by their address in the file."""
     if isinstance(value, bytes):
         return value
     if isinstance(value, str):

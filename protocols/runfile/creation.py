@@ -51,7 +51,7 @@ def _version(package: str) -> str:
 
 
 def create_file(path: Path, record: RunRecord, columns: PointColumns, channels: Sequence[InputChannel]) -> None:
-    """Create the file of a run with all datasets, in one step: a killed program leaves a whole file or none.
+    """Create the file of a run with all datasets, in one step: a killed program leaves a complete file or none.
 
     Raises:
         FileExistsError: there is such a file.
@@ -61,14 +61,14 @@ def create_file(path: Path, record: RunRecord, columns: PointColumns, channels: 
         _create_datasets(file, record, columns, channels)
         file.flush()
         image = file.id.get_file_image()
-    working = path.with_name(f".{path.name}.{os.getpid()}")  # no run yet, and hidden
+    working = path.with_name(f".{path.name}.{os.getpid()}")  # not yet a run, and hidden
     try:
         working.write_bytes(image)
         try:
             os.link(working, path)
         except FileExistsError:
             raise
-        except OSError:  # a file system without links
+        except OSError:  # the file system has no links
             with path.open("xb") as file_without_link:
                 file_without_link.write(image)
     finally:
@@ -185,7 +185,7 @@ def _create_instrument(entry: h5py.Group, record: RunRecord) -> None:
 
 
 def _create_conditions(entry: h5py.Group, conditions: RunConditions) -> None:
-    """Create the operator (NXuser), and a sensor of the air for each quantity that is known."""
+    """Create the operator (NXuser), and a sensor of the air for each stated quantity."""
     if conditions.operator:
         user = create_group(entry, "operator", "NXuser")
         user["name"], user["role"], user["origin"] = conditions.operator, "operator", conditions.operator_origin
@@ -198,6 +198,14 @@ def _create_conditions(entry: h5py.Group, conditions: RunConditions) -> None:
             sensor.create_dataset("value", data=float(value)).attrs["units"] = unit
     if conditions.origin:
         entry["air_origin"] = conditions.origin
+
+
+def free_name(parent: h5py.Group, name: str) -> str:
+    """Return a free name in a group, the given one where HDF5 allows it: `/` would begin another group."""
+    free = name.replace("/", " ").strip(" .") or "unnamed"
+    while free in parent:
+        free += "_"
+    return free
 
 
 def create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:

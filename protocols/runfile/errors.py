@@ -1,4 +1,4 @@
-"""Storage errors: what HDF5 raises while writing a run or study file, as one message."""
+"""Errors of run files: errors of HDF5 while reading or writing a run or study file, as one message."""
 
 import os
 import re
@@ -16,11 +16,32 @@ READ_FAILURES = (
     TypeError,
     ValueError,
 )
-"""Errors that reading a damaged or hostile file raises."""
+"""Errors of reading a damaged or hostile file."""
+
+
+class RunReadError(Exception):
+    """A file cannot be read as a run; the message contains the path and the reason."""
+
+
+class NotARunError(RunReadError):
+    """An HDF5 file of another kind."""
+
+
+class NewerFormatError(RunReadError):
+    """A run from a newer version of this program."""
+
+
+class UnfinishedStorageError(RunReadError):
+    """The program was killed while it stored results; a journal has them."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(
+            f"{path}: results are being stored in it, or its program was killed meanwhile; 'tactor-bench verify --repair' completes it"
+        )
 
 
 class StorageError(Exception):
-    """The file cannot be written. The message contains the path and the reason; what was written before stays readable."""
+    """The file cannot be written. The message contains the path and the reason; earlier data stay readable."""
 
 
 class FileLostError(StorageError):
@@ -31,7 +52,7 @@ class FileLostError(StorageError):
 def translate_write_errors(
     kind: str, path: Path, advice: str = "everything before this moment is in it"
 ) -> Iterator[None]:
-    """Raise StorageError for what HDF5 raises while it writes the run or study file."""
+    """Raise StorageError for errors of HDF5 while it writes the run or study file."""
     try:
         yield
     except (OSError, RuntimeError, ValueError, KeyError) as error:

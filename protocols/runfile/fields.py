@@ -1,4 +1,4 @@
-"""Typed reading of datasets and attributes: a wrong type or shape is a ValueError that names the place."""
+"""Typed reading of datasets and attributes: a wrong type or shape raises a ValueError with the place."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     import h5py
 
 MAX_ATTRIBUTE_VALUES = 64
-"""Values of an attribute; the program's own have one or two."""
+"""Largest number of values of an attribute; the program's own have one or two."""
 ROWS_PER_READ = 4096
-"""Rows of a table that are read at a time."""
+"""Number of rows of a table per read."""
 
 
 def read_text(group: "h5py.Group", name: str) -> str:
@@ -29,7 +29,7 @@ def read_raw_text(group: "h5py.Group", name: str) -> str:
 
 
 def read_object(group: "h5py.Group", name: str) -> dict[str, Any]:
-    """Return a JSON object that is stored as text, with control characters escaped."""
+    """Return a JSON object stored as text, with control characters escaped."""
     try:
         return dict(visible_values(parse_json_object(read_raw_text(group, name))))
     except ValueError as error:
@@ -63,27 +63,27 @@ def subgroup(group: "h5py.Group", name: str) -> "h5py.Group":
     """Return a group in a group."""
     import h5py
 
-    found = group[name]
-    if not isinstance(found, h5py.Group):
-        raise ValueError(f"{found.name} is not a group")
-    return found
+    item = group[name]
+    if not isinstance(item, h5py.Group):
+        raise ValueError(f"{item.name} is not a group")
+    return item
 
 
 def quantity_columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
-    """Return the columns of a table: its datasets with units. Anything else in the group is ignored."""
+    """Return the columns of a table: its datasets with units. Other objects in the group are ignored."""
     import h5py
 
-    found = {}
+    columns = {}
     for name, data in group.items():
         if isinstance(data, h5py.Dataset) and "units" in data.attrs:
             if data.dtype.kind not in "iuf" or data.ndim not in (1, 2):
                 raise ValueError(f"{data.name} is not a column of numbers")
-            found[visible_text(name)] = data
-    return found
+            columns[visible_text(name)] = data
+    return columns
 
 
 def attribute_texts(of: "h5py.Group | h5py.Dataset", name: str) -> list[str]:
-    """Return an attribute that is a text or several."""
+    """Return an attribute of one or several texts."""
     attribute = of.attrs.get_id(name)
     if attribute.dtype.kind not in "SOU" or int(np.prod(attribute.shape, dtype=np.int64)) > MAX_ATTRIBUTE_VALUES:
         raise ValueError(f"{of.name} has a {name} that is not text")
@@ -92,7 +92,7 @@ def attribute_texts(of: "h5py.Group | h5py.Dataset", name: str) -> list[str]:
 
 
 def attribute_text(of: "h5py.Group | h5py.Dataset", name: str) -> str:
-    """Return an attribute that is a text, or the first of several."""
+    """Return an attribute of one text, or the first of several."""
     texts = attribute_texts(of, name)
     if not texts:
         raise ValueError(f"{of.name} has an empty {name}")
@@ -100,7 +100,7 @@ def attribute_text(of: "h5py.Group | h5py.Dataset", name: str) -> str:
 
 
 def attribute_integer(of: "h5py.Group | h5py.Dataset", name: str) -> int:
-    """Return an attribute that is an integer."""
+    """Return an integer attribute."""
     attribute = of.attrs.get_id(name)
     if attribute.dtype.kind not in "iu" or attribute.shape not in ((), (1,)):
         raise ValueError(f"{of.name} has a {name} that is not an integer")

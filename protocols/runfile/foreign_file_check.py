@@ -10,53 +10,52 @@ if TYPE_CHECKING:
     import h5py
 
 MAX_DEPTH = 16
-"""Groups within groups; a run has four. Also ends groups that contain themselves."""
+"""Largest depth of groups; a run has four. Also ends groups that contain themselves."""
 MAX_OBJECTS = 100_000
-"""Groups and datasets of a file; a run has some 70, and a few for every curve."""
+"""Largest number of groups and datasets of a file; a run has some 70, and a few for every curve."""
 UNWRITTEN_BYTES = 4_000_000
-"""How much more the datasets of a growing or interrupted file may declare than the file holds."""
+"""Largest excess of the declared size of datasets over the size of a growing or interrupted file."""
 MAX_CHUNK_BYTES = 64_000_000
-"""Longest chunk of a dataset; HDF5 reads a chunk whole."""
+"""Longest chunk of a dataset; HDF5 reads complete chunks."""
 MAX_COMPRESSED_BYTES = 256_000_000
-"""Limit of all compressed datasets together, uncompressed."""
+"""Largest total uncompressed size of compressed datasets."""
 
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3
 PLAIN_FILTERS = frozenset({SHUFFLE, FLETCHER32})
 """Filters that do not change the size of the data."""
 
 CONTINUED_RUN_LINK = b"entry/earlier"
-"""The one link to another file that this program writes: the run that a resumed run continues."""
+"""The only permitted link to another file: the run that a resumed run continues."""
 
 HEAP_SIGNATURE = b"GCOL\x01\x00\x00\x00"
 HEAP_HEADER_BYTES = HEAP_OBJECT_BYTES = 16
 HEAP_WINDOW_BYTES = 4_000_000
-"""Length at the beginning and the end of a file that is searched for heaps: texts are written when a run begins, and after
-its end."""
+"""Length of the searches for heaps at the begin and the end of a file: texts are written at the begin of a run, and after its end."""
 MAX_HEAP_OBJECTS = 1_000_000
-"""Objects of all heaps together."""
+"""Largest number of objects of all heaps."""
 
 
 class StructureError(Exception):
-    """A file has a structure that no file of this program has; the message names the place."""
+    """A file has a structure unlike any file of this program; the message names the place."""
 
 
-class Found(NamedTuple):
+class FileItem(NamedTuple):
     """An object or a link of a file."""
 
     path: bytes
-    """Without a slash at either end; the root's is empty."""
+    """Path without a slash at either end; empty for the root."""
     depth: int
-    """Groups around it."""
+    """Number of groups around it."""
     id: Any
-    """Low-level identifier; None for a link, and for an object that cannot be opened."""
+    """Low-level identifier; None for a link or an unreadable object."""
     link: int
-    """Kind of the link that leads to it, as of `h5py.h5l`."""
+    """Kind of its link, as in `h5py.h5l`."""
     target: Any
-    """Where a link leads: a path, or file and path."""
+    """Target of a link: a path, or file and path."""
     names: tuple[bytes, ...]
     """Names in a group, in alphabetical order."""
     problem: Exception | None
-    """Why it cannot be opened, or the group not be listed."""
+    """Error of opening the object or listing the group."""
 
     @property
     def name(self) -> str:
@@ -65,11 +64,11 @@ class Found(NamedTuple):
 
 
 READ_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)
-"""What h5py raises for a damaged object."""
+"""Errors of h5py for a damaged object."""
 
 
-def walk(file: "h5py.File") -> Iterator[Found]:
-    """Yield everything in a file, the root first. Objects are opened one by one, so that a caller can end the walk."""
+def walk(file: "h5py.File") -> Iterator[FileItem]:
+    """Yield all objects and links of a file, the root first. Objects are opened one by one, so that a caller can end the walk."""
     from h5py import h5g, h5l, h5o
 
     pending: list[tuple[bytes, int, Any, bytes, int]] = [(b"", 0, None, b"", int(h5l.TYPE_HARD))]
@@ -87,45 +86,45 @@ def walk(file: "h5py.File") -> Iterator[Found]:
             elif kind in (h5l.TYPE_SOFT, h5l.TYPE_EXTERNAL):
                 target = group.links.get_val(name)
             if isinstance(opened, h5g.GroupID):
-                opened.links.iterate(lambda inside, info, found=kinds: found.update({inside: info.type}), info=True)
+                opened.links.iterate(lambda inside, info, kinds=kinds: kinds.update({inside: info.type}), info=True)
         except READ_ERRORS as error:
             problem = error
-        yield Found(path, depth, opened, kind, target, tuple(kinds), problem)
+        yield FileItem(path, depth, opened, kind, target, tuple(kinds), problem)
         before = path + b"/" if path else b""
         pending.extend((before + each, depth + 1, opened, each, kinds[each]) for each in kinds)
 
 
 def as_text(name: bytes | str) -> str:
-    """Return a name in a file, or the target of a link, as text that keeps every byte."""
+    """Return a name in a file, or the target of a link, as text that preserves every byte."""
     return name if isinstance(name, str) else name.decode("utf-8", "surrogateescape")
 
 
 def check_structure(file: "h5py.File") -> None:
-    """Reject a file with links, storage or sizes that must not be followed or read. No link is followed.
+    """Reject a file with forbidden links, storage or sizes. No link is followed.
 
     Raises:
-        StructureError: the first such place.
+        StructureError: the first forbidden place.
         OSError, RuntimeError, ValueError, KeyError: the file is damaged.
     """
     from h5py import h5d, h5g, h5l
 
     declared = compressed = objects = 0
-    for found in walk(file):
-        if found.problem is not None:
-            raise found.problem
-        if found.link != h5l.TYPE_HARD:
-            _check_link(found, h5l.TYPE_EXTERNAL)
-        elif isinstance(found.id, h5d.DatasetID):
-            size, is_compressed = _checked_size(found, h5d.CHUNKED, h5d.VIRTUAL)
+    for item in walk(file):
+        if item.problem is not None:
+            raise item.problem
+        if item.link != h5l.TYPE_HARD:
+            _check_link(item, h5l.TYPE_EXTERNAL)
+        elif isinstance(item.id, h5d.DatasetID):
+            size, is_compressed = _checked_size(item, h5d.CHUNKED, h5d.VIRTUAL)
             declared += 0 if is_compressed else size
             compressed += size if is_compressed else 0
-        elif isinstance(found.id, h5g.GroupID):
-            objects += len(found.names)
+        elif isinstance(item.id, h5g.GroupID):
+            objects += len(item.names)
             if objects > MAX_OBJECTS:
                 raise StructureError(f"there are more than {MAX_OBJECTS} objects in it")
-            if found.depth > MAX_DEPTH:
+            if item.depth > MAX_DEPTH:
                 raise StructureError(f"its groups are nested more than {MAX_DEPTH} deep")
-    # The size is read last: a file that is being written grows meanwhile.
+    # The size is read last: a file of a running measurement grows meanwhile.
     size = Path(file.filename).stat().st_size
     if declared > size + UNWRITTEN_BYTES or compressed > MAX_COMPRESSED_BYTES:
         raise StructureError(
@@ -134,11 +133,11 @@ def check_structure(file: "h5py.File") -> None:
 
 
 def check_file_structure(path: str | Path) -> None:
-    """Check an HDF5 file that is to be read by another library.
+    """Check an HDF5 file before another library reads it.
 
     Raises:
         StructureError: as `check_structure`.
-        OSError: it is not a readable HDF5 file.
+        OSError: it is no readable HDF5 file.
     """
     import h5py  # slow to import
 
@@ -147,48 +146,48 @@ def check_file_structure(path: str | Path) -> None:
 
 
 def is_run_beside(name: str) -> bool:
-    """Whether the name of a continued run is that of a run file, relative to the folder of the file that names it."""
+    """Whether the name of a continued run is a run file's name, relative to the folder of the resumed run."""
     if not name or not name.isprintable() or not name.endswith(".h5"):
         return False
     return not any(kind(name).is_absolute() or kind(name).anchor for kind in (PurePosixPath, PureWindowsPath))
 
 
-def _check_link(found: Found, external: int) -> None:
-    beside = found.link == external and found.path == CONTINUED_RUN_LINK and is_run_beside(_text(found.target[0]))
+def _check_link(item: FileItem, external: int) -> None:
+    beside = item.link == external and item.path == CONTINUED_RUN_LINK and is_run_beside(_text(item.target[0]))
     if not beside:
-        raise StructureError(f"{_text(found.path)} is {_describe_link(found.link, found.target)}")
+        raise StructureError(f"{_text(item.path)} is {_describe_link(item.link, item.target)}")
 
 
-def _checked_size(found: Found, chunked: int, virtual: int) -> tuple[int, bool]:
+def _checked_size(item: FileItem, chunked: int, virtual: int) -> tuple[int, bool]:
     """Return the bytes that a dataset declares, and whether they are compressed."""
-    kind = found.id.get_type()
-    width, elements = kind.get_size(), found.id.get_space().get_simple_extent_npoints()
+    kind = item.id.get_type()
+    width, elements = kind.get_size(), item.id.get_space().get_simple_extent_npoints()
     if elements > 1 and _is_variable(kind):
-        raise StructureError(f"{_text(found.path)} is an array of texts of any length")
-    if found.id.get_offset() is not None:  # in one piece in this file, without filters
+        raise StructureError(f"{_text(item.path)} is an array of texts of any length")
+    if item.id.get_offset() is not None:  # in one piece in this file, without filters
         return elements * width, False
-    created = found.id.get_create_plist()
+    created = item.id.get_create_plist()
     layout = created.get_layout()
     if layout == virtual:
-        raise StructureError(f"{_text(found.path)} is a virtual dataset, whose data is in other files")
+        raise StructureError(f"{_text(item.path)} is a virtual dataset, whose data is in other files")
     if created.get_external_count():
         name = _text(created.get_external(0)[0])
-        raise StructureError(f"{_text(found.path)} has its data in another file, '{name}'")
+        raise StructureError(f"{_text(item.path)} has its data in another file, '{name}'")
     filters = {created.get_filter(i)[0] for i in range(created.get_nfilters())}
     if unknown := filters - PLAIN_FILTERS - {DEFLATE}:
         raise StructureError(
-            f"{_text(found.path)} is stored with a filter that this program does not use (number {min(unknown)})"
+            f"{_text(item.path)} is stored with a filter that this program does not use (number {min(unknown)})"
         )
     if layout == chunked and (size := math.prod(created.get_chunk()) * width) > MAX_CHUNK_BYTES:
-        raise StructureError(f"{_text(found.path)} has chunks of {size / 1e6:.4g} MB")
+        raise StructureError(f"{_text(item.path)} has chunks of {size / 1e6:.4g} MB")
     return elements * width, DEFLATE in filters
 
 
 def _is_variable(kind: Any) -> bool:
     from h5py import h5t
 
-    found = kind.get_class()
-    return found == h5t.VLEN or (found == h5t.STRING and bool(kind.is_variable_str()))
+    item = kind.get_class()
+    return item == h5t.VLEN or (item == h5t.STRING and bool(kind.is_variable_str()))
 
 
 def _describe_link(kind: int, target: Any) -> str:
@@ -214,19 +213,19 @@ def find_endless_heap(path: Path) -> int | None:
 
 
 def _find_endless_heap_in(data: bytes, held: int) -> int | None:
-    """Return the place of an endless heap in a window, after whose beginning the file holds so many bytes."""
+    """Return the place of an endless heap in a window with `held` bytes of the file from its begin; None without one."""
     objects = 0
     heap = data.find(HEAP_SIGNATURE)
     while 0 <= heap <= len(data) - HEAP_HEADER_BYTES:
         declared = heap + struct.unpack_from("<Q", data, heap + 8)[0]
-        if declared > held:  # cut off; HDF5 reads zeros there
+        if declared > held:  # cut off; HDF5 reads zeros beyond the end
             return heap
         end = min(declared, len(data))
         at = heap + HEAP_HEADER_BYTES
         while at + HEAP_OBJECT_BYTES <= end:
             index, _, length = struct.unpack_from("<HH4xQ", data, at)
             objects += 1
-            # Free space of no length is followed by itself.
+            # Free space of length 0 is its own successor.
             if (index == 0 and length == 0) or objects > MAX_HEAP_OBJECTS:
                 return heap
             at += length if index == 0 else HEAP_OBJECT_BYTES + -(-length // 8) * 8

@@ -1,12 +1,14 @@
-"""File names of specimens: escaped so that different names never share a file, on any file system."""
+"""File names of specimens and sidecars; specimens are escaped so that different names never share a file, on any file system."""
 
 import hashlib
 from pathlib import Path
 
 MAX_NAME_BYTES = 100
-"""Limit of the specimen's part of a file name: file names are limited to 255 bytes; the full name is in the file."""
+"""Longest part of a specimen in a file name, which has at most 255 bytes; the full name is in the file."""
+NOTES_SUFFIX = ".notes.json"
+"""Suffix of a run's sidecar."""
 SHEET_SUFFIX = ".specimen.toml"
-"""End of the name of a specimen sheet."""
+"""Suffix of a specimen sheet."""
 _HASH_DIGITS = 16
 _RESERVED = frozenset({"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in "123456789¹²³")})
 """Names of devices on Windows, with any extension."""
@@ -38,14 +40,19 @@ def sheet_path(folder: Path, specimen: str) -> Path:
     return folder / f"{safe_name(specimen)}{SHEET_SUFFIX}"
 
 
+def notes_path(run: Path) -> Path:
+    """Return the path of a run's sidecar."""
+    return run.with_suffix(NOTES_SUFFIX)
+
+
 def folded_name(specimen: str) -> str:
-    """Return the name that earlier versions gave: other characters became `-`, so that names could coincide."""
+    """Return the name of earlier versions: other characters became `-`, so that names could coincide."""
     kept = "".join(char if char.isalnum() or char in "-." else "-" for char in specimen)
     return truncate_utf8(kept, MAX_NAME_BYTES).decode() or "unnamed"
 
 
 def other_specimen_message(path: Path, suffix: str, owner: str, specimen: str) -> str:
-    """Return why a file cannot be used for a specimen: it belongs to another one, `owner`."""
+    """Return the reason why a file cannot be used for a specimen: it belongs to another one, `owner`."""
     right = safe_name(owner) + suffix
     remedy = (
         "this file system does not distinguish upper and lower case; give the specimen another name, or use another folder"

@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from protocols.base import RunStatus, visible_text
-from protocols.runfile.errors import READ_FAILURES
+from protocols.runfile.errors import (
+    READ_FAILURES,
+    NewerFormatError,
+    NotARunError,
+    RunReadError,
+    UnfinishedStorageError,
+)
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
 from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
@@ -23,33 +29,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 READ_ATTEMPTS = 24
-"""For a piece of a growing file; together they take some ten milliseconds."""
-
-
-class RunReadError(Exception):
-    """A file cannot be read as a run; the message contains the path and the reason."""
-
-
-class NotARunError(RunReadError):
-    """An HDF5 file of another kind."""
-
-
-class NewerFormatError(RunReadError):
-    """A run from a newer version of this program."""
-
-
-class UnfinishedStorageError(RunReadError):
-    """The program was killed while it stored results, which a journal holds."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(
-            f"{path}: results are being stored in it, or its program was killed meanwhile; 'tactor-bench verify --repair' completes it"
-        )
+"""Number of read attempts for a piece of a growing file; together they take some ten milliseconds."""
 
 
 @contextmanager
 def translate_read_errors(path: Path) -> Iterator[None]:
-    """Raise RunReadError for anything that reading a damaged file raises."""
+    """Raise RunReadError for all errors of reading a damaged file."""
     try:
         yield
     except StructureError as error:
@@ -87,12 +72,12 @@ def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def open_run(path: Path) -> "h5py.File":
-    """Open the file read-only, whether finished, being written, or left by a crash.
+    """Open the file read-only: finished, growing, or crashed.
 
-    This is the only way to a file that is read: links, storage and sizes of the whole file are checked first.
+    All reading begins here: links, storage and sizes of the whole file are checked first.
 
     Raises:
-        RunReadError: it is missing, not an HDF5 file, cut off, damaged, or built as no file of this program is.
+        RunReadError: it is missing, no HDF5 file, cut off, damaged, or unlike any file of this program.
     """
     try:
         return _open(path)
@@ -106,15 +91,15 @@ def open_run(path: Path) -> "h5py.File":
 
 def _open(path: Path) -> "h5py.File":
     _check_readable(path)
-    import h5py  # slow to import, and the window is painted first
+    import h5py  # slow to import; the window is painted first
 
-    # A finished run opens directly, and a cut-off file is reported. A run that is being written, or was left by a
-    # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
+    # A finished run opens directly, and a cut-off file is reported. A growing or crashed run opens for a SWMR reader only. No
+    # locks: a reader must never keep the writer from closing its file in order.
     try:
         return _checked(path, h5py.File(path, "r", libver="latest", locking=False))
     except (OSError, ValueError) as error:
         failure: Exception = error
-    if "locking flag" in str(failure):  # a caller of this process has it open with locks; HDF5 wants the same once more
+    if "locking flag" in str(failure):  # this process has it open with locks; HDF5 requires equal settings for all
         with suppress(OSError, ValueError):
             return _checked(path, h5py.File(path, "r", libver="latest"))
     cut_off = re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", str(failure))
@@ -127,13 +112,13 @@ def _open(path: Path) -> "h5py.File":
     else:
         try:
             with translate_read_errors(path):
-                # A full disk leaves a short file too, but never one with the status of a regular end.
+                # A full disk also leaves a short file, but never with the status of a regular end.
                 if not cut_off or _has_irregular_end(path, file):
                     return _checked(path, file)
         except RunReadError as error:
             if not cut_off or isinstance(error.__cause__, StructureError):
                 raise
-        file.close()  # else HDF5 returns the same damaged file at the next opening
+        file.close()  # otherwise HDF5 returns the same damaged file at the next opening
     if cut_off:
         present, expected = cut_off.groups()
         raise RunReadError(
@@ -148,11 +133,11 @@ def _has_irregular_end(path: Path, file: "h5py.File") -> bool:
 
 
 def _check_file(path: Path, file: "h5py.File") -> None:
-    """Raise RunReadError for a file that is not a run, or has no structure of a run."""
+    """Raise RunReadError for a file that is no run, or lacks the structure of a run."""
     kind, version = "", 0
     with translate_read_errors(path):
         if "format" in file.attrs:
-            with suppress(ValueError):  # another program's
+            with suppress(ValueError):  # a file of another program
                 kind = attribute_text(file, "format")
         if kind == FORMAT:
             version = attribute_integer(file, "format_version") if "format_version" in file.attrs else 0
@@ -167,7 +152,7 @@ def _check_file(path: Path, file: "h5py.File") -> None:
 
 
 def _checked(path: Path, file: "h5py.File") -> "h5py.File":
-    """Return the file if it is a run that may be read; close it otherwise."""
+    """Return the file if it is a readable run; close it otherwise."""
     try:
         _check_file(path, file)
     except RunReadError:
@@ -177,8 +162,8 @@ def _checked(path: Path, file: "h5py.File") -> "h5py.File":
 
 
 def _check_readable(path: Path) -> None:
-    """Reject what can be checked without HDF5."""
-    if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a name is too long
+    """Reject a file by checks without HDF5."""
+    if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises for a name that is too long
         raise RunReadError(f"there is no file {path}")
     if not path.is_file():
         raise RunReadError(f"{path} is {'a folder' if path.is_dir() else 'no file'}; give a run file")
@@ -204,7 +189,7 @@ def _bounded_retry_access() -> "h5py.h5p.PropFAID":
     access.set_libver_bounds(h5py.h5f.LIBVER_LATEST, h5py.h5f.LIBVER_LATEST)
     access.set_file_locking(False, True)
     access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
-    for library in (h5py.h5.__file__, "hdf5"):  # the symbols of a dependency are found through it; by name on Windows
+    for library in (h5py.h5.__file__, "hdf5"):  # symbols of a dependency resolve through it; by name on Windows
         try:
             limit = ctypes.CDLL(library).H5Pset_metadata_read_attempts
         except (OSError, AttributeError):

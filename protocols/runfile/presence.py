@@ -1,4 +1,4 @@
-"""Presence of a run file that is being written, the process that writes it, and the mark of an open file in its superblock."""
+"""Presence of a growing run file, its writing process, and the mark of an open file in its superblock."""
 
 import contextlib
 import os
@@ -16,17 +16,17 @@ class FilePresence:
     """Compares the path of an open file with the file itself.
 
     Args:
-        path: where the file was created.
-        descriptor: of the open file; duplicated, so that a deleted file can still be read.
+        path: path at creation.
+        descriptor: descriptor of the open file; duplicated, so that a deleted file can still be read.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
         self._descriptor = os.dup(descriptor) if os.name == "posix" else None
-        found = path.stat()
-        self._identity, self._size = (found.st_dev, found.st_ino), found.st_size
+        status = path.stat()
+        self._identity, self._size = (status.st_dev, status.st_ino), status.st_size
         self.problem = ""
-        """What happened to the file; empty while it is where it was created."""
+        """Loss of the file as text; empty while it is at its path."""
         self.moved_to: Path | None = None
         self.is_cut = False
         """Whether samples are lost, because the file was truncated."""
@@ -35,31 +35,31 @@ class FilePresence:
         """Compare path and file.
 
         Raises:
-            FileLostError: the path leads to no file, to another one, or to fewer bytes than were written.
+            FileLostError: the path leads to no file, to another file, or to fewer bytes than written.
         """
         if self.problem:
             raise FileLostError(f"the run file {self._path} {self.problem}")
-        found: os.stat_result | None = None
+        status: os.stat_result | None = None
         with contextlib.suppress(OSError):
-            found = self._path.stat()
-        if found is None or (found.st_dev, found.st_ino) != self._identity:
-            self.problem = self._what_happened(replaced=found is not None)
-        elif found.st_size < self._size:
+            status = self._path.stat()
+        if status is None or (status.st_dev, status.st_ino) != self._identity:
+            self.problem = self._describe_loss(replaced=status is not None)
+        elif status.st_size < self._size:
             self.is_cut = True
-            self.problem = f"was cut from {self._size} to {found.st_size} bytes while it was being written; the samples in it are lost"
+            self.problem = f"was cut from {self._size} to {status.st_size} bytes while it was being written; the samples in it are lost"
         else:
-            self._size = found.st_size
+            self._size = status.st_size
             return
         raise FileLostError(f"the run file {self._path} {self.problem}")
 
     def note_size(self) -> None:
-        """Take the present size as the least size of the file from now on."""
+        """Use the present size as the smallest valid size of the file from now on."""
         with contextlib.suppress(OSError):
-            found = os.fstat(self._descriptor) if self._descriptor is not None else self._path.stat()
-            self._size = max(self._size, found.st_size)
+            status = os.fstat(self._descriptor) if self._descriptor is not None else self._path.stat()
+            self._size = max(self._size, status.st_size)
 
     def restore(self, path: Path) -> None:
-        """Copy the deleted or detached file to `path`, which does not exist.
+        """Copy the deleted or detached file to the new file `path`.
 
         Raises:
             OSError: it cannot be copied.
@@ -76,32 +76,32 @@ class FilePresence:
             os.fsync(copy.fileno())
 
     def close(self) -> None:
-        """Close the duplicate descriptor; a deleted file is gone afterwards."""
+        """Close the duplicate descriptor; a deleted file is lost afterwards."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
 
-    def _what_happened(self, replaced: bool) -> str:
+    def _describe_loss(self, replaced: bool) -> str:
         if self._descriptor is not None:
-            found = os.fstat(self._descriptor)
-            if not stat.S_ISREG(found.st_mode) or found.st_nlink == 0:
+            status = os.fstat(self._descriptor)
+            if not stat.S_ISREG(status.st_mode) or status.st_nlink == 0:
                 return f"was {'replaced by another file' if replaced else 'deleted'} while it was being written"
             with contextlib.suppress(OSError):
                 candidate = Path(f"/proc/self/fd/{self._descriptor}").readlink()
-                if os.path.samestat(candidate.stat(), found):
+                if os.path.samestat(candidate.stat(), status):
                     self.moved_to = candidate
                     return f"was moved to {candidate} while it was being written"
         return "can no longer be reached: it, its folder or its disk was moved or removed while it was being written"
 
 
 def writer_is_alive(path: Path, pid: int) -> bool:
-    """Whether the process that created a run file on this computer still writes it; its number may be another's by now."""
+    """Whether the process that created a run file on this computer still writes it; its number may have been reused."""
     return process_is_alive(pid) and (os.name == "nt" or pid == os.getpid() or _has_open(path, pid))
 
 
 def process_is_alive(pid: int) -> bool:
-    """Whether there is a process of this number."""
-    if os.name == "nt":  # no harmless signal there: a stale number then counts as a running program
+    """Whether a process has this number."""
+    if os.name == "nt":  # Windows has no harmless signal: a stale number counts as a running program
         return True
     try:
         os.kill(pid, 0)
@@ -113,7 +113,7 @@ def process_is_alive(pid: int) -> bool:
 
 
 def _has_open(path: Path, pid: int) -> bool:
-    """Whether a process has a file open; also true where the system cannot tell."""
+    """Whether a process has a file open; also true on a system that cannot answer."""
     try:
         file = path.stat()
         handles = list(Path(f"/proc/{pid}/fd").iterdir())
@@ -130,10 +130,10 @@ _LAYOUT = struct.Struct("<8sBBBBQQQQ")
 _CHECKSUM = struct.Struct("<I")
 SUPERBLOCK_BYTES = _LAYOUT.size + _CHECKSUM.size
 WRITING_VERSION = 3
-"""The version that marks a file that is open for writing."""
+"""Superblock version with the mark of a file open for writing."""
 SWMR_FLAG = 0b100
 WRITE_FLAGS = 0b001 | SWMR_FLAG
-"""Open for writing, and open in SWMR mode."""
+"""Marks: open for writing, and open in SWMR mode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,12 +145,12 @@ class Superblock:
     base: int
     extension: int
     end: int
-    """Length of the file as of the last time it was stored."""
+    """Stored length of the file."""
     root: int
 
     @classmethod
     def read(cls, path: Path) -> Self | None:
-        """Return the superblock of a file; None if it has none of this kind, or a damaged one.
+        """Return the superblock of a file; None if it is of another kind or damaged.
 
         Raises:
             OSError: the file cannot be read.
@@ -171,7 +171,7 @@ class Superblock:
 
     @property
     def is_readable(self) -> bool:
-        """Whether the file can be opened for reading, be it in SWMR mode."""
+        """Whether the file can be opened for reading, at least in SWMR mode."""
         return not self.is_marked or bool(self.flags & SWMR_FLAG)
 
     def cleared(self, size: int) -> Self:
@@ -187,7 +187,7 @@ class Superblock:
 
 
 def jenkins_lookup3(text: bytes) -> int:
-    """Return Bob Jenkins' lookup3 hash, with which HDF5 checks its metadata."""
+    """Return Bob Jenkins' lookup3 hash, HDF5's checksum of metadata."""
     a = b = c = (0xDEADBEEF + len(text)) & 0xFFFFFFFF
     *blocks, last = [text[i : i + 12] for i in range(0, len(text), 12)] or [b""]
     for block in blocks:

@@ -1,4 +1,4 @@
-"""Run file reader: a run that is finished, still being written, or left by a crash."""
+"""Run file reader: a finished, growing or crashed run."""
 
 import math
 import socket
@@ -26,6 +26,7 @@ from protocols.base import (
     usable_mask,
     visible_text,
 )
+from protocols.runfile.errors import NewerFormatError, NotARunError, RunReadError
 from protocols.runfile.fields import (
     ROWS_PER_READ,
     attribute_integer,
@@ -40,19 +41,13 @@ from protocols.runfile.fields import (
     table,
 )
 from protocols.runfile.foreign_file_check import StructureError, is_run_beside
-from protocols.runfile.open import (
-    NewerFormatError,
-    NotARunError,
-    RunReadError,
-    open_run,
-    reads_run,
-    translate_read_errors,
-)
+from protocols.runfile.names import notes_path
+from protocols.runfile.open import open_run, reads_run, translate_read_errors
 from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.record import LargestPoint, RunRecord, current_parameters
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
-from protocols.runfile.sidecar import NotesError, notes_path, read_notes, with_later_verdict
+from protocols.runfile.sidecar import NotesError, read_notes, with_later_verdict
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
 
 if TYPE_CHECKING:
@@ -80,10 +75,10 @@ class StartedEntry:
 
 
 LARGEST_POINT_COLUMNS = ("frequency", "peak_to_peak", "peak_to_peak_errors", "drive_amplitude", "quality")
-"""Columns of points from which the largest response is found."""
+"""Columns of points with the largest response."""
 
 MAX_EARLIER_RUNS = 1000
-"""Runs that one run continues, one after the other."""
+"""Largest number of runs that a run continues in succession."""
 
 
 @reads_run
@@ -91,8 +86,8 @@ class Run(Closeable):
     """An open run file, read-only.
 
     Raises:
-        RunReadError: the file is missing, is not a run, is damaged or hostile, or comes from a newer version of this
-            program. Every property and method raises it where the damage is met only then.
+        RunReadError: the file is missing, is not a run, is damaged or hostile, or comes from a newer version of this program.
+            Every property and method raises it for damage detected later.
     """
 
     def __init__(self, path: Path, file: "h5py.File | None" = None) -> None:
@@ -111,9 +106,9 @@ class Run(Closeable):
 
     @cached_property
     def record(self) -> RunRecord:
-        """All facts of the run, as they were when this was first read.
+        """All facts of the run, at the time of the first access.
 
-        A verdict that was stored after its end is the verdict, unless the file has changed since: `caution` then states it.
+        A verdict stored after the end replaces the verdict, unless the file has changed since: then `caution` has a text.
         """
         record = self.stored_record()
         try:
@@ -123,25 +118,25 @@ class Run(Closeable):
 
     @property
     def resumed_from(self) -> Path | None:
-        """The run that this one resumed."""
+        """The run that this run resumes."""
         earlier = read_raw_text(self._entry, "continues") if "continues" in self._entry else ""
         if earlier and not is_run_beside(earlier):
             raise StructureError(f"it continues '{visible_text(earlier)}'")
         return self.path.parent / earlier if earlier else None
 
     def earlier_runs(self) -> list[Path]:
-        """Return the runs that this one continues, the oldest first, as far back as their files are there."""
-        found: list[Path] = []
-        known = {self.path.resolve()}
+        """Return the runs that this run continues, the oldest first, as far back as their files exist."""
+        runs: list[Path] = []
+        visited = {self.path.resolve()}
         earlier = self.resumed_from
         while earlier is not None and earlier.exists():
-            if earlier.resolve() in known or len(found) == MAX_EARLIER_RUNS:
+            if earlier.resolve() in visited or len(runs) == MAX_EARLIER_RUNS:
                 raise StructureError(f"it continues {earlier.name}, which continues this run in its turn")
-            known.add(earlier.resolve())
-            found.append(earlier)
+            visited.add(earlier.resolve())
+            runs.append(earlier)
             with Run(earlier) as before:
                 earlier = before.resumed_from
-        return found[::-1]
+        return runs[::-1]
 
     @cached_property
     def trace(self) -> RunTrace:
@@ -156,14 +151,14 @@ class Run(Closeable):
         yield from self.trace.recordings()
 
     def points(self) -> dict[str, Array]:
-        """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
+        """Return the points' columns by name, of equal length; `entry` is the plan entry of each point."""
         return self._stored_points()
 
     def _stored_points(self) -> dict[str, Array]:
         datasets = self._point_columns
         length = min((data.shape[0] for data in datasets.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
-        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
+        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: entries in order
         return columns
 
     def units(self) -> dict[str, str]:
@@ -193,19 +188,19 @@ class Run(Closeable):
 
     def entries(self) -> dict[int, StartedEntry]:
         """Return the started entries by their index in the plan, including those of the resumed run."""
-        found: dict[int, StartedEntry] = {}
+        entries: dict[int, StartedEntry] = {}
         for earlier in self.earlier_runs():
             with Run(earlier) as before:
-                found |= before._own_entries()
-        return found | self._own_entries()
+                entries |= before._own_entries()
+        return entries | self._own_entries()
 
     def series(self) -> tuple[Series, ...]:
-        """Return the series of the entries; none in a run that was never finished."""
+        """Return the series of the entries; none in an unfinished run."""
         every = subgroup(self._entry, SERIES_GROUP) if SERIES_GROUP in self._entry else {}
         return tuple(series for name in every for series in read_series(subgroup(every, name)))
 
     def stored_record(self) -> RunRecord:
-        """Return the record as the file has it.
+        """Return the record of the file.
 
         Raises:
             RunReadError: a field is damaged.
@@ -243,7 +238,7 @@ class Run(Closeable):
         )
 
     def _is_abandoned(self) -> bool:
-        """Whether the process that wrote the file is gone."""
+        """Whether the writing process of the file has ended."""
         if REPAIRED in self._entry:
             return True
         own = self._text("host") == socket.gethostname()
@@ -255,12 +250,12 @@ class Run(Closeable):
             ended_early = judged and status not in (RunStatus.RUNNING, RunStatus.COMPLETED)
             return Verdict.of_status(status, reason) if ended_early else Verdict()
         verdict = Verdict.from_record(read_object(self._entry, "verdict_details"))
-        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
+        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for a wrong type
         return verdict
 
     def _rest_record(self) -> RestRecord | None:
-        """Return where interference was measured at rest; None where it was not."""
-        found = None
+        """Return the record of interference at rest; None if not measured."""
+        record = None
         for event in self.events():
             if event.kind == InterferenceMeasured.kind:
                 first, last = event.fields["rows"]
@@ -271,8 +266,9 @@ class Run(Closeable):
                     and isinstance(true_hz := line.get("folded_from_hz"), float)
                     and math.isfinite(true_hz)
                 }
-                found = RestRecord((int(first), int(last)), folded)  # again after the run, where lines are folded
-        return found
+                # Measured again after the run, if lines are folded.
+                record = RestRecord((int(first), int(last)), folded)
+        return record
 
     def _own_entries(self) -> dict[int, StartedEntry]:
         started = (event.fields for event in self.events() if event.kind == EntryStarted.kind)
@@ -289,7 +285,7 @@ class Run(Closeable):
 
 
 def _read_conditions(entry: "h5py.Group") -> RunConditions:
-    # A newer version may have something else of this name.
+    # A newer version may use the name for another object.
     user = subgroup(entry, "operator") if hasattr(entry.get("operator"), "keys") else None
     air = subgroup(entry, "instrument") if "instrument" in entry else {}
     temperature_c, humidity = (
@@ -306,20 +302,20 @@ def _read_conditions(entry: "h5py.Group") -> RunConditions:
 
 
 def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
-    """Return the quantities in their stored order; in files without one by their names, interference last."""
-    estimates = subgroup(entry, "estimates") if "estimates" in entry else {}
-    found = (
+    """Return the quantities in their stored order; without a stored order by their names, interference last."""
+    stored = subgroup(entry, "estimates") if "estimates" in entry else {}
+    estimates = (
         EstimatedQuantity(
-            visible_text(current_name(name)),
+            attribute_text(one, "name") if "name" in one.attrs else visible_text(current_name(name)),
             read_number(one, "value"),
             read_number(one, "standard_error"),
             attribute_text(one["value"], "units"),
             read_text(one, "source"),
         )
-        for name in estimates
-        for one in (subgroup(estimates, name),)
+        for name in stored
+        for one in (subgroup(stored, name),)
     )
-    return tuple(sorted(found, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
+    return tuple(sorted(estimates, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
 
 
 def _series_names(entry: "h5py.Group") -> tuple[str, ...]:
@@ -341,7 +337,9 @@ def _largest_point(points: Mapping[str, Array]) -> LargestPoint | None:
     if not good.any():
         return None
     top = int(np.flatnonzero(good)[y[good].argmax()])
-    return LargestPoint(float(f[top]), float(y[top]), float(errors[top]), float(np.median(drive[good])))
+    drives = np.sort(drive[good])  # np.median imports numpy.ma
+    median = (drives[(drives.size - 1) // 2] + drives[drives.size // 2]) / 2
+    return LargestPoint(float(f[top]), float(y[top]), float(errors[top]), float(median))
 
 
 def _event(row: Any, texts: list[bytes]) -> LoggedEvent:

@@ -1,4 +1,4 @@
-"""Run record: every fact of a run but its points, series, events and samples.
+"""Run record: all facts of a run except points, series, events and samples.
 
 A new fact of a run is a field here: the writer's `create_file` stores it, `Run` reads it, and lists, reports, exports and the public
 interface have it from `record`.
@@ -26,7 +26,7 @@ from protocols.base import (
 
 NO_SENSOR = LaserSensor("", 0.0)
 LISTED_CONFIGURATION = ("name", "identities")
-"""Tables of the configuration that are in the JSON form."""
+"""Tables of the configuration in the JSON form."""
 DECODED_RECORDS = 2048
 
 
@@ -44,8 +44,8 @@ class LargestPoint:
 class RunRecord:
     """Facts of a run: identity, people and conditions, instruments, verdict, estimates, key figures.
 
-    Its JSON form, which lists and the sidecar use, has of the configuration only the bench's name and the identities, and neither
-    the reference model nor the software.
+    Its JSON form, for lists and the sidecar, has only the bench's name and the identities of the configuration, only failed checks,
+    and no reference model and software.
     """
 
     protocol: str = ""
@@ -53,50 +53,50 @@ class RunRecord:
     """Protocol and specimen."""
     specimen: str = "unnamed"
     start_time: str = ""
-    """ISO 8601, UTC."""
+    """Start time, ISO 8601, UTC."""
     simulated: bool = False
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """The protocol's parameters by name, SI."""
     requested: Mapping[str, Any] = field(default_factory=dict)
-    """Requested values of the parameters that were adapted to the source; empty if none was."""
+    """Requested values of parameters adapted to the source; empty without adaptation."""
     imported: Mapping[str, Any] = field(default_factory=dict)
     """Source files, hashes and columns of an imported run; empty for a measured one."""
     continues: str = ""
-    """File of the run that this one continues, relative to its folder; empty if none."""
+    """File of the continued run, relative to its folder; empty without one."""
     conditions: RunConditions = field(default_factory=RunConditions)
-    """Who measured, and the state of the air; empty in runs of earlier versions."""
+    """Operator, and state of the air; empty in runs of earlier versions."""
     configuration: Mapping[str, Any] = field(default_factory=dict)
     """The bench file's tables at the time of the run."""
     sensor: LaserSensor = NO_SENSOR
     """The displacement sensor with its calibration."""
     reference: Mapping[str, Any] = field(default_factory=dict)
-    """Model of the free specimen that the verdict compares with; empty in runs of earlier versions and imports."""
+    """Model of the free specimen for the verdict's comparison; empty in runs of earlier versions and imports."""
     software: Mapping[str, str] = field(default_factory=dict)
     """Versions of the software that computed the results, by name."""
     axes: tuple[str, str] = ("", "")
-    """Columns of the points that are plotted: x and y."""
+    """Plotted columns of the points: x and y."""
     default_plot: str = ""
-    """Name of the series that a NeXus viewer opens to; empty where that is the points."""
+    """Name of the series that a NeXus viewer shows first; empty for the points."""
     status: RunStatus = RunStatus.RUNNING
     crashed: bool = False
-    """Whether the status is `running` but the writing process is gone (known on the same computer, or once repaired)."""
+    """Whether the status is `running` but the writing process has ended (known on the same computer, or after repair)."""
     reason: str = ""
-    """How and why it ended; empty until then."""
+    """Kind and reason of the end; empty before it."""
     verdict: Verdict = field(default_factory=Verdict)
-    """Not judged if it is of an earlier version, imported, or has not ended."""
+    """Verdict; not judged for a run of an earlier version, an import, or before the end."""
     estimates: tuple[EstimatedQuantity, ...] = ()
-    """The most important first."""
+    """Estimates, the most important first."""
     series: tuple[str, ...] = ()
-    """Names of its series, each once."""
+    """Names of its series, without repeats."""
     point_count: int = 0
     entry_count: int = 0
-    """Entries of the plan that have a point."""
+    """Number of entries of the plan with a point."""
     duration_s: float = 0.0
-    """Of the samples."""
+    """Duration of the samples."""
     largest: LargestPoint | None = None
-    """None for points without max - min."""
+    """Largest response; None for points without max - min."""
     caution: str = ""
-    """Why what was stored about the run after its end is not used; empty without such a reason."""
+    """Reason for ignoring data stored after the end of the run; empty without such a reason."""
 
     @property
     def state(self) -> str:
@@ -112,7 +112,7 @@ class RunRecord:
 
     @property
     def reference_model(self) -> ReferenceModel | None:
-        """Model of the free specimen that the verdict compares with.
+        """Model of the free specimen for the verdict's comparison.
 
         Raises:
             KeyError, TypeError, ValueError: the stored model is damaged.
@@ -131,17 +131,18 @@ class RunRecord:
 
     @property
     def amplifier_map(self) -> AmplifierMap:
-        """The amplifier's static map as it was then."""
+        """The amplifier's static map at the time of the run."""
         table = self.configuration.get("amplifier", {})
         return AmplifierMap(**{f.name: float(table[f.name]) for f in fields(AmplifierMap) if f.name in table})
 
     def for_lists(self) -> Self:
-        """Return the record without what lists do not use."""
+        """Return the record without fields that lists do not use."""
         kept = {name: self.configuration[name] for name in LISTED_CONFIGURATION if name in self.configuration}
-        return replace(self, configuration=kept, reference={}, software={})
+        verdict = replace(self.verdict, checks=self.verdict.failed_checks)
+        return replace(self, configuration=kept, reference={}, software={}, verdict=verdict)
 
     def to_json(self) -> str:
-        """Return the JSON form for lists; values that are not finite are null, and defaults are left out."""
+        """Return the JSON form for lists; non-finite values are null, and defaults are left out."""
         listed = self.for_lists()
         plain = {
             name: to_jsonable(value)
@@ -157,24 +158,25 @@ class RunRecord:
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any], text: str) -> Self:
-        """Return the record of a parsed JSON form, of which `text` is the text.
+        """Return the record of a parsed JSON form with the text `text`.
 
         Raises:
-            ArithmeticError, AttributeError, LookupError, TypeError, ValueError: it is none of this version.
+            ArithmeticError, AttributeError, LookupError, TypeError, ValueError: it is no record of this version.
         """
-        if "\\" in text or not text.isprintable():
+        is_visible = "\\" not in text and text.isprintable()
+        if not is_visible:
             plain = visible_values(plain)
         for name, kind in _PLAIN.items():
             if name in plain and not isinstance(plain[name], kind):
                 raise TypeError(f"{name} has another type")
-            if kind is str and name in plain:
+            if kind is str and name in plain and not is_visible:
                 plain[name] = visible_text(plain[name])
         return cls(**plain | {name: read(plain[name]) for name, read in _COMPOSED.items() if name in plain})
 
 
 @lru_cache(DECODED_RECORDS)
 def decode_record(text: str) -> RunRecord:
-    """Return the record of a JSON form that this program wrote."""
+    """Return the record of a JSON form written by this program."""
     return RunRecord.from_json(text)
 
 
@@ -195,7 +197,7 @@ _DEFAULTS = {f.name: getattr(RunRecord(), f.name) for f in fields(RunRecord)}
 _PLAIN: Mapping[str, Any] = {
     name: type(default) for name, default in _DEFAULTS.items() if type(default) in (str, bool, int, dict)
 } | {"duration_s": (int, float)}
-"""Types of the fields that are stored as they are."""
+"""Types of the fields stored without conversion."""
 _COMPOSED: Mapping[str, Any] = {
     "parameters": current_parameters,
     "conditions": lambda plain: RunConditions(**plain),

@@ -1,4 +1,4 @@
-"""Repair of a run file whose program was killed: every program can open it afterwards, and its checksums are complete."""
+"""Repair of a run file whose program was killed: afterwards every program can open it, and its checksums are complete."""
 
 import importlib
 import json
@@ -14,30 +14,27 @@ import h5py
 import numpy as np
 
 from protocols.base import RunStatus
-from protocols.runfile.checksums import store_checksums, stored_digests
 from protocols.runfile.creation import creator_of
-from protocols.runfile.errors import StorageError, os_error_text
+from protocols.runfile.errors import RunReadError, StorageError, os_error_text
 from protocols.runfile.fields import read_integer, read_text
 from protocols.runfile.names import truncate_utf8
-from protocols.runfile.open import RunReadError, open_run, translate_read_errors
 from protocols.runfile.presence import Superblock, process_is_alive, writer_is_alive
 from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, MAX_TEXT_BYTES, REPAIRED
-from protocols.runfile.transaction import has_journal, replay_journal, transaction
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 RESULTS_LOST = "its program was killed before it had stored the results"
 
 FOREIGN_IDLE_S = 3600.0
-"""A file of another computer counts as abandoned if it has not changed for this long."""
+"""Time without change after which a file of another computer counts as abandoned."""
 
 
 def repair_folder(folder: Path, complete: Callable[[Path], str] = lambda _: "") -> Iterator[str]:
     """Repair the run files that killed programs of this computer left in a folder; yield a sentence for each.
 
     Args:
-        folder: where the run files are.
-        complete: stores the results of a run that had ended without them; returns a sentence.
+        folder: folder of the run files.
+        complete: function that stores missing results of an ended run and returns a sentence.
     """
     try:
         names = [entry.name for entry in os.scandir(folder)]
@@ -49,23 +46,25 @@ def repair_folder(folder: Path, complete: Callable[[Path], str] = lambda _: "") 
             if name.endswith(".h5") and path.is_file() and needs_repair(path):
                 yield repair_run(path, complete)
             elif (creator := creator_of(name)) is not None and not process_is_alive(creator):
-                path.unlink()  # a run file that was being created
-        except (OSError, StorageError, RunReadError):  # in use, of another computer, damaged, or no run
+                path.unlink()  # an incompletely created run file
+        except (OSError, StorageError, RunReadError):  # in use, from another computer, damaged, or no run
             continue
 
 
 def needs_repair(path: Path) -> bool:
-    """Whether a file was not closed, or changes of it were not applied.
+    """Whether a file is not closed, or has unapplied changes.
 
     Raises:
         OSError: it cannot be read.
     """
+    from protocols.runfile.transaction import has_journal  # a new folder has no file
+
     block = Superblock.read(path)
     return (block is not None and block.is_marked) or has_journal(path)
 
 
 def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> str:
-    """Repair a run file whose program was killed; return a sentence, or an empty text if nothing had to be done.
+    """Repair a run file whose program was killed; return a sentence, or an empty text without repair.
 
     Args:
         path: the run file.
@@ -73,10 +72,14 @@ def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> st
 
     Raises:
         RunReadError: it is not a run, or damaged.
-        StorageError: a program still writes it, or it cannot be changed.
+        StorageError: a program still writes it, or it is not writable.
     """
+    from protocols.runfile.checksums import store_checksums, stored_digests  # a start finds no such file as a rule
+    from protocols.runfile.open import open_run, translate_read_errors
+    from protocols.runfile.transaction import replay_journal, transaction
+
     try:
-        replayed = replay_journal(path, keep_announcement=True)  # first: a file that was being changed need not open
+        replayed = replay_journal(path, keep_announcement=True)  # first: a file with unapplied changes may not open
         block = Superblock.read(path)
         marked = block is not None and block.is_marked
         if block is not None and not block.is_readable:  # killed between creation and the first sample
@@ -85,12 +88,12 @@ def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> st
             entry = file["entry"]
             status, host = read_text(entry, "status"), read_text(entry, "host")
             pid, has_checksums = read_integer(entry, "process_id"), stored_digests(file) is not None
-            old = "verdict" not in entry  # of a version without checksums
+            old = "verdict" not in entry  # a version without checksums
         if marked or not (has_checksums or old):
             _check_not_in_use(path, host, pid)
         without_results = status != RunStatus.RUNNING and not (has_checksums or old)
         if not marked and (has_checksums or old):
-            replay_journal(path)  # which removes an incomplete one
+            replay_journal(path)  # removes an incomplete one
             return f"{path}: the results that a killed program had not stored are stored now" if replayed else ""
         with transaction(path) as changed:
             if block is not None:
@@ -114,7 +117,7 @@ def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> st
 
 
 def _clear_mark(path: Path, block: Superblock) -> None:
-    """Clear the mark of a file that is complete but was not yet open in SWMR mode.
+    """Clear the mark of a complete file that was not yet open in SWMR mode.
 
     Raises:
         StorageError: a program has the file open.
@@ -122,7 +125,7 @@ def _clear_mark(path: Path, block: Superblock) -> None:
     with path.open("r+b") as file:
         if fcntl is not None:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # HDF5 has it locked in this state
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # HDF5 locks it in this state
             except OSError:
                 raise StorageError(f"{path} is open in another program; wait until it has closed the file") from None
         file.write(block.cleared(path.stat().st_size).pack())
@@ -139,10 +142,10 @@ def _check_not_in_use(path: Path, host: str, pid: int) -> None:
 
 
 def _mend(entry: Any) -> tuple[int, int]:
-    """Make the tables of an interrupted run consistent; return how many samples and points it has."""
+    """Make the tables of an interrupted run consistent; return its numbers of samples and points."""
     for table in (entry["trace"], entry["points"], entry):
         for name in table:
-            # The link to the run that this one continues is not followed.
+            # The link to the continued run is not followed.
             data = table[name] if isinstance(table.get(name, getlink=True), h5py.HardLink) else None
             if isinstance(data, h5py.Dataset) and data.chunks:
                 _mend_last_chunks(data)
@@ -157,9 +160,9 @@ def _mend(entry: Any) -> tuple[int, int]:
 
 
 def _mend_last_chunks(data: Any) -> None:
-    """Compute the checksums of the last two chunks again if they were being overwritten when the program was killed.
+    """Recompute the checksums of the last two chunks if the program was killed while it overwrote them.
 
-    Rows are only appended, so that an older part of such a chunk equals the newer one.
+    Rows are only appended, so that older and newer content of such a chunk agree.
     """
     length = data.chunks[0]
     last = max(data.shape[0] - 1, 0) // length * length
@@ -184,7 +187,7 @@ def _with_checksum(values: np.ndarray) -> bytes:
 
 
 def _drop_incomplete_event(events: Any) -> None:
-    """Remove the rows of a last event whose text is not complete."""
+    """Remove the rows of a last event with an incomplete text."""
     rows = events.shape[0]
     kinds = events["kind"] if rows else np.array([], "S1")
     first = max((i for i in range(rows) if kinds[i] != b"+"), default=0)

@@ -1,13 +1,13 @@
 """Run file schema: format version, names, record types and file names.
 
-NeXus: /entry (NXentry) with NXinstrument, NXdata groups and units on every dataset, so that a NeXus viewer opens it to a
-plot; simple enough for MATLAB's `h5read`.
+NeXus: /entry (NXentry) with NXinstrument, NXdata groups and units on every dataset, so that a NeXus viewer shows a plot; simple
+enough for MATLAB's `h5read`.
 """
 
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Unit
@@ -32,20 +32,20 @@ RECORDING_DTYPE = np.dtype(
     [("start_row", "i8"), ("stop_row", "i8"), ("quality", "i8"), ("entry", "i8"), ("drive", f"S{MAX_TEXT_BYTES}")]
 )
 ENTRY_COLUMN = "entry"
-"""Column of the points with the plan entry each belongs to."""
+"""Column of the points with their plan entries."""
 
 REPAIRED = "repaired"
-"""Time at which a crashed run was repaired; absent from all others."""
+"""Time at which a crashed run was repaired; absent from all other runs."""
 
 RESERVE_BYTES = 32_000_000
-"""A disk with less free space counts as full: HDF5 cannot recover from a failed write."""
+"""Smallest free space of a disk: HDF5 cannot recover from a failed write."""
 
 CHANNELS = ("drive", "displacement")
 FURTHER_CHANNELS = "further_channels"
-"""Attribute of /entry/trace with the names of the further inputs; absent where there are none."""
+"""Attribute of /entry/trace with the names of the further inputs; absent without further inputs."""
 MAX_FURTHER_CHANNELS = 64
 MAX_SCALING_COEFFICIENTS = 4
-"""Scaling coefficients kept per channel."""
+"""Number of scaling coefficients per channel."""
 
 
 def is_hdf5(path: Path) -> bool:
@@ -60,18 +60,30 @@ def is_hdf5(path: Path) -> bool:
 def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
     """Return the columns of a point type: name -> (unit, description, width); width 0 is a scalar.
 
-    A tuple field has a fixed width that its protocol always fills.
+    A tuple field has a fixed width, which its protocol always fills.
     """
     hints = get_type_hints(point_type, include_extras=True)
-    found: dict[str, tuple[str, str, int]] = {}
+    columns: dict[str, tuple[str, str, int]] = {}
     for field in fields(point_type):
         inner, *metadata = get_args(hints[field.name])
         unit = next((m.unit for m in metadata if isinstance(m, Unit)), "1")
         description = next((m for m in metadata if isinstance(m, str)), "")
-        found[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)
-    return found
+        columns[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)
+    return columns
+
+
+RESPONSE_COLUMNS = frozenset([
+    "frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors", "phase", "phase_errors",
+    "drive_amplitude", "drive_offset", "quality",
+])  # fmt: skip
+"""Columns of points under a sine. Points of any protocol that has them are drawn over frequency with the curve of the model."""
+
+
+def is_response(point: Any) -> bool:
+    """Return whether a point, or a type of points, has the columns of a response to a sine."""
+    return ({field.name for field in fields(point)} if is_dataclass(point) else vars(point).keys()) >= RESPONSE_COLUMNS
 
 
 def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:
-    """Return a path that sorts by time and names specimen and protocol: `20261121T091502Z_T7_sine-dwell.h5`."""
+    """Return a path with time, specimen and protocol, which sorts by time: `20261121T091502Z_T7_sine-dwell.h5`."""
     return folder / f"{started_at:%Y%m%dT%H%M%SZ}_{safe_name(specimen)}_{protocol}.h5"

@@ -1,6 +1,7 @@
 """Series of a run file, written and read: NXdata groups with signal, axes and errors."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,32 +17,41 @@ SERIES_GROUP = "curves"
 """Name of the group; files of every version have it."""
 
 
-def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str = "") -> None:
-    """Append series, each an NXdata group; the first of the name `default_plot` is what a NeXus viewer opens to."""
+def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str = "", gain_error: float = 0.0) -> None:
+    """Append series, each an NXdata group; a NeXus viewer shows the first one named `default_plot`.
+
+    `gain_error` is the sensor gain's relative standard uncertainty, a part of total errors; 0 or NaN if unknown.
+    """
     if not series:
         return
-    from protocols.runfile.creation import create_group
+    from protocols.runfile.creation import create_group, free_name
 
     entry = file["entry"]
     every = create_group(entry, SERIES_GROUP, "NXcollection")
-    for one in series:
-        made = f"{one.name}_{len(every):03d}".replace("/", " ")
-        group = create_group(every, made, "NXdata", signal=one.y_axis.name, axes=[one.x_axis.name])
-        group["title"] = one.title
+    for given in series:
+        made = free_name(every, f"{given.name}_{len(every):03d}")
+        group = create_group(every, made, "NXdata")
+        group["title"] = given.title
+        x, y = (free_name(group, axis.name) for axis in (given.x_axis, given.y_axis))
+        y += "_" * (x == y)
+        whole = given.with_gain(gain_error) if gain_error > 0 else given
+        one = replace(whole, x_axis=replace(given.x_axis, name=x), y_axis=replace(given.y_axis, name=y))
+        group.attrs.update({"signal": y, "axes": [x]})
         group.attrs.update({"name": one.name, "label": one.label, "entry": one.entry, "role": str(one.role)})
         if one.fit is not None:
-            group.attrs["auxiliary_signals"] = [one.y_axis.name + FIT]
+            group.attrs["auxiliary_signals"] = [y + FIT]
         for axis, values in one.columns():
-            group.create_dataset(axis.name, data=values).attrs.update({"units": axis.unit, "long_name": axis.long_name})
+            data = group.create_dataset(free_name(group, axis.name), data=values)
+            data.attrs.update({"units": axis.unit, "long_name": axis.long_name})
         if one.name == default_plot and "default" not in every.attrs:
             entry.attrs["default"], every.attrs["default"] = SERIES_GROUP, made
 
 
 def read_series(group: "h5py.Group") -> Iterator[Series]:
-    """Yield the series of a group; earlier files have further columns of the same x, which are series of their own.
+    """Yield the series of a group; in earlier files further columns of the same x become series of their own.
 
     Raises:
-        ValueError: the columns differ in length, or one of the axes is missing.
+        ValueError: the columns differ in length, or an axis is missing.
     """
     x, y = attribute_text(group, "axes"), attribute_text(group, "signal")
     datasets = quantity_columns(group)

@@ -1,6 +1,7 @@
 """Sidecar of a run file: tags, note, checks, a later verdict and the record for lists, in a small JSON file beside it.
 
-A run file is not touched after its end. What belongs to one state of it is bound to that state by its SHA-256 and not believed of another.
+A run file is not touched after its end. Data about one state of the file are bound to it by SHA-256 and ignored for any other
+state.
 """
 
 import hashlib
@@ -21,11 +22,11 @@ from protocols.base import (
     visible_values,
     write_atomic,
 )
+from protocols.runfile.names import notes_path
 from protocols.runfile.record import RunRecord
 
-NOTES_SUFFIX = ".notes.json"
 MAX_HASHED_BYTES = 16_000_000
-"""Files up to this length are hashed at the end of a run and where a list finds a copy; reading longer ones by HDF5 is faster."""
+"""Longest file that is hashed at the end of a run, and for a copy in a list; reading longer files by HDF5 is faster."""
 LOCK_TIMEOUT_S = 30.0
 _DIGEST_BYTES = 16
 _FIELDS = " ".join(field.name for field in fields(RunRecord))
@@ -40,10 +41,10 @@ class RunCheck:
     """A run was checked by a second person.
 
     Attributes:
-        name: of that person.
+        name: name of the person.
         time: ISO 8601, UTC.
-        sha256: of the run file as it was checked.
-        remark: what was found.
+        sha256: hash of the checked run file.
+        remark: remark of the person.
     """
 
     name: str
@@ -54,12 +55,12 @@ class RunCheck:
 
 @dataclass(frozen=True, slots=True)
 class LaterVerdict:
-    """A verdict that was stored after the end of the run.
+    """A verdict stored after the end of the run.
 
     Attributes:
         verdict: the verdict.
         time: ISO 8601, UTC.
-        sha256: of the run file as it was judged.
+        sha256: hash of the judged run file.
     """
 
     verdict: Verdict
@@ -69,7 +70,7 @@ class LaterVerdict:
 
 @dataclass(frozen=True, slots=True)
 class Notes:
-    """Content of a sidecar: tags, each a word or a few without a comma, free text, and what belongs to one state of the file."""
+    """Content of a sidecar: tags, each some words without a comma, free text, and data about one state of the file."""
 
     tags: tuple[str, ...] = ()
     note: str = ""
@@ -80,16 +81,11 @@ class Notes:
     """The record for lists with size, time of modification and SHA-256 of its file, and its digest."""
 
 
-def notes_path(run: Path) -> Path:
-    """Return the path of a run's sidecar."""
-    return run.with_suffix(NOTES_SUFFIX)
-
-
 def read_notes(path: Path) -> Notes:
-    """Read a sidecar; empty notes if there is no file.
+    """Read a sidecar; empty notes without a file.
 
     Raises:
-        NotesError: the file is there and cannot be understood.
+        NotesError: the file exists and is not understood.
     """
     try:
         record = read_json_file(path)
@@ -117,10 +113,10 @@ def read_notes(path: Path) -> Notes:
 def change_notes(run: Path, **changes: Any) -> Notes:
     """Replace fields of a run's sidecar, atomically, and return it; a sidecar without content is removed.
 
-    A function among the changes is called with the notes as they are and returns the value. Other programs wait meanwhile.
+    A function among the changes is called with the present notes and returns the value. Other programs wait meanwhile.
 
     Raises:
-        NotesError: the file cannot be written, or the one that is there cannot be understood and would be lost.
+        NotesError: the file cannot be written, or the existing file is not understood and would be lost.
     """
     path = notes_path(run)
     try:
@@ -141,7 +137,7 @@ def change_notes(run: Path, **changes: Any) -> Notes:
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
     """Hold the lock of a sidecar, which ends with its process; the lock file is removed. A share without locks has none."""
-    from filelock import FileLock, Timeout  # slow to import, and reading needs none
+    from filelock import FileLock, Timeout  # slow to import; reading does not need it
 
     lock = FileLock(path.with_name(f".{path.name}.lock"), LOCK_TIMEOUT_S)
     try:
@@ -149,17 +145,17 @@ def _locked(path: Path) -> Iterator[None]:
     except Timeout:
         raise NotesError(f"the notes {path} are locked by another program for more than {LOCK_TIMEOUT_S:g} s") from None
     except OSError:
-        pass  # a file system without locks; where the folder cannot be written, the writing fails
+        pass  # a file system without locks; in an unwritable folder the later writing fails
     try:
         yield
     finally:
-        with suppress(OSError):  # Windows removes no open file
+        with suppress(OSError):  # Windows does not remove open files
             Path(lock.lock_file).unlink()
         lock.release()
 
 
 def store_listed(run: Path, record: RunRecord) -> None:
-    """Store the record of an ended run for lists; nothing for one that its JSON form changes, such as a parameter that is NaN.
+    """Store the record of an ended run for lists; nothing for a record that its JSON form changes, e.g. by a NaN parameter.
 
     Raises:
         NotesError: the sidecar cannot be read or written.
@@ -180,7 +176,7 @@ def store_listed(run: Path, record: RunRecord) -> None:
 
 
 def listed_record(run: Path, notes: Notes) -> tuple[RunRecord, str] | None:
-    """Return the record for lists with its JSON form if it is of the file as it is; None otherwise."""
+    """Return the record for lists with its JSON form if it belongs to the present state of the file; None otherwise."""
     try:
         listed = notes.listed
         if listed is None:
@@ -197,7 +193,7 @@ def listed_record(run: Path, notes: Notes) -> tuple[RunRecord, str] | None:
 
 
 def with_later_verdict(record: RunRecord, run: Path, notes: Notes) -> RunRecord:
-    """Return the record with the verdict that was stored after the end of the run; with a caution if that is of another state of the file.
+    """Return the record with the verdict stored after the end of the run; with a caution if it belongs to another state of the file.
 
     Raises:
         OSError: the run file cannot be read.
@@ -221,10 +217,10 @@ def _later_verdict(record: Mapping[str, Any]) -> LaterVerdict:
 
 
 def _digest(text: str) -> str:
-    """Return the digest of a record's JSON form and of the fields that this version has: a new field is read from the run file."""
+    """Return the digest of a record's JSON form and of this version's fields, so that a new field is read from the run file."""
     return hashlib.blake2b((_FIELDS + text).encode("utf-8", "replace"), digest_size=_DIGEST_BYTES).hexdigest()
 
 
 def _storable(text: str) -> str:
-    """Return a text without halves of characters, which no file and no index can hold."""
+    """Return a text without surrogate halves, which files and indexes cannot store."""
     return text.encode("utf-8", "replace").decode()

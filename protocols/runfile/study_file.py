@@ -1,8 +1,8 @@
 """Study file: values of a parameter study in one HDF5 file, written chunk by chunk.
 
-`/entry/data` (NXdata) holds the values over their named axes, with units, so that a NeXus viewer opens it to a plot;
-`/entry/parameters` holds what was not varied, `/entry/process` the program, its versions and the study's description. The
-file has a working name while it is computed; a file under its final name is complete.
+`/entry/data` (NXdata) holds the values over their named axes, with units, so that a NeXus viewer shows a plot;
+`/entry/parameters` holds the fixed parameters, `/entry/process` the program, its versions and the study's description. The file
+has a working name during the computation; a file under its final name is complete.
 """
 
 import json
@@ -31,7 +31,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class StudyParameter:
-    """A parameter that was not varied: SI value, unit, description."""
+    """A fixed parameter: SI value, unit, description."""
 
     name: str
     value: float
@@ -41,7 +41,7 @@ class StudyParameter:
 
 @dataclass(frozen=True, slots=True)
 class StudyHeader:
-    """Metadata of a study, known before it is computed."""
+    """Metadata of a study, before its computation."""
 
     title: str
     signal: str
@@ -54,14 +54,14 @@ class StudyHeader:
     @classmethod
     def of(cls, study: Study) -> Self:
         """Return the header of a study."""
-        known = variable_specs()
+        specs = variable_specs()
         return cls(
             title=study.title,
             signal=study.measure,
             unit=MEASURE_UNITS[study.measure],
             axes=study.axes,
             complex=study.measure == "receptance",
-            parameters=tuple(StudyParameter(n, v, known[n].unit, known[n].description) for n, v in study.fixed.items()),
+            parameters=tuple(StudyParameter(n, v, specs[n].unit, specs[n].description) for n, v in study.fixed.items()),
             description={
                 "measure": study.measure,
                 "n": study.n,
@@ -84,7 +84,7 @@ class StudyFileWriter:
         """Create the file under its working name.
 
         Raises:
-            StorageError: the folder, the disk or an existing file does not allow it.
+            StorageError: the folder, the disk or an existing file prevents it.
         """
         check_output_path(path)
         names = [header.signal, *(axis.name for axis in header.axes)]
@@ -116,7 +116,7 @@ class StudyFileWriter:
             self._partial_path.unlink(missing_ok=True)
 
     def write(self, start: int, block: NDArray[Any]) -> None:
-        """Store rows `start`.. of the values seen as (sets, last axis), in the order of their index.
+        """Store rows `start`.. of the values, shape (sets, last axis), in the order of their index.
 
         Raises:
             StorageError: the disk rejects the data.
@@ -205,7 +205,7 @@ def read_study(path: Path) -> LoadedStudy:
 
 
 def check_output_path(path: Path) -> None:
-    """Reject an output path without a folder, or with an existing file that is not a study.
+    """Reject an output path without a folder, or with an existing file other than a study.
 
     Raises:
         StorageError: the reason and the remedy.

@@ -55,14 +55,14 @@ def read_sensor(entry: "h5py.Group") -> LaserSensor:
 
 
 MAX_RECORDED_SHARE = 4
-"""How often a sample may be part of a recording, on average; recordings of a run do not overlap."""
+"""Largest mean number of recordings per sample; recordings of a run do not overlap."""
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9
 RECORDING_FIELDS = ("start_row", "stop_row", "quality", "drive")
 
 
 @dataclass(frozen=True, slots=True)
 class RestRecord:
-    """Where the displacement at rest was recorded, and the true frequency of each line known to be folded."""
+    """Rows of the displacement at rest, and the true frequencies of folded lines."""
 
     rows: tuple[int, int]
     folded_from_hz: Mapping[float, float]
@@ -70,13 +70,13 @@ class RestRecord:
 
 @reads_run
 class RunTrace:
-    """The samples of one run file. Rows are counted from its first sample; a growing file has more of them each time.
+    """The samples of one run file. Rows are counted from its first sample; their number increases in a growing file.
 
     Args:
         path: the file.
         entry: its /entry.
         sensor: calibration from volts to metres.
-        rest_record: where interference was measured at rest; None where it was not.
+        rest_record: record of interference at rest; None if not measured.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class RunTrace:
 
     @cached_property
     def interference(self) -> tuple[InterferenceLine, ...]:
-        """Hum and other lines of the displacement at rest, before the first drive; none where they were not measured."""
+        """Hum and other lines of the displacement at rest, before the first drive; none if not measured."""
         if (rest := self._rest_record()) is None:
             return ()
         first, last = rest.rows
@@ -104,7 +104,7 @@ class RunTrace:
 
     @property
     def rate_hz(self) -> float:
-        """Scans per second; 0 if the card never ran."""
+        """Scans per second; 0 without a start of the card."""
         rate_hz = read_number(self._entry, "trace/sample_rate")
         if rate_hz != 0 and not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
             raise ValueError(f"the sample rate is {rate_hz:g} Hz")
@@ -112,12 +112,12 @@ class RunTrace:
 
     @property
     def sample_count(self) -> int:
-        """Rows that every channel has."""
+        """Number of rows common to all channels."""
         return min(len(column(self._entry, f"trace/{name}", "i")) for name in (*CHANNELS, *self.further_channels))
 
     @property
     def further_channels(self) -> dict[str, str]:
-        """Units of the further inputs by name, in the order of the bench file; empty where there are none."""
+        """Units of the further inputs by name, in the order of the bench file; empty without further inputs."""
         names = self._entry["trace"].attrs.get(FURTHER_CHANNELS, ())
         if len(names) > MAX_FURTHER_CHANNELS:
             raise ValueError(f"it names {len(names)} further channels")
@@ -145,7 +145,7 @@ class RunTrace:
         coefficients = tuple(
             column(self._entry, f"trace/{channel}_scaling_coefficients", "f")[:MAX_SCALING_COEFFICIENTS].tolist()
         )
-        skew = f"trace/{channel}_skew"  # not in files of format 1
+        skew = f"trace/{channel}_skew"  # missing in files of format 1
         return Scale(coefficients, skew_s=read_number(self._entry, skew) if skew in self._entry else 0.0)
 
     def read_raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
@@ -161,7 +161,7 @@ class RunTrace:
         """Return the scan times of these rows, seconds since the stream began, (N,)."""
         rows = np.asarray(rows, np.int64)
         stored = table(self._entry, "blocks", ("row", "scan"))
-        if self._blocks is None or len(self._blocks) != len(stored):  # an export asks for every stretch of its rows
+        if self._blocks is None or len(self._blocks) != len(stored):  # an export reads every stretch of its rows
             self._blocks = stored[:]
         blocks = self._blocks
         if not len(blocks):
@@ -174,17 +174,17 @@ class RunTrace:
         return self._calibration("drive").to_si(self.read_raw("drive", start, stop))
 
     def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
-        """Return the displacement, m, (N,); a Recording's quality states where it is not valid."""
+        """Return the displacement, m, (N,); a Recording's quality states whether it is valid."""
         return self._calibration("displacement").to_si(self.read_raw("displacement", start, stop))
 
     def _calibration(self, channel: str) -> ChannelCalibration:
-        """Return the conversion of a channel, read once: it takes as long as ten thousand samples."""
-        if (known := self._calibrations.get(channel)) is None:
+        """Return the conversion of a channel, read once because it takes as long as ten thousand samples."""
+        if (calibration := self._calibrations.get(channel)) is None:
             sensor = self._sensor() if channel == "displacement" else None
-            known = ChannelCalibration(self.channel_scale(channel), sensor)
-            if known.scale.coefficients:  # a file that is being written may not have them yet
-                self._calibrations[channel] = known
-        return known
+            calibration = ChannelCalibration(self.channel_scale(channel), sensor)
+            if calibration.scale.coefficients:  # a growing file may not have them yet
+                self._calibrations[channel] = calibration
+        return calibration
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings of this file, in order, exactly as in the live run."""
@@ -200,11 +200,11 @@ class RunTrace:
 
     @property
     def recording_count(self) -> int:
-        """How many recordings there are, without reading any."""
+        """Number of recordings, without reading them."""
         return len(self._recordings)
 
     def recording(self, index: int) -> Recording:
-        """One recording, without reading the others; a negative index counts from the end."""
+        """Return one recording, without reading the others; a negative index counts from the end."""
         return self._recording(index % self.recording_count, self._recordings[index], self._displacement_delay_s())
 
     def recording_rows(self) -> list[tuple[int, int, int]]:
@@ -232,19 +232,19 @@ class RunTrace:
         rows = (int(row["start_row"]), int(row["stop_row"]))
         if not 0 <= rows[0] <= rows[1]:
             raise ValueError(f"recording {index} begins at row {rows[0]} and ends at row {rows[1]}")
-        known: dict[str, Any] = {
+        attributes: dict[str, Any] = {
             "index": index,
             "rows": rows,
             "rate_hz": self.rate_hz,
             "drive": from_record(parse_json_object(row["drive"].decode())),
             "quality": Quality(int(row["quality"])),
             "sensor_delay_s": delay_s,
-            "entry": int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one each
+            "entry": int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one per entry
             "interference": self.interference,
             "start_s": float(self.times_of_rows(rows[0])),
         }
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(
-                lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **known
+                lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **attributes
             )
-        return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **known)
+        return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **attributes)

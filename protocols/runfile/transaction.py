@@ -1,4 +1,4 @@
-"""Transaction on a file: changes are collected in memory and applied through a journal, so that a kill leaves all or nothing."""
+"""Transaction on a file: changes are collected in memory and applied through a journal, so that a kill leaves all changes or none."""
 
 import contextlib
 import hashlib
@@ -18,13 +18,13 @@ fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 PAGE_BYTES = 4096
 _HEADER = struct.Struct("<8sQQ")
 _PAGE = struct.Struct("<QQ")
-"""Before each page: its place and its length."""
+"""Header of a page: offset and length."""
 _MAGIC = b"TBJRNL01"
 _DIGEST_BYTES = 16
 
 
 class BufferedFile(io.RawIOBase):
-    """A file whose changes stay in memory, for HDF5's driver of Python file objects."""
+    """A file with changes in memory, for HDF5's driver of Python file objects."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("rb")
@@ -61,15 +61,15 @@ class BufferedFile(io.RawIOBase):
         return self._place
 
     def readinto(self, buffer: Any) -> int:
-        wanted = memoryview(buffer).cast("B")
-        count = max(min(len(wanted), self._size - self._place), 0)
+        target = memoryview(buffer).cast("B")
+        count = max(min(len(target), self._size - self._place), 0)
         self._file.seek(self._place)
-        found = self._file.read(count)
-        wanted[:count] = found + bytes(count - len(found))
+        data = self._file.read(count)
+        target[:count] = data + bytes(count - len(data))
         for number in range(self._place // PAGE_BYTES, -(-(self._place + count) // PAGE_BYTES)):
             if (page := self._pages.get(number)) is not None:
                 start, stop = max(number * PAGE_BYTES, self._place), min((number + 1) * PAGE_BYTES, self._place + count)
-                wanted[start - self._place : stop - self._place] = page[start % PAGE_BYTES :][: stop - start]
+                target[start - self._place : stop - self._place] = page[start % PAGE_BYTES :][: stop - start]
         self._place += count
         return count
 
@@ -113,7 +113,7 @@ def transaction(path: Path) -> Iterator[BufferedFile]:
     text = _HEADER.pack(_MAGIC, size, len(body)) + body
     journal = journal_path(path)
     with journal.open("ab") as file:
-        _lock(path, file)  # another program's start does not take this journal for one left behind
+        _lock(path, file)  # the start of another program does not consider this journal abandoned
         try:
             file.truncate(0)
             file.write(text + _digest(text))
@@ -129,8 +129,8 @@ def transaction(path: Path) -> Iterator[BufferedFile]:
 
 @contextmanager
 def announced_transaction(path: Path) -> Iterator[None]:
-    """Let the file count as one that needs repair, by an empty journal, until a transaction within the block is complete."""
-    with contextlib.suppress(OSError):  # a full disk: the transaction fails, too
+    """Mark the file as needing repair, by an empty journal, until a transaction within the block is complete."""
+    with contextlib.suppress(OSError):  # a full disk: the transaction also fails
         journal_path(path).touch()
     try:
         yield
@@ -145,16 +145,16 @@ def journal_path(path: Path) -> Path:
 
 
 def has_journal(path: Path) -> bool:
-    """Whether changes of a file were being stored, or are, so that the file itself may be neither the old nor the new one."""
+    """Whether changes of a file are or were being stored, so that the file may be neither old nor new."""
     return journal_path(path).is_file()
 
 
 def replay_journal(path: Path, keep_announcement: bool = False) -> bool:
-    """Apply the journal that a killed program left; return whether it was complete. An incomplete one is removed.
+    """Apply the journal of a killed program; return whether it was complete. An incomplete one is removed.
 
     Args:
         path: the file.
-        keep_announcement: whether an incomplete one stays, to be replaced by a transaction's.
+        keep_announcement: keep an incomplete journal, which a transaction replaces.
 
     Raises:
         OSError: the file cannot be written.
@@ -202,7 +202,7 @@ def _pages(body: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _lock(path: Path, journal: IO[bytes]) -> None:
-    """Lock a journal until it is closed, where the system has such locks.
+    """Lock a journal until it is closed, if the system has such locks.
 
     Raises:
         StorageError: another program has it locked.
@@ -223,12 +223,12 @@ def _apply(path: Path, size: int, body: bytes) -> None:
             file.write(data)
         file.flush()
         file.truncate(size)
-        with contextlib.suppress(OSError):  # not on every file system
+        with contextlib.suppress(OSError):  # some file systems lack them
             os.fsync(file.fileno())
 
 
 def _remove_locked(journal: Path) -> None:
-    """Remove a journal that was applied while it is still locked, where the system removes open files."""
+    """Remove an applied journal under its lock, if the system removes open files."""
     with contextlib.suppress(OSError):
         journal.unlink()
 

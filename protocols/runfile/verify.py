@@ -17,26 +17,21 @@ from protocols.runfile.checksums import (
     pieces,
     stored_digests,
 )
+from protocols.runfile.errors import NewerFormatError, NotARunError, RunReadError, UnfinishedStorageError
 from protocols.runfile.fields import read_integer, read_text
-from protocols.runfile.foreign_file_check import READ_ERRORS, Found, walk
-from protocols.runfile.open import (
-    NewerFormatError,
-    NotARunError,
-    RunReadError,
-    UnfinishedStorageError,
-    open_run,
-)
+from protocols.runfile.foreign_file_check import READ_ERRORS, FileItem, walk
+from protocols.runfile.open import open_run
 from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.transaction import has_journal
 
 
 class FileState(StrEnum):
-    """What a verification finds."""
+    """Result of a verification."""
 
     GOOD = "good"
     DAMAGED = "damaged"
     NOT_CHECKABLE = "not checkable"
-    """Without checksums, or not closed; everything that can be checked is good."""
+    """Without checksums, or not closed; all checkable parts are good."""
     NO_RUN = "no run"
 
 
@@ -50,11 +45,11 @@ class Verification:
 
 
 def verify_run(path: Path) -> Verification:
-    """Read everything in a run file and compare it with its checksums. Read errors are findings, not raised."""
-    found = _verify(path)
-    if found.state is FileState.DAMAGED and has_journal(path):
+    """Read a whole run file and compare it with its checksums. Read errors are findings and not raised."""
+    verification = _verify(path)
+    if verification.state is FileState.DAMAGED and has_journal(path):
         return Verification(path, FileState.NOT_CHECKABLE, (str(UnfinishedStorageError(path)),))
-    return found
+    return verification
 
 
 def _verify(path: Path) -> Verification:
@@ -64,10 +59,10 @@ def _verify(path: Path) -> Verification:
             is_open = block is not None and block.is_marked
             present: dict[str, str] = {}
             damage: list[str] = []
-            for found in walk(file):
-                if found.name != CHECKSUMS:
-                    damage += _unreadable(found, skip_tails=is_open)
-                    present[found.name] = compute_digest(found)
+            for item in walk(file):
+                if item.name != CHECKSUMS:
+                    damage += _unreadable(item, skip_tails=is_open)
+                    present[item.name] = compute_digest(item)
             try:
                 stored = stored_digests(file)
             except READ_ERRORS:
@@ -87,31 +82,31 @@ def _verify(path: Path) -> Verification:
     return Verification(path, FileState.GOOD)
 
 
-def _unreadable(found: Found, skip_tails: bool) -> Iterator[str]:
+def _unreadable(item: FileItem, skip_tails: bool) -> Iterator[str]:
     """Yield a finding for an object that cannot be read; the last two chunks of a growing dataset may be incomplete."""
-    if found.problem is not None:
-        yield f"{found.name or '/'} cannot be read: {found.problem}"
-    elif found.id is not None:
+    if item.problem is not None:
+        yield f"{item.name or '/'} cannot be read: {item.problem}"
+    elif item.id is not None:
         try:
-            h5py.h5o.get_info(found.id)  # also what only a listing needs, such as the free space of its names
+            h5py.h5o.get_info(item.id)  # including data of listings only, such as the free space of its names
         except READ_ERRORS as error:
-            yield f"{found.name or '/'} cannot be listed by other programs: {error}"
-    if not isinstance(found.id, h5py.h5d.DatasetID):
+            yield f"{item.name or '/'} cannot be listed by other programs: {error}"
+    if not isinstance(item.id, h5py.h5d.DatasetID):
         return
     try:
-        created = found.id.get_create_plist()
+        created = item.id.get_create_plist()
         if created.get_layout() != h5py.h5d.CHUNKED:
             return
-        data, chunk = h5py.Dataset(found.id), created.get_chunk()[0]
+        data, chunk = h5py.Dataset(item.id), created.get_chunk()[0]
         length = data.shape[0]
         whole = length - (length - 1) % chunk - 1 - chunk
         stop = max(whole, 0) if skip_tails else length
-        bad = [rows for rows in pieces(found.id, chunk) if not _can_read(data, rows, stop)]
+        bad = [rows for rows in pieces(item.id, chunk) if not _can_read(data, rows, stop)]
         if bad:
             kind = "their checksum is wrong" if has_chunk_checksums(created) else "HDF5 cannot read them"
-            yield f"{found.name}: rows {bad[0][0]} to {bad[-1][1]} of {length} cannot be read, {kind}"
+            yield f"{item.name}: rows {bad[0][0]} to {bad[-1][1]} of {length} cannot be read, {kind}"
     except READ_ERRORS as error:
-        yield f"{found.name} cannot be read: {error}"
+        yield f"{item.name} cannot be read: {error}"
 
 
 def _can_read(data: Any, rows: tuple[int, int], stop: int) -> bool:

@@ -1,8 +1,8 @@
 """Run file writer: one HDF5 file, created before the first volt and readable at every moment; verdict and estimates at its end.
 
-What survives `kill -9` was measured (docs/decisions/0004-run-file.md): the file is created whole with every dataset, then
-SWMR is switched on, then rows are only appended and each block is flushed. Raw data is never rewritten, nor compressed
-while running. Status, series, estimates and checksums are written when the run ends.
+Survival of `kill -9` was measured (docs/decisions/0004-run-file.md): the file is created completely with every dataset, then SWMR
+is switched on, then rows are only appended and each block is flushed. Raw data is never rewritten, and not compressed during the
+run. Status, series, estimates and checksums are written at the end of the run.
 """
 
 import contextlib
@@ -25,12 +25,10 @@ import numpy as np
 from drivers import Block, Drive, InputChannel, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
-from protocols.runfile.creation import create_file, create_group
-from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
+from protocols.runfile.creation import create_file, create_group, free_name
+from protocols.runfile.errors import FileLostError, RunReadError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.names import truncate_utf8
-from protocols.runfile.open import RunReadError
 from protocols.runfile.presence import FilePresence
-from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
@@ -46,7 +44,6 @@ from protocols.runfile.schema import (
     run_path,
 )
 from protocols.runfile.series import append_series
-from protocols.runfile.sidecar import NotesError, store_listed
 from protocols.runfile.transaction import announced_transaction, transaction
 
 log = logging.getLogger(__name__)
@@ -56,7 +53,7 @@ NOT_JUDGED = Verdict()
 Results = tuple[Sequence[EstimatedQuantity], Sequence[Series], Verdict]
 
 _OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
-"""Files that are not closed, or cannot be, and their datasets: HDF5 prints a traceback for each that Python releases."""
+"""Files that cannot be closed, and their datasets, kept because HDF5 prints a traceback for each that Python releases."""
 
 
 class RunFileWriter:
@@ -74,11 +71,11 @@ class RunFileWriter:
 
         Args:
             path: the run file.
-            record: of the run, as it is before its start; its start time is now if it has none.
-            point_type: type of its points.
-            channels: further inputs, in the order of a block's rows from the third on.
-            hold_s: real time for which blocks may be held and then written together; anything else that is appended, and
-                reading, writes them first. A killed program loses what it holds.
+            record: record of the run before its start; a missing start time becomes the present time.
+            point_type: type of the points.
+            channels: further inputs, in the order of a block's rows from the third.
+            hold_s: longest real time for which blocks are held and then written together; other appended data, and reading, write
+                them first. A killed program loses held blocks.
 
         Raises:
             StorageError: no permission, no space, or not a folder.
@@ -93,12 +90,12 @@ class RunFileWriter:
         self._point_count = 0
         self._hold_s, self._written_s = hold_s, -math.inf
         self._held: list[tuple[Block, int, float]] = []
-        """Blocks that are not written yet, with row and time."""
+        """Blocks not yet written, with row and time."""
         self._closed = False
         self._open_datasets: dict[str, h5py.Dataset] = {}
-        """Datasets that stay open: closing one writes to the file, and an error then cannot be reported."""
+        """Open datasets: closing one writes to the file, and its error cannot be reported."""
         self._tables: list[tuple[str, np.ndarray]] = []
-        """Rows of events and points, for another file in case this one is lost."""
+        """Rows of events and points, for another file after a loss of this one."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             begun = record.start_time or self._created_at.isoformat(timespec="milliseconds")
@@ -132,8 +129,8 @@ class RunFileWriter:
         first = run_path(folder, record.specimen, record.protocol, begun)
         for attempt in range(1, 1000):
             path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
-            if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
-                with contextlib.suppress(FileExistsError):  # another program's, of this moment
+            if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises for a folder name that is too long
+                with contextlib.suppress(FileExistsError):  # created by another program at this moment
                     return cls(path, record, point_type, channels, hold_s)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
@@ -152,7 +149,7 @@ class RunFileWriter:
             self._file.flush()
 
     def append_block(self, block: Block, time_s: float) -> int:
-        """Append a block, counts of both channels, and flush it unless it may be held; return the row of its first scan.
+        """Append a block, counts of both channels, and flush it unless blocks are held; return the row of its first scan.
 
         Raises:
             StorageError: the disk is nearly full, or the file cannot be written.
@@ -165,7 +162,7 @@ class RunFileWriter:
         return row
 
     def _write_held(self) -> None:
-        """Write and flush the blocks that are held, if there are any."""
+        """Write and flush the held blocks."""
         if not self._held:
             return
         held, self._held = self._held, []
@@ -216,7 +213,7 @@ class RunFileWriter:
         return row
 
     def flag_superseded(self, row: int) -> None:
-        """Flag a point whose entry was measured again."""
+        """Flag a point with a later measurement of its entry."""
         self.flag_point(row, Quality.SUPERSEDED)
 
     def flag_point(self, row: int, flag: Quality) -> None:
@@ -228,7 +225,7 @@ class RunFileWriter:
                 quality.flush()
 
     def check_presence(self) -> None:
-        """Check that the file is still where it was created, with all that was written.
+        """Check that the file is still at its path, with all written data.
 
         Raises:
             FileLostError: another program deleted, cut, moved or detached it.
@@ -245,9 +242,9 @@ class RunFileWriter:
     ) -> str:
         """Store the status, append verdict, series, estimates and checksums, and close the file in any case.
 
-        Returns the reason as stored. All measured data is in the file by then; if series and estimates, which can be
-        recomputed, cannot be appended, the status is kept and the reason states it. What is left of a file that another
-        program deleted, cut or moved is saved; `path` is then the file that holds it.
+        Returns the stored reason. All measured data is already in the file; if series and estimates, which can be recomputed,
+        cannot be appended, the status is kept and the reason states it. The rest of a file that another program deleted, cut or
+        moved is saved; `path` is then its new file.
         """
         if self._closed:
             return reason
@@ -259,7 +256,7 @@ class RunFileWriter:
             reason += f"; the last samples could not be stored: {error}"
         if self._presence.problem:
             return self._finish_lost(status, reason, (estimates, series, verdict))
-        with announced_transaction(self.path):  # or a kill in between would leave an ended run without results
+        with announced_transaction(self.path):  # otherwise a kill would leave an ended run without results
             self._finish_open(status, reason, verdict)
             try:
                 return self._append_results(self.path, reason, (estimates, series, verdict))
@@ -267,7 +264,7 @@ class RunFileWriter:
                 self._presence.close()
 
     def _finish_open(self, status: RunStatus, reason: str, verdict: Verdict) -> None:
-        """Store how the run ended where a reader of the open file sees it, and close the file."""
+        """Store the end of the run visibly for readers of the open file, and close the file."""
         try:
             with translate_write_errors("run", self.path):
                 self._dataset("status")[()] = str(status)
@@ -284,11 +281,12 @@ class RunFileWriter:
 
     def _append_results(self, path: Path, reason: str, results: Results) -> str:
         estimates, series, verdict = results
+        record = self._begun_with[0]
         try:
             with append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
-                append_series(file, series, self._begun_with[0].default_plot)
+                append_series(file, series, record.default_plot, record.sensor.gain_relative_uncertainty)
                 append_estimates(file, estimates)
         except StorageError as error:
             if path == self.path and not self._presence.problem:
@@ -300,15 +298,15 @@ class RunFileWriter:
         return reason
 
     def _finish_lost(self, status: RunStatus, reason: str, results: Results) -> str:
-        """Finish a file that another program deleted, cut, moved or detached: save what is left of it."""
+        """Finish a file that another program deleted, cut, moved or detached: save its rest."""
         presence, folder = self._presence, self.path.parent
         with contextlib.suppress(StorageError):
             self._finish_open(status, reason, results[-1])
         try:
             if presence.moved_to is not None:
                 self.path = presence.moved_to
-                told = f"{reason}; the measured data are in {self.path}"
-                return self._append_results(self.path, told, results)
+                message = f"{reason}; the measured data are in {self.path}"
+                return self._append_results(self.path, message, results)
             if not presence.is_cut:
                 saved = _free_path(self.path)
                 try:
@@ -317,8 +315,8 @@ class RunFileWriter:
                     log.warning("the run file cannot be saved at %s: %s", saved, os_error_text(error))
                 else:
                     self.path = saved
-                    told = f"{reason}; the measured data are saved in {saved}"
-                    return self._append_results(saved, told, results)
+                    message = f"{reason}; the measured data are saved in {saved}"
+                    return self._append_results(saved, message, results)
             rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path
             for name, row in self._tables:
@@ -330,7 +328,7 @@ class RunFileWriter:
             presence.close()
 
     def close_after_error(self) -> None:
-        """Close after a storage error, keeping what reached the disk."""
+        """Close after a storage error; data on the disk are kept."""
         if not self._closed:
             with contextlib.suppress(StorageError):
                 self._write_held()
@@ -348,14 +346,14 @@ class RunFileWriter:
 
     @contextlib.contextmanager
     def _appending(self) -> Iterator[None]:
-        """As `_checked`, with the blocks that are held written first."""
+        """As `_checked`, with held blocks written first."""
         self._write_held()
         with self._checked():
             yield
 
     @contextlib.contextmanager
     def _checked(self) -> Iterator[None]:
-        """Check the file before a write, and take its size afterwards; a lost file is reported once."""
+        """Check the file before a write, and its size afterwards; a lost file is reported once."""
         if not self._presence.problem:
             self._presence.check()
         with translate_write_errors("run", self.path):
@@ -380,18 +378,18 @@ class RunFileWriter:
 
     def _append_row(self, name: str, row: np.ndarray) -> None:
         self._append_rows(name, row[None])
-        if name != "recordings":  # those are of samples
+        if name != "recordings":  # datasets of samples
             self._tables.append((name, row))
 
 
 def _free_path(path: Path) -> Path:
-    """Return the path, or a numbered one if there is such a file."""
+    """Return the path, or a numbered one if the file exists."""
     numbered = (path.with_stem(f"{path.stem}-{i}") for i in range(2, 1000))
     return next((each for each in (path, *numbered) if not each.exists()), path)
 
 
 def has_unclosable_file() -> bool:
-    """Whether HDF5 holds a file it cannot close, because its disk vanished or filled up.
+    """Whether HDF5 holds a file that it cannot close, because its disk vanished or is full.
 
     The library then crashes at interpreter shutdown; the program must exit without it.
     """
@@ -406,32 +404,44 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
 
     Args:
         path: the run file.
-        new: whether the run has just ended, so that it has no checksums yet.
+        new: whether the run has just ended and has no checksums yet.
 
     Raises:
-        StorageError: the file cannot be written, or it is damaged: new checksums would hide that.
+        StorageError: the file cannot be written, or it is damaged, which new checksums would hide.
     """
-    record: RunRecord | None = None
-    with translate_write_errors("run", path), transaction(path) as changed:
-        with h5py.File(changed, "r+", libver="latest") as file:
-            stored = stored_digests(file)
-            if stored is not None and (different := changed_names(stored, compute_digests(file))):
-                raise StorageError(
-                    f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
-                    "another copy of it"
-                )
-            yield file
-            if new or stored is not None:
-                store_checksums(file)
-        with suppress(RunReadError), h5py.File(changed, "r") as file, Run(path, file) as run:
+    with (
+        translate_write_errors("run", path),
+        transaction(path) as changed,
+        h5py.File(changed, "r+", libver="latest") as file,
+    ):
+        stored = stored_digests(file)
+        if stored is not None and (different := changed_names(stored, compute_digests(file))):
+            raise StorageError(
+                f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
+                "another copy of it"
+            )
+        yield file
+        if new or stored is not None:
+            store_checksums(file)
+    _store_for_lists(path)
+
+
+def _store_for_lists(path: Path) -> None:
+    """Store the record of an ended run in its sidecar; lists read a run without it from its data."""
+    try:
+        from protocols.runfile.reader import Run  # not needed before the end of a run
+        from protocols.runfile.sidecar import NotesError, store_listed
+    except ImportError:  # the program was replaced or removed during the run, whose results are in the file
+        return
+    with suppress(RunReadError, NotesError, OSError, ValueError, TypeError, LookupError):
+        with h5py.File(path, "r", locking=False) as file, Run(path, file) as run:
             record = run.stored_record()
-    with suppress(NotesError, OSError, ValueError, TypeError, LookupError):  # lists read a run without it from its data
-        if record is not None and record.status is not RunStatus.RUNNING:
+        if record.status is not RunStatus.RUNNING:
             store_listed(path, record)
 
 
 def store_verdict(file: h5py.File, verdict: Verdict) -> None:
-    """Store the verdict in the place of an earlier one."""
+    """Store the verdict in place of an earlier one."""
     entry = file["entry"]
     for name, value in (("verdict", str(verdict.outcome)), ("verdict_details", verdict.to_json())):
         if name in entry:
@@ -440,13 +450,14 @@ def store_verdict(file: h5py.File, verdict: Verdict) -> None:
 
 
 def append_estimates(file: h5py.File, estimates: Sequence[EstimatedQuantity]) -> None:
-    """Append identified quantities; the group lists them in this order, the most important first."""
+    """Append identified quantities in order, the most important first."""
     if not estimates:
         return
-    found = file["entry"].create_group("estimates", track_order=True)
-    found.attrs["NX_class"] = "NXcollection"
+    group = file["entry"].create_group("estimates", track_order=True)
+    group.attrs["NX_class"] = "NXcollection"
     for estimate in estimates:
-        one = create_group(found, estimate.name.replace(" ", "_"), "NXcollection")
+        one = create_group(group, free_name(group, estimate.name.replace(" ", "_")), "NXcollection")
+        one.attrs["name"] = estimate.name
         for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
             one.create_dataset(name, data=value).attrs["units"] = estimate.unit
         one["source"] = estimate.source

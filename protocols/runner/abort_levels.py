@@ -26,20 +26,20 @@ RATE_WINDOW_S = 2e-4
 """Time over which the displacement rate is computed: long against the sensor's noise, short against a cycle."""
 
 REST_TOLERANCE_V = 0.05
-"""A block in which the drive stays this close to rest gives the displacement at rest."""
+"""Largest distance of the drive from rest in a block that gives the displacement at rest."""
 
 MIN_LATENCY_S, LATENCY_PER_SPEED_S = 0.05, 0.02
-"""Scans older than this after a command may still be in transfer; on a simulated bench at raised speed, times the speed."""
+"""Time after a command in which older scans may still be in transfer; on a simulated bench at raised speed, times the speed."""
 
 CONFIRMED_LATENCIES = 5
-"""At raised speed, a deviation of the drive counts once it lasts for one latency, for so many latencies after a command:
-pauses of a busy computer are as many times longer in bench time."""
+"""Number of latencies after a command in which, at raised speed, a deviation of the drive counts only after one latency: pauses
+of a busy computer are multiplied in bench time."""
 
 MONITOR_LEVELS = {"voltage-monitor": ("voltage", "voltage_v"), "current-monitor": ("current", "current_a")}
-"""Level and limit, as in `LevelSettings`, by the kind of an input."""
+"""Level and limit of `LevelSettings`, by the kind of an input."""
 
 LEVEL_ANSWERS = ("stop", "again", "ignore")
-"""Answers to the question after an exceeded level. An unattended simulated operator gives the first."""
+"""Answers to the question after an exceeded level. An unattended simulated operator gives the first answer."""
 
 
 def level_prompt(event: LevelExceeded) -> Prompt:
@@ -53,7 +53,7 @@ def level_prompt(event: LevelExceeded) -> Prompt:
 
 
 class LevelExceededError(BenchError):
-    """The run ends because an abort level was exceeded."""
+    """The run ends because of an exceeded abort level."""
 
 
 class LevelQuestion(Exception):
@@ -67,16 +67,16 @@ class LevelQuestion(Exception):
 class LevelMonitor:
     """Evaluates the abort levels in every block, before it is stored or shown (see drivers.bench.armed_bench.BlockMonitor).
 
-    Stroke, rate, laser and drive are evaluated while a drive is played: hands on the specimen move the laser, too. Each
-    level is reported once per entry of the plan. Whether the card sees the commanded drive is reported at every change,
-    whatever the action of the level `drive`.
+    Stroke, rate, laser and drive are evaluated only during a drive, because hands on the specimen also move the laser. Each level
+    is reported once per entry of the plan. Loss and return of the commanded drive at the card are reported at every change, for
+    any action of the level `drive`.
 
     Args:
         settings: levels and actions of the bench.
         sensor: displacement sensor.
         rest_v: rest at the amplifier's input.
         clock: bench time.
-        channels: further inputs, in the order of a block's rows from the third on.
+        channels: further inputs, in the order of a block's rows from the third.
     """
 
     def __init__(
@@ -97,26 +97,26 @@ class LevelMonitor:
         self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * speed)
         self._confirmed_s = CONFIRMED_LATENCIES * self._latency_s if speed > 1 else 0.0
         self._starting_s = math.nan
-        """When the present drive was commanded, at raised speed: its replies may have been late; else NaN."""
+        """Time of the command of the present drive at raised speed, whose replies may have been late; otherwise NaN."""
         self._muted: set[str] = set()
         self._reported: set[str] = set()
         self._events: list[LevelExceeded | DriveReadbackChanged] = []
         self._drive_lost = False
-        """Whether the card sees another drive than the commanded one."""
+        """Whether the card sees a drive other than the commanded one."""
         self._first_lost_block = False
         """Whether the last block was the first one of a loss, which may contain the moment of the loss."""
         self._drive: Drive | None = None
         self._readback: DriveReadback | None = None
         self._fresh_scan = 0
         self._deviating_since: int | None = None
-        """First scan of the latest blocks in succession that deviate from the drive."""
+        """First scan of the latest successive blocks that deviate from the drive."""
         self._rest_m = math.nan
-        """Displacement at rest; NaN before it was measured."""
+        """Displacement at rest; NaN before its measurement."""
         self._silent_points = 0
-        """Latest points without response."""
+        """Number of latest points without response."""
         self._block_stop = 0
         self._lost_scans = 0
-        """Latest scans for which the sensor is out of range."""
+        """Number of latest scans with the sensor out of range."""
 
     @property
     def entry_flagged(self) -> bool:
@@ -124,12 +124,12 @@ class LevelMonitor:
         return bool(self._reported)
 
     def attach(self, scales: Sequence[Scale], rate_hz: float, start_time_s: float) -> None:
-        """Take the scaling, rate and start of the acquisition."""
+        """Adopt the scaling, rate and start of the acquisition."""
         self._scales, self._rate_hz, self._start_time_s = tuple(scales), rate_hz, start_time_s
         self._lag = max(round(RATE_WINDOW_S * rate_hz), 1)
 
     def begin_entry(self) -> None:
-        """Report every level again that is exceeded from now on."""
+        """Report levels anew from now on."""
         self._reported.clear()
 
     def mute(self, level: str) -> None:
@@ -137,17 +137,17 @@ class LevelMonitor:
         self._muted.add(level)
 
     def take_events(self) -> list[LevelExceeded | DriveReadbackChanged]:
-        """Return the changes of the drive read back and the exceeded levels (each once per entry) since the last call."""
+        """Return the changes of the recorded drive and the exceeded levels (each once per entry) since the last call."""
         events, self._events = self._events, []
         return events
 
     def drive_commanded(self) -> None:
-        """Note that a drive is about to be started."""
+        """Note that a drive will be started."""
         if self._confirmed_s:
             self._starting_s = self._clock.now()
 
     def drive_changed(self, drive: Drive | None, level_remaining_s: float = math.inf) -> None:
-        """Note that a drive was started, or that the source returned to rest (None)."""
+        """Note the start of a drive, or the return of the source to rest (None)."""
         now_s = self._clock.now()
         scan = round((now_s - self._start_time_s) * self._rate_hz)
         early_s = 0.0 if math.isnan(self._starting_s) else now_s - self._starting_s
@@ -194,7 +194,7 @@ class LevelMonitor:
             self._silent_points = 0
 
     def _take_rest(self, block: Block) -> None:
-        """Take the displacement at rest from a block that shows nothing but rest."""
+        """Read the displacement at rest from a block at rest."""
         if block.start < self._fresh_scan:
             return
         volts = self._extremes(DRIVE_CHANNEL, block.raw[DRIVE_CHANNEL])
@@ -204,8 +204,8 @@ class LevelMonitor:
 
     def _check_drive(self, block: Block, readback: DriveReadback) -> None:
         scale = self._scales[DRIVE_CHANNEL]
-        found = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
-        if found is None:
+        deviation = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
+        if deviation is None:
             self._deviating_since = None
             if readback.compared:
                 self._set_drive_lost(False, block)
@@ -217,9 +217,9 @@ class LevelMonitor:
             self._set_drive_lost(True, block)
             self._report(
                 "drive",
-                ("drive", found.value_v, found.limit_v, "V"),
-                f"the card sees {found.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
-                f"{found.value_v:.3f} V, limit {found.limit_v:.3f} V); check the cable from the generator to the card "
+                ("drive", deviation.value_v, deviation.limit_v, "V"),
+                f"the card sees {deviation.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
+                f"{deviation.value_v:.3f} V, limit {deviation.limit_v:.3f} V); check the cable from the generator to the card "
                 "and to the amplifier, the generator's output, and that no other program or person controls the generator",
             )
 
@@ -243,7 +243,7 @@ class LevelMonitor:
         if valid is not None and not valid.any():
             return
         stroke_m = float(np.abs(self._sensor.displacement_m(ends) - self._rest_m).max())
-        if stroke_m > settings.stroke_limit_m:  # not if the displacement at rest is not known
+        if stroke_m > settings.stroke_limit_m:  # not without a displacement at rest
             self._report(
                 "stroke",
                 ("displacement", stroke_m, settings.stroke_limit_m, "m"),
@@ -272,7 +272,7 @@ class LevelMonitor:
                 )
 
     def _check_laser(self, block: Block, valid: NDArray[np.bool_] | None) -> None:
-        """Count the scans for which the sensor has been out of range without a break."""
+        """Count the scans with the sensor out of range without interruption."""
         count = block.raw.shape[1]
         if valid is None:
             self._lost_scans = 0

@@ -23,7 +23,7 @@ from protocols.runner.publisher import RunRecorder
 
 
 class RecordingBuffer:
-    """Collects the blocks of one recording as drive and displacement in SI; a long recording keeps no samples.
+    """Collects the blocks of one recording as drive and displacement in SI; a long recording stores no samples.
 
     Args:
         channels: calibrations of drive and displacement.
@@ -38,7 +38,7 @@ class RecordingBuffer:
         """Counts of each channel."""
         self._kept_scans = 0
         self.scans = first_block.raw.shape[1]
-        """Scans of all blocks so far."""
+        """Number of scans of all blocks."""
 
     def add(self, block: Block) -> None:
         """Append the next block."""
@@ -51,7 +51,7 @@ class RecordingBuffer:
         self._keep(self._last_block.raw[:, : scans - self._kept_scans])
         quality = Quality.GOOD if self._last_block.stop - self.first_scan == self.scans else Quality.DROPPED
         for channel, ends in zip(self._channels, np.stack((self._lowest, self._highest), axis=1), strict=True):
-            quality |= channel.quality(ends)  # the ends decide for all
+            quality |= channel.quality(ends)  # it suffices to check the ends
         if scans > STREAMED_RECORDING_SCANS:
             return (), quality
         return to_si(self._channels, np.concatenate(self._raws, axis=1)), quality
@@ -74,20 +74,20 @@ def to_si(channels: Sequence[ChannelCalibration], raw: NDArray[np.int16]) -> tup
 
 
 ANALYSIS_TIMEOUT_S = 20.0
-"""How long an analysis may take, while the drive continues, before the watchdog considers the program hung."""
+"""Longest duration of an analysis during a drive before the watchdog considers the program hung."""
 
 ANALYSIS_SHARE = 0.2
-"""The same limit as a share of the recording, where that is more: a dwell of ten minutes."""
+"""The limit as a share of the recording, if that is longer: a dwell of ten minutes."""
 
 ANALYSIS_POLL_S = 0.01
-"""Interval at which the card is read during an analysis."""
+"""Interval between readings of the card during an analysis."""
 
 
 class RunAcquisition:
     """Reads the blocks of a run.
 
     Args:
-        check_interrupts: called after every block and in every wait; raises to end or pause the run.
+        check_interrupts: callback after every block and in every wait; raises to end or pause the run.
 
     Attributes:
         levels: abort levels, evaluated in every block.
@@ -100,12 +100,12 @@ class RunAcquisition:
         self.channels: Sequence[ChannelCalibration] = ()
         self._armed: ArmedBench | None = None
         self._scans_read = 0
-        """Scans read from the card."""
+        """Number of scans read from the card."""
         self._question: LevelExceeded | None = None
-        """An exceeded level that the operator has to decide on."""
+        """An exceeded level that needs a decision of the operator."""
 
     def attach(self, armed: ArmedBench) -> None:
-        """Take the bench whose card now runs."""
+        """Adopt a bench with a running card."""
         self._armed, self.channels = armed, ChannelCalibration.pair(armed.scales, self._bench.sensor)
         self.levels.attach(armed.scales, armed.rate_hz, armed.stream.start_time_s)
         armed.monitor = self.levels
@@ -115,7 +115,7 @@ class RunAcquisition:
 
         Raises:
             LevelQuestion: an abort level was exceeded, and the operator decides.
-            LevelExceededError: an abort level was exceeded that ends the run.
+            LevelExceededError: an exceeded abort level ends the run.
         """
         block = armed.read_block()
         self._scans_read = block.stop
@@ -125,7 +125,7 @@ class RunAcquisition:
         return block
 
     def discard_block(self, armed: ArmedBench) -> Block:
-        """Read a block without storing it, and publish it. Scans that are lost meanwhile are of no use: it reads on.
+        """Read a block without storing it, and publish it. Lost scans are ignored.
 
         Raises:
             LevelExceededError: an abort level was exceeded that ends the run.
@@ -143,14 +143,14 @@ class RunAcquisition:
         return block
 
     def wait_for_block(self) -> Block | None:
-        """Discard the next block; without a card, wait as long as a block lasts and return None."""
+        """Discard the next block; without a card, wait for the duration of a block and return None."""
         if self._armed is None:
             self._bench.clock.sleep(0.05)
             return None
         return self.discard_block(self._armed)
 
     def drain_stale_blocks(self) -> None:
-        """Discard the blocks sampled before this moment, which may still be in transfer."""
+        """Discard the blocks sampled before now, which may still be in transfer."""
         if self._armed is None:
             return
         now = self.scan_index(self._armed, 0.0)
@@ -158,12 +158,12 @@ class RunAcquisition:
             self.check_interrupts()
 
     def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult], recorded_s: float = 0.0) -> StepResult:
-        """Return what `compute` makes of `recorded_s`, or raises; the card is read meanwhile, so that its buffer does not overflow."""
+        """Return the result of `compute` or raise its error; the card is read meanwhile, so that its buffer does not overflow."""
         allowed_s = max(ANALYSIS_TIMEOUT_S, ANALYSIS_SHARE * recorded_s)
         with self._bench.watchdog.allow_silence(allowed_s), ThreadPoolExecutor(1, "numbers") as numbers:
             done = numbers.submit(compute)
             while not wait([done], ANALYSIS_POLL_S).done:
-                # On a virtual clock no time passes, so nothing is due.
+                # On a virtual clock no time passes.
                 while self.scan_index(armed, -self._bench.block_s) >= self._scans_read:
                     self.discard_block(armed)
             return done.result()
@@ -177,7 +177,7 @@ class RunAcquisition:
         return to_si(self.channels, raw)
 
     def raise_question(self) -> None:
-        """Raise the question to the operator that an exceeded level left.
+        """Raise the pending question to the operator about an exceeded level.
 
         Raises:
             LevelQuestion: an abort level was exceeded, and the operator decides.
@@ -187,10 +187,10 @@ class RunAcquisition:
             raise LevelQuestion(question)
 
     def _report_levels(self) -> None:
-        """Publish the abort levels that the last block exceeded, and whether the card sees the drive.
+        """Publish the abort levels exceeded by the last block, and changes of the drive at the card.
 
         Raises:
-            LevelExceededError: one of them ends the run.
+            LevelExceededError: an exceeded level ends the run.
         """
         for event in self.levels.take_events():
             if isinstance(event, DriveReadbackChanged):

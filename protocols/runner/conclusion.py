@@ -1,4 +1,4 @@
-"""Run conclusion: how a run ended, the verdict on its result, and the last event, in the file and to the observers."""
+"""Run conclusion: end of a run, verdict on its result, and last event, in the file and to the observers."""
 
 import contextlib
 import logging
@@ -29,11 +29,11 @@ from protocols.runner.publisher import RunCancelled, RunRecorder
 log = logging.getLogger(__name__)
 
 CLOCK_CHANGE = timedelta(seconds=30)
-"""A larger difference between the computer's clock and the elapsed time is reported; time servers correct less."""
+"""Smallest reported difference between the computer's clock and the elapsed time; time servers correct less."""
 
 
 class ComputerClockCheck:
-    """Compares the computer's clock with the monotonic clock, from its creation on."""
+    """Compares the computer's clock with the monotonic clock since its creation."""
 
     def __init__(self) -> None:
         self._started_at, self._started_s = datetime.now(UTC), time.monotonic()
@@ -62,7 +62,7 @@ def _format_span(span: timedelta) -> str:
 def describe_end(
     error: RunCancelled | BenchError | StorageError | KeyboardInterrupt, progress: PlanProgress
 ) -> tuple[RunStatus, str]:
-    """Return status and reason of a run that was ended by the operator or by a failure of the bench or the file."""
+    """Return status and reason of a run ended by the operator or by a failure of bench or file."""
     match error:
         case RunCancelled():
             done = f"{len(progress.measured)} of {len(progress.plan)} points"
@@ -81,7 +81,7 @@ class RunConclusion:
     """Concludes a run: publishes the measured rest, estimates and judges the result, and finishes the run file.
 
     Args:
-        reference: model that the result is compared with.
+        reference: model for comparison with the result.
     """
 
     def __init__(
@@ -97,15 +97,11 @@ class RunConclusion:
         self._clock_check = ComputerClockCheck()
 
     def conclude(
-        self,
-        status: RunStatus,
-        reason: str,
-        armed: ArmedBench | None,
-        interference: InterferenceMeasured | None = None,
+        self, status: RunStatus, reason: str, armed: ArmedBench | None, interference: InterferenceMeasured | None = None
     ) -> RunEnded:
-        """Record how the run ended: in the file if it can be written, and always to the observers.
+        """Record the end of the run: in the file if it is writable, and always to the observers.
 
-        `interference` is that at rest; its largest line is one of the results.
+        `interference` is measured at rest; its largest line is one of the results.
         """
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
@@ -135,7 +131,7 @@ class RunConclusion:
         return ended
 
     def _publish_rest(self, status: RunStatus, reason: str, armed: ArmedBench | None) -> tuple[RunStatus, str]:
-        """Publish the rest measured at shutdown; return status and reason, unsafe where high voltage may be on without it."""
+        """Publish the rest measured at shutdown; return status and reason, unsafe if high voltage may be on without confirmed rest."""
         rest = armed.final_rest if armed is not None else None
         if rest is not None:
             self._recorder.publish_always(RestMeasured(rest.confirmed, rest.measured_v, rest.message))
@@ -158,7 +154,7 @@ class RunConclusion:
 
 
 def _interference_estimate(interference: InterferenceMeasured | None) -> tuple[EstimatedQuantity, ...]:
-    """Return the largest line of the displacement at rest; none where there is no significant one."""
+    """Return the largest line of the displacement at rest; none without a significant line."""
     if interference is None or not interference.lines:
         return ()
     line = interference.lines[0]

@@ -1,4 +1,4 @@
-"""Entry runner: measures and analyzes the entries of a plan, again after a pause, a question or lost scans."""
+"""Entry runner: measures and analyses the entries of a plan, repeated after a pause, a question or lost scans."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -35,7 +35,7 @@ class EntryRunner:
     """Measures the entries of a plan one after the other.
 
     Args:
-        simulated: whether the bench is simulated, which flags every point.
+        simulated: whether the bench is simulated; then every point has a flag.
     """
 
     def __init__(
@@ -55,10 +55,10 @@ class EntryRunner:
         self._recorder, self._progress = recorder, progress
         self._operator_actions, self._interrupts = operator_actions, interrupts
         self._lost_scans: set[int] = set()
-        """Entries that were measured again because scans were lost."""
+        """Entries measured again because of lost scans."""
 
     def run(self, armed: ArmedBench, preparation: Sequence[Prompt], resumed: ResumeState) -> None:
-        """Measure every entry that has no point yet, or is to be repeated."""
+        """Measure every entry without a point, and the entries to repeat."""
         self._progress.queue_remaining(resumed.repeat_entries)
         self._recorder.publish(self._progress.progress_event())
         self._operator_actions.prepare(armed, preparation)
@@ -70,13 +70,13 @@ class EntryRunner:
             self._recorder.publish(self._progress.progress_event())
 
     def add_series(self, series: Sequence[Series]) -> None:
-        """Keep series of entries and publish them."""
+        """Store series of entries and publish them."""
         for one in series:
             self._progress.add_series(one)
             self._recorder.notify(SeriesReady(one))
 
     def _measure_entry(self, armed: ArmedBench, index: int) -> Repeat | None:
-        """Measure one entry, again after a pause or if the protocol requests it."""
+        """Measure one entry, repeated after a pause or on request of the protocol."""
         entry = self._progress.plan[index]
         while True:
             try:
@@ -139,7 +139,7 @@ class EntryRunner:
             return ()
 
     def _check_drift(self, armed: ArmedBench, resumed: ResumeState) -> None:
-        """When resuming, measure the last good entry again to check for drift."""
+        """In a resumed run, measure the last good entry again to check for drift."""
         last = resumed.drift_check_entry
         if last is None or last in resumed.repeat_entries:
             return
@@ -163,10 +163,10 @@ class EntryRunner:
         self._recorder.publish(RunResumed())
 
     def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
-        """Return to rest and ask the operator whether and how to proceed beyond an abort level.
+        """Return to rest and ask the operator how to proceed after an exceeded abort level.
 
         Raises:
-            LevelExceededError: nobody can be asked.
+            LevelExceededError: the operator cannot be asked.
             RunCancelled: the operator stops the run.
         """
         rest = armed.return_to_verified_rest()

@@ -51,10 +51,10 @@ from protocols.runner.publisher import RunRecorder
 from protocols.signals import SettlingDetector, find_lines
 
 BLOCK_LATENCY_S = 0.05
-"""After a drive starts, scans older than this may still be in transfer."""
+"""Time after the start of a drive in which older scans may still be in transfer."""
 
 DRIVE_READBACK_TOLERANCE_V = 0.25
-"""A larger deviation means that the drive does not reach the amplifier; nothing is measured then."""
+"""Largest deviation of a drive that reaches the amplifier; beyond it nothing is measured."""
 
 
 MAX_PUBLISHED_LINES = 8
@@ -65,8 +65,8 @@ class StepExecutor:
     """Executes the steps of a run, entry by entry.
 
     Args:
-        prompts: shows the prompts of steps to the operator.
-        calibration_warning: why the sensor's calibration has expired; empty if it has not.
+        prompts: prompts of steps to the operator.
+        calibration_warning: expired calibration of the sensor as text; empty for a valid one.
     """
 
     def __init__(
@@ -83,13 +83,13 @@ class StepExecutor:
         self._recording_count = 0
         self._lines_at_rest: tuple[InterferenceLine, ...] = ()
         self.interference: InterferenceMeasured | None = None
-        """The interference as it was measured at rest; None before, or where it was not."""
+        """The interference measured at rest; None before, or without a measurement."""
         self._rest_v = bench.amplifier.map.rest_v
 
     def run_entry(
         self, protocol: Protocol, index: int, entry: PlanEntry, armed: ArmedBench
     ) -> tuple[list[Recording], Repeat | None]:
-        """Execute the steps of an entry; return its recordings, and what to measure again.
+        """Execute the steps of an entry; return its recordings, and the request to measure again.
 
         Raises:
             LevelQuestion: an abort level was exceeded, and the operator decides.
@@ -104,9 +104,8 @@ class StepExecutor:
                 self._acquisition.check_interrupts()
                 self._acquisition.raise_question()
                 try:
-                    with self._bench.watchdog.allow_silence(
-                        ANALYSIS_TIMEOUT_S
-                    ):  # the analysis of a long record takes time
+                    # The analysis of a long recording takes time.
+                    with self._bench.watchdog.allow_silence(ANALYSIS_TIMEOUT_S):
                         step = steps.send(answer)
                 except StopIteration as end:
                     return recordings, end.value
@@ -134,7 +133,7 @@ class StepExecutor:
                         answer = None
 
     def measure_interference(self, armed: ArmedBench, duration_s: float) -> None:
-        """Record the displacement at rest, before the first drive, and publish the hum and the lines found in it."""
+        """Record the displacement at rest, before the first drive, and publish its hum and other lines."""
         scans, start_row = math.ceil(duration_s * armed.rate_hz), self._run_file.row_count
         buffer = RecordingBuffer(self._acquisition.channels, self._acquisition.read_block(armed))
         while buffer.scans < scans:
@@ -203,7 +202,7 @@ class StepExecutor:
             while buffer.scans < step.lead_s * armed.rate_hz:
                 buffer.add(self._acquisition.read_block(armed))
             self._start_drive(armed, step.drive)
-            # The card continued while the source was started; those samples are the rest before the drive.
+            # The card continued during the start of the source; these samples are the rest before the drive.
             scans += max(self._acquisition.scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)
         self._check_level_lasts(armed, step.duration_s)
         while buffer.scans < scans:
@@ -241,7 +240,7 @@ class StepExecutor:
         self._recorder.publish(DriveStarted(drive))
 
     def _check_level_lasts(self, armed: ArmedBench, needed_s: float) -> None:
-        """Refuse to record or wait beyond the end of a level that returns to rest by itself."""
+        """Reject a recording or wait beyond the end of a level that returns to rest by itself."""
         left_s = armed.amplifier.level_remaining_s
         if left_s < needed_s + BLOCK_LATENCY_S:
             raise BenchError(

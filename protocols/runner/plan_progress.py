@@ -37,9 +37,9 @@ class PlanProgress:
         self.measured: dict[int, tuple[int, Any]] = {}
         self._series: dict[int, list[Series]] = {}
         self._failed_labels: list[str] = []
-        """Labels of entries without a point."""
+        """Labels of the entries without a point."""
         self.warnings: tuple[str, ...] = ()
-        """The protocol's warnings that were reported."""
+        """The reported warnings of the protocol."""
 
     @property
     def points(self) -> list[Any]:
@@ -54,7 +54,7 @@ class PlanProgress:
     # -- plan and queue ------------------------------------------------------------------------------------------------
 
     def build_plan(self) -> None:
-        """Build the plan as far as it is fixed in advance."""
+        """Build the part of the plan that is fixed in advance."""
         self.plan = list(self._protocol.plan(self._rest_v))
 
     def queue_remaining(self, repeat_entries: Collection[int]) -> None:
@@ -71,12 +71,12 @@ class PlanProgress:
         if repeat is Repeat.PREVIOUS and index > 0:
             self._queue[:0] = [index - 1, index]
         if not self._queue:
-            known = len(self.plan)
+            planned = len(self.plan)
             self._extend_plan()
-            self._queue = list(range(known, len(self.plan)))
+            self._queue = list(range(planned, len(self.plan)))
 
     def _extend_plan(self) -> None:
-        """Append the protocol's refinements once all entries so far are measured."""
+        """Append the protocol's refinements after all present entries."""
         points = {entry: point for entry, (_, point) in self.measured.items()}
         self.plan = list(extend_plan(self._protocol, self.plan, points, self._rest_v))
 
@@ -97,7 +97,7 @@ class PlanProgress:
         return PointMeasured(row, point, index, replaces)
 
     def flag_points(self, flag: Quality, affected: Callable[[Any], bool]) -> list[str]:
-        """Add a flag to the points that `affected` selects, in the file too; return the labels of their entries.
+        """Add a flag to the points that `affected` selects, also in the file; return the labels of their entries.
 
         Raises:
             StorageError: the file cannot be written.
@@ -111,7 +111,7 @@ class PlanProgress:
         return labels
 
     def add_series(self, series: Series) -> None:
-        """Keep a curve; it is written when the run ends."""
+        """Keep a series until it is written at the end of the run."""
         self._series[series.entry].append(series)
 
     def mark_failed(self, index: int) -> None:
@@ -121,9 +121,9 @@ class PlanProgress:
     # -- messages ------------------------------------------------------------------------------------------------------
 
     def new_warnings(self) -> list[str]:
-        """Return the protocol's warnings that were not reported before."""
-        found = dict.fromkeys(self._protocol.warnings(self.points))
-        new = [warning for warning in found if warning not in self.warnings]
+        """Return the protocol's new warnings."""
+        warnings = dict.fromkeys(self._protocol.warnings(self.points))
+        new = [warning for warning in warnings if warning not in self.warnings]
         self.warnings += tuple(new)
         return new
 

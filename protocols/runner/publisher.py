@@ -9,9 +9,9 @@ from protocols.runner.request import RunControl
 
 
 class RunRecorder:
-    """Stores every event and block of a run in its file, then publishes it: observers see nothing that is not stored.
+    """Stores every event and block of a run in its file, then publishes it: observers see only stored data.
 
-    A storage error fails the run. Times in the file are seconds since the recorder was created.
+    A storage error fails the run. Times in the file are seconds since the creation of the recorder.
 
     Args:
         external_events: events of other threads, such as faults injected into a simulated bench.
@@ -24,10 +24,10 @@ class RunRecorder:
         self._start_s = clock.now()
         self._store_failed = False
         self.notify = events.publish
-        """Publishes an event that need not, or cannot, be stored."""
+        """Publishes an event without storing it."""
 
     def publish(self, event: Event) -> None:
-        """Store an event, then publish it; once storing has failed, only publish.
+        """Store an event, then publish it; after a storage error, only publish.
 
         Raises:
             StorageError: the file cannot be written; the event was not published.
@@ -43,17 +43,17 @@ class RunRecorder:
         self.notify(event)
 
     def publish_always(self, event: Event) -> None:
-        """Store and publish an event; only publish it if it cannot be stored, for safety must be reported."""
+        """Store and publish an event; if it cannot be stored, only publish it, because safety must be reported."""
         try:
             self.publish(event)
         except StorageError:
             self.notify(event)
 
     def publish_external(self) -> None:
-        """Store and publish the external events that have arrived.
+        """Store and publish the external events received.
 
         Raises:
-            StorageError: the file cannot be written; the event was published all the same.
+            StorageError: the file cannot be written; the event was published.
         """
         while not self._external_events.empty():
             event = self._external_events.get()
@@ -85,7 +85,7 @@ class PauseInterrupt(Exception):
 
 
 class InterruptCheck:
-    """Raises the interrupts that were requested, and publishes the events of other threads."""
+    """Raises the requested interrupts, and publishes the events of other threads."""
 
     def __init__(self, control: RunControl, recorder: RunRecorder) -> None:
         self._control, self._recorder = control, recorder

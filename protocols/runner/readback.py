@@ -1,4 +1,4 @@
-"""Drive read-back check: compares the drive that the card sees with the commanded one, block by block."""
+"""Drive read-back check: compares the recorded drive with the commanded one, block by block."""
 
 import math
 from collections.abc import Callable
@@ -11,24 +11,24 @@ from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Sine, SquareWave
 from model import Array
 
 SINE_SAMPLES_PER_CYCLE = 16
-"""Samples per cycle that a fit uses at most."""
+"""Largest number of samples per cycle in a fit."""
 
 MIN_TOLERANCE_V = 0.05
-"""Least tolerance: noise and gain error of the card, offset error of the generator."""
+"""Smallest tolerance: noise and gain error of the card, offset error of the generator."""
 
 MIN_CHECKED_S = 0.01
-"""A shorter piece of a block is not compared."""
+"""Shortest piece of a block for a comparison."""
 
 FLAT_V = 0.05
-"""A piece with less swing than this is a constant level."""
+"""Largest swing of a constant level."""
 
 COARSE_SAMPLES_LOSS = 0.06
-"""Share of a sweep's amplitude that sampling may miss, at ten samples per cycle."""
+"""Largest share of a sweep's amplitude lost by sampling, at ten samples per cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """A drive that is not the commanded one: what the card sees, the largest deviation and its limit, in volts."""
+    """A deviation from the commanded drive: recorded drive as text, largest deviation and its limit, in volts."""
 
     seen: str
     value_v: float
@@ -37,21 +37,21 @@ class Deviation:
 
 @dataclass
 class DriveReadback:
-    """Compares blocks with the drive that was started last.
+    """Compares blocks with the last started drive.
 
-    Until `fresh_scan` the previous drive, its way to rest and the start of the new one may still arrive; there only what
-    none of them can explain counts.
+    Until `fresh_scan` the previous drive, its way to rest and the start of the new one may still arrive; there only values
+    outside all of them count.
 
     Args:
         drive: the commanded drive.
-        start_scan: scan at which it was started.
-        fresh_scan: from here on only the new drive is seen.
+        start_scan: scan at its start.
+        fresh_scan: first scan with the new drive alone.
         rate_hz: scans per second.
         rest_v: rest at the amplifier's input.
-        relative_tolerance: of the drive's amplitude, or of a level's distance from rest.
-        previous: the drive before, if there was one.
-        early_s: by how much the drive may have started before `start_scan`, because replies were late.
-        held_s: how long a level is held from `start_scan` on; then it may return to rest by itself.
+        relative_tolerance: tolerance as a share of the drive's amplitude, or of a level's distance from rest.
+        previous: previous drive, if any.
+        early_s: largest lead of the drive's start before `start_scan`, because of late replies.
+        held_s: duration of a held level from `start_scan`; then it may return to rest by itself.
     """
 
     drive: Drive
@@ -64,7 +64,7 @@ class DriveReadback:
     early_s: float = 0.0
     held_s: float = math.inf
     compared: bool = field(default=False, init=False)
-    """Whether the last block was compared with the drive; not before `fresh_scan` or where it has too little of a cycle."""
+    """Whether the last block was compared with the drive; false before `fresh_scan` or for too small a part of a cycle."""
     _sine_scans: list[Array] = field(default_factory=list)
     _sine_volts: list[Array] = field(default_factory=list)
 
@@ -79,12 +79,12 @@ class DriveReadback:
     def check(
         self, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
     ) -> Deviation | None:
-        """Return how the counts `raw` from scan `start` on differ from the drive; None if they agree or cannot be compared."""
+        """Return the deviation of the counts `raw` from scan `start` from the drive; None if they agree or cannot be compared."""
         self.compared = False
         split = min(max(self.fresh_scan - start, 0), raw.size)
         shortest = MIN_CHECKED_S * self.rate_hz
-        if split > shortest and (found := self._check_transition(raw[:split], to_volts)):
-            return found
+        if split > shortest and (deviation := self._check_transition(raw[:split], to_volts)):
+            return deviation
         played_s = self.held_s if isinstance(self.drive, Hold) else self.drive.duration_s
         left = (self.start_scan - start) + (played_s - self._late_s) * self.rate_hz
         stop = raw.size if left >= raw.size else math.floor(left)
@@ -134,7 +134,7 @@ class DriveReadback:
     def _check_sine(
         self, drive: Sine, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
     ) -> Deviation | None:
-        """Compare offset, amplitude and remainder of a fitted sine; over several blocks where one holds no whole cycle."""
+        """Compare offset, amplitude and residual of a fitted sine; over several blocks if one has no whole cycle."""
         stride = max(math.floor(self.rate_hz / drive.frequency_hz / SINE_SAMPLES_PER_CYCLE), 1)
         self._sine_scans.append(np.arange(start, start + raw.size, stride, dtype=float))
         self._sine_volts.append(to_volts(raw[::stride]))
@@ -169,7 +169,7 @@ class DriveReadback:
     def _check_sweep(
         self, drive: LinearSweep | PeriodicSweep, start: int, count: int, low: float, high: float
     ) -> Deviation | None:
-        """Compare the swing with the sweep's, where a whole cycle passes outside the faded ends."""
+        """Compare the swing with the sweep's, if a whole cycle passes outside the faded ends."""
         t = (start - self.start_scan + np.array([0.0, count])) / self.rate_hz + [-self._late_s, self._late_s]
         if isinstance(drive, PeriodicSweep):
             fade_s, slowest = 2 * drive.fade_s, min(drive.start_hz, drive.stop_hz)
@@ -181,7 +181,7 @@ class DriveReadback:
         limit_v = (
             self.swing_limit_v + COARSE_SAMPLES_LOSS * drive.amplitude_v if cycles >= 1.1 else 0.75 * drive.amplitude_v
         )
-        if cycles < 0.6:  # 0.6 of a cycle swings by more than a quarter
+        if cycles < 0.6:  # 0.6 of a cycle swings by more than a quarter of the amplitude
             self.compared = False
             return None
         if missing <= limit_v:

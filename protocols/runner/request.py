@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
-    """A run to be made.
+    """A requested run.
 
     Attributes:
-        resume: the earlier run whose points are carried over.
+        resume: earlier run whose points are carried over.
         prepare: prompts for the operator before the first entry.
-        reference: model of the free specimen that the result is compared with; default is the paper's tactor.
-        conditions: who measures, and the state of the air; None if not stated.
-        calibration_warning: what has expired of the instruments; every point is then flagged. Empty if nothing has.
+        reference: model of the free specimen for comparison with the result; default: the paper's tactor.
+        conditions: operator, and state of the air; None if not stated.
+        calibration_warning: expired calibrations of the instruments; every point is then flagged. Empty for valid ones.
         notes: further messages for the log of the run.
-        item: the campaign item it measures; empty outside a campaign.
+        item: campaign item of the run; empty outside a campaign.
     """
 
     protocol: Protocol
@@ -43,7 +43,7 @@ class RunRequest:
         """Return the request that resumes the run `path`, or measures `repeat_entries` of it again. Reads the file.
 
         Raises:
-            RunReadError: `path` is not a run that can be resumed.
+            RunReadError: `path` is no resumable run.
         """
         from protocols.resume import load_resumable  # h5py is slow to import
         from protocols.runfile import translate_read_errors

@@ -44,21 +44,21 @@ from protocols.signals import find_lines, folded_frequencies, mark_folded
 log = logging.getLogger(__name__)
 
 PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
-"""Imported before the card runs: importing at the first fit would delay the run by a second or two."""
+"""Modules imported before the card runs: importing at the first fit would delay the run by a second or two."""
 
 STATED_WAIT_S = 2.0
-"""A longer way to rest is stated while it lasts."""
+"""Duration above which the way to rest is announced."""
 
 WAITING_TEXT = "This source can only wait for the end of its drive: at rest in {:.1f} s"
 
 SECOND_RATE_SHARE = 0.87
-"""Second rate divided by the run's; no small ratio of integers, at which a folded line could stay in its place."""
+"""Second rate divided by the run's; no small ratio of integers, at which a folded line could keep its frequency."""
 
 
 def initial_record(
     request: RunRequest, bench: Bench, reference: ReferenceModel, adapted: AdaptedProtocol | None = None
 ) -> RunRecord:
-    """Return the record that the run file has before the run begins."""
+    """Return the record of the run file before the begin of the run."""
     adapted = adapted or AdaptedProtocol(request.protocol)
     protocol = adapted.protocol
     return RunRecord(
@@ -104,7 +104,7 @@ class Runner:
         Raises:
             StorageError: the file cannot be created.
         """
-        # A resumed run has the parameters of its file.
+        # A resumed run keeps the parameters of its file.
         self._adapted = (
             AdaptedProtocol(request.protocol) if request.resume else adapt_to_source(request.protocol, bench.amplifier)
         )
@@ -147,7 +147,7 @@ class Runner:
         self._conclusion = RunConclusion(self._protocol, reference, self._run_file, self._recorder, self._plan_progress)
 
     def run(self) -> RunEnded:
-        """Run the protocol; return how it ended and the verdict. Errors end the run and are reported in it, not raised."""
+        """Run the protocol; return the end and the verdict. Errors end the run and are reported in the result, not raised."""
         try:
             self._start()
             protocol = self._protocol
@@ -177,25 +177,25 @@ class Runner:
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
-        except BaseException as error:  # SystemExit too, which a driver may raise: the end of a run is always reported
+        except BaseException as error:  # also SystemExit of a driver: the end of a run is always reported
             log.exception("the run failed by an error of this program")
             status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
         ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)
-        self.path = self._run_file.path  # another one if the file was moved or deleted
+        self.path = self._run_file.path  # a different path if the file was moved or deleted
         return ended
 
     def _report_folded_lines(self) -> None:
-        """Look at the interference at a second sample rate, now that rest is confirmed; flag the points it is folded onto."""
-        found, armed = self._executor.interference, self._armed
-        if found is None or not found.lines or armed is None:
+        """Measure the interference at a second sample rate, after confirmed rest; flag points at folded lines."""
+        interference, armed = self._executor.interference, self._armed
+        if interference is None or not interference.lines or armed is None:
             return
         try:
-            lines = tell_folded_lines(self._bench, found.lines, armed.rate_hz, self._protocol.rest_record_s)
+            lines = separate_folded_lines(self._bench, interference.lines, armed.rate_hz, self._protocol.rest_record_s)
         except (BenchError, ValueError) as error:
-            self._recorder.publish(LogMessage(f"Whether interference is folded back could not be found out: {error}"))
+            self._recorder.publish(LogMessage(f"The test for interference folded back by sampling failed: {error}"))
             return
         if folded := tuple(line for line in lines if line.folded):
-            self._recorder.publish(InterferenceMeasured(found.rows, folded))
+            self._recorder.publish(InterferenceMeasured(interference.rows, folded))
             labels = self._plan_progress.flag_points(
                 Quality.FOLDED, lambda point: self._protocol.folded_onto(point, folded)
             )
@@ -220,7 +220,7 @@ class Runner:
         self._recorder.publish(
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
-        self._recorder.publish_external()  # faults injected before the run
+        self._recorder.publish_external()  # faults injected before the begin of the run
         bench = self._bench
         for message in (
             bench.watchdog.inactive_reason,
@@ -242,7 +242,7 @@ class Runner:
         self._entries.add_series(self._resume_state.series)
 
     def _unattended_message(self) -> str:
-        """Return what happens where the operator would be asked; empty if one can be, or if no abort level asks."""
+        """Return the consequence of an unreachable operator as text; empty if the operator can be asked, or no abort level asks."""
         why, asking = self._prompts.unreachable_reason, self._bench.levels.asking
         if not (why and asking):
             return ""
@@ -258,12 +258,12 @@ class Runner:
         self._recorder.publish_always(SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message))
 
 
-def tell_folded_lines(
+def separate_folded_lines(
     bench: Bench, lines: tuple[InterferenceLine, ...], rate_hz: float, duration_s: float
 ) -> tuple[InterferenceLine, ...]:
-    """Return the lines with the true frequencies of those that a second rate shows to be folded.
+    """Return the lines with the true frequencies of lines folded by the sample rate, by a recording at a second rate.
 
-    The card is read once more after the run, when rest is confirmed: a folded line has another frequency at another rate. Nothing is
+    The card is read again after the run, at confirmed rest: a folded line has another frequency at another rate. Nothing is
     commanded; the displacement is read for `duration_s`.
 
     Raises:

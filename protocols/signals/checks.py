@@ -10,14 +10,14 @@ def check_samples(name: str, samples: ArrayLike, min_size: int) -> Array:
     """One row of finite samples, (N,).
 
     Raises:
-        ValueError: not one row, fewer than `least`, or some are not numbers.
+        ValueError: not one row, fewer than `least`, or not all finite.
     """
     x = np.asarray(samples, float)
     if x.ndim != 1:
         raise ValueError(f"{name} has {x.ndim} axes: give one row of samples")
     if x.size < min_size:
         raise ValueError(f"{name} has {x.size} samples, at least {min_size} are needed: record longer")
-    if not np.isfinite(x.sum()):  # one pass without a mask; the count is only for the sentence
+    if not np.isfinite(x.sum()):  # one pass without a mask; the count is only for the message
         bad = x.size - int(np.count_nonzero(np.isfinite(x)))
         raise ValueError(f"{name}: {bad} of {x.size} samples are not finite numbers; cut them away or measure again")
     return x
@@ -27,7 +27,7 @@ def check_positive(**values: float) -> None:
     """Reject a value that is not a positive finite number.
 
     Raises:
-        ValueError: it is not; the message names the value.
+        ValueError: the value is not positive and finite; the message names it.
     """
     for name, value in values.items():
         if not (value > 0 and np.isfinite(value)):
@@ -35,7 +35,7 @@ def check_positive(**values: float) -> None:
 
 
 def coverage_factor(degrees_of_freedom: float, level: float = 0.95) -> float:
-    """Standard errors on either side of a value that hold the truth with probability `level` (Student's t)."""
+    """Return the number of standard errors on each side of a value that contains the truth with probability `level` (Student's t)."""
     from scipy.special import stdtrit
 
     return float(stdtrit(degrees_of_freedom, 0.5 + level / 2))

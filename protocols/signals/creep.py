@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from protocols.signals.checks import check_positive, check_samples
 
 BINS_PER_DECADE = 20
-"""Samples are averaged in bins of the logarithm of time: the late decades have nearly all samples without more information."""
+"""Bins of the logarithm of time for averages: the late decades have nearly all samples without more information."""
 
 MIN_BINS = 8
 
@@ -18,12 +18,12 @@ class CreepFit:
     """x(t) = value + per_decade log10(t / reference) (+ drift t), in the unit of the samples.
 
     Attributes:
-        value, value_error: at the reference time, and its standard error.
+        value, value_error: value at the reference time, and its standard error.
         per_decade, per_decade_error: growth from t to 10 t.
-        drift_per_s, drift_error: of an additional straight line; 0 where none was fitted.
+        drift_per_s, drift_error: slope of an additional straight line; 0 without one.
         reference_s: the reference time.
         degrees_of_freedom: of the standard errors; see `coverage_factor`.
-        decades: of time that were fitted.
+        decades: fitted decades of time.
     """
 
     value: float
@@ -40,17 +40,17 @@ class CreepFit:
 def fit_creep(
     time_s: ArrayLike, samples: ArrayLike, zero: float = 0.0, reference_s: float = 1.0, with_drift: bool = False
 ) -> CreepFit:
-    """Fit creep to what followed a step.
+    """Fit creep after a step.
 
-    The errors come from how the bins scatter about the line, each weighted with its count of samples; slow noise scatters
-    bins more than its share of samples would, and is included.
+    The errors are from the scatter of the bins about the line, each weighted with its number of samples; slow noise increases the
+    scatter and is included.
 
     Args:
-        time_s: (N,), since the step, rising; all > 0.
+        time_s: (N,), time since the step, rising; all > 0.
         samples: (N,), sensor signal.
         zero: the level before the step.
         reference_s: time to which `value` refers.
-        with_drift: whether a straight line in time is fitted in addition to the logarithm.
+        with_drift: whether to fit a straight line in time in addition to the logarithm.
 
     Raises:
         ValueError: not finite, a time <= 0, or less than half a decade.

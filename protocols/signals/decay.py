@@ -13,7 +13,7 @@ from protocols.signals.interference import resolved_lines
 
 MIN_SAMPLES = 16
 MAX_DAMPING = 0.8
-"""Above it, frequency and damping cannot be separated."""
+"""Largest damping ratio for which frequency and damping can be separated."""
 
 GRID_DAMPING = (0.003, 0.01, 0.03, 0.08, 0.15, 0.25, 0.4)
 GRID_SAMPLES = 2048
@@ -21,18 +21,18 @@ GRID_SAMPLES = 2048
 
 @dataclass(frozen=True, slots=True)
 class DecayFit:
-    """x(t) = offset + amplitude exp(-zeta w0 t) cos(w0 sqrt(1 - zeta^2) t + phase) + creep, t from the first sample fitted.
+    """x(t) = offset + amplitude exp(-zeta w0 t) cos(w0 sqrt(1 - zeta^2) t + phase) + creep, t from the first fitted sample.
 
-    Creep is the logarithm of the time since the release, and none at the last sample.
+    Creep follows the logarithm of the time since the release and is zero at the last sample.
 
     Attributes:
         natural_hz, natural_error_hz: undamped natural frequency w0 / 2 pi and its standard error.
         damping_ratio, damping_error: zeta.
         amplitude, amplitude_error: at t = 0, unit of the samples.
         phase: rad.
-        offset, offset_error: where it is at the end of the record, when it no longer rings.
-        creep_per_decade: of the time since the release.
-        creep_times_s: from the release to the first and to the last sample fitted, less the delay of the vibration.
+        offset, offset_error: value at the end of the record, after the ringing.
+        creep_per_decade: creep per decade of the time since the release.
+        creep_times_s: times from the release to the first and to the last fitted sample, less the delay of the vibration.
         noise: standard deviation of the residuals.
         degrees_of_freedom: of the standard errors; see `coverage_factor`.
     """
@@ -52,7 +52,7 @@ class DecayFit:
     degrees_of_freedom: int
 
     def displacement(self, time_s: Array) -> Array:
-        """Return x at times from the first sample fitted, (N,)."""
+        """Return x at times from the first fitted sample, (N,)."""
         w = 2 * np.pi * self.natural_hz
         ringing = np.exp((-self.damping_ratio + 1j * np.sqrt(1 - self.damping_ratio**2)) * w * time_s + 1j * self.phase)
         crept = self.creep_per_decade * _decades(time_s, *self.creep_times_s)
@@ -67,18 +67,18 @@ def fit_decay(
     interference: Sequence[InterferenceLine] = (),
     released_s: float = 0.0,
 ) -> DecayFit:
-    """Fit one decaying oscillation on a specimen that creeps.
+    """Fit one decaying oscillation on a creeping specimen.
 
-    A grid of frequencies and dampings, at each of which the rest is linear, finds the valley; Gauss and Newton its bottom. Creep,
-    neglected, makes the damping 4 % too small at 1.5 % a decade.
+    A grid of frequencies and dampings, at each of which the other parameters are linear, gives the start of a Gauss-Newton
+    search. Without creep the damping would be 4 % too small at a creep of 1.5 % per decade.
 
     Args:
-        samples: (N,), from the release on.
+        samples: (N,), from the release.
         rate_hz: samples per second.
-        band_hz: band that is searched for the natural frequency.
-        skip_s: left out at the start, until the drive is constant and higher modes have decayed.
-        interference: lines measured at rest: those that the record resolves are fitted with the decay.
-        released_s: how long before the first sample the release was.
+        band_hz: search band of the natural frequency.
+        skip_s: omitted time at the start, until the drive is constant and higher modes have decayed.
+        interference: lines measured at rest; lines that the record resolves are fitted with the decay.
+        released_s: time from the release to the first sample.
 
     Raises:
         ValueError: too short, not finite, or no free vibration within the band.
@@ -94,13 +94,11 @@ def fit_decay(
     lines = np.column_stack((np.cos(angles), np.sin(angles)))
     q, _ = np.linalg.qr(lines)
     w, zeta = _coarse_search(x - q @ (q.T @ x), t, band_hz)
-    for _ in range(
-        2
-    ):  # creep moves the specimen later by the delay of the vibration, which is known from the first fit
+    for _ in range(2):  # creep acts later by the delay of the vibration, which follows from the first fit
         first_s = max(released_s + skipped / rate_hz - 2 * zeta / w, 1 / rate_hz)
-        found = _fit_from(w, zeta, x, t, band_hz, lines, (first_s, first_s + float(t[-1])))
-        w, zeta = 2 * np.pi * found.natural_hz, found.damping_ratio
-    return found
+        fit = _fit_from(w, zeta, x, t, band_hz, lines, (first_s, first_s + float(t[-1])))
+        w, zeta = 2 * np.pi * fit.natural_hz, fit.damping_ratio
+    return fit
 
 
 def _fit_from(
@@ -112,7 +110,7 @@ def _fit_from(
     lines: Array,
     creep_times_s: tuple[float, float],
 ) -> DecayFit:
-    """Fit from a frequency and a damping on; `lines` are the columns of the interference, (N, 2 lines)."""
+    """Fit from a start frequency and damping; `lines` are the columns of the interference, (N, 2 lines)."""
     from scipy.optimize import least_squares
 
     beside = np.column_stack((lines, _decades(t, *creep_times_s)))
@@ -131,7 +129,7 @@ def _fit_from(
 
     def slopes(p: Array) -> Array:
         basis = _basis(t, w * p[0], p[1])
-        # a Re E + b Im E = Re (a - i b) E, and E = exp(s t) moves with s t E.
+        # a Re E + b Im E = Re (a - i b) E, and dE/ds = t E for E = exp(s t).
         turned = (p[3] - 1j * p[4]) * (basis[:, 1] + 1j * basis[:, 2]) * w * t
         root = np.sqrt(max(1 - p[1] ** 2, 1e-6))
         of_frequency, of_damping = (turned * (-p[1] + 1j * root)).real, (turned * p[0] * (-1 - 1j * p[1] / root)).real
@@ -177,12 +175,12 @@ def _fit_from(
 
 
 def _decades(t: Array, first_s: float, last_s: float) -> Array:
-    """Decades of time since the release until the last sample, negative before it, (N,)."""
+    """Return the decades of time since the release relative to the last sample, negative before it, (N,)."""
     return np.asarray(np.log10((t + first_s) / last_s))
 
 
 def _coarse_search(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Angular frequency and damping, of a coarse grid, that explain most of the beginning of the record."""
+    """Return the angular frequency and damping of a coarse grid that explain most of the begin of the record."""
     x, t = x[:GRID_SAMPLES], t[:GRID_SAMPLES]
     span, resolvable = np.log(band_hz[1] / band_hz[0]), (band_hz[1] - band_hz[0]) * t[-1]
     # A mode is as wide as its damping; a record resolves frequencies 1 / duration apart.
@@ -190,10 +188,10 @@ def _coarse_search(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[fl
     zeta = np.repeat(GRID_DAMPING, counts)
     w = 2 * np.pi * np.concatenate([np.geomspace(*band_hz, count) for count in counts])
     pole = (-zeta + 1j * np.sqrt(1 - zeta**2)) * w
-    # exp(s (a + b)) is a product: an exponential a sample and pole would be nearly all of the time.
+    # exp(s (a + b)) is a product: one exponential per sample and pole would dominate the time.
     coarse, fine = np.exp(np.outer(pole, t[::32])), np.exp(np.outer(pole, t[:32]))
     ringing = (coarse[:, :, None] * fine[:, None, :]).reshape(pole.size, -1)[:, : t.size]
-    ringing -= ringing.mean(1, keepdims=True)  # the offset is fitted as well
+    ringing -= ringing.mean(1, keepdims=True)  # the offset is also fitted
     a, b = ringing.real, ringing.imag
     aa, bb, ab = (np.einsum("gn,gn->g", *pair) for pair in ((a, a), (b, b), (a, b)))
     xa, xb = a @ x, b @ x
@@ -203,6 +201,6 @@ def _coarse_search(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[fl
 
 
 def _basis(t: Array, w: float, zeta: float) -> Array:
-    """1, and cosine and sine that decay; (N, 3)."""
+    """Return 1, and decaying cosine and sine; (N, 3)."""
     ringing = np.exp((-zeta + 1j * np.sqrt(max(1 - zeta**2, 1e-6))) * w * t)
     return np.stack((np.ones(t.size), ringing.real, ringing.imag), axis=1)

@@ -1,8 +1,8 @@
 """Max - min of a periodic response, corrected for the bias of noise and sampling.
 
-The largest of n noisy samples lies above the largest value of the waveform, and the samples miss the waveform's own extremes.
-Both are computed from the waveform fitted with many harmonics and from the distribution of its residuals, whatever
-its shape: the distribution of the maximum of independent values is the product of theirs.
+The largest of n noisy samples lies above the largest value of the waveform, and the samples miss the extremes of the waveform.
+Both are computed from the waveform fitted with many harmonics and from the distribution of its residuals, of any shape: the
+distribution of the maximum of independent values is the product of their distributions.
 """
 
 from dataclasses import dataclass
@@ -13,22 +13,23 @@ from model import Array
 from protocols.signals.sine import SineFit, fit_sine, fitted_samples
 
 WAVEFORM_ORDERS = 24
-"""Harmonics of the waveform; what lies above counts as noise."""
+"""Number of harmonics of the waveform; higher frequencies count as noise."""
 
 WAVEFORM_STEPS = 4096
-"""Steps of a cycle at which the waveform's own extremes are looked for."""
+"""Number of steps per cycle in the search of the waveform's extremes."""
 
 DISTRIBUTION_STEPS = 512
-"""Steps of the noise distribution over its range."""
+"""Number of steps of the noise distribution over its range."""
 
 BIAS_UNCERTAINTY = 0.05
-"""Standard uncertainty of the bias as a share of it: the tails of the noise are known from one recording."""
+"""Relative standard uncertainty of the bias: the tails of the noise are estimated from one recording."""
 
 RESOLUTION_SAMPLES = 1 << 17
-"""Samples whose smallest step is the resolution: more than the levels of a 16-bit converter."""
+"""Number of samples whose smallest step is the resolution: more than the levels of a 16-bit converter."""
 
 MIN_ORDERS = 4
-"""With fewer harmonics below the sample rate, what the fit leaves may be harmonics: then the bias is anything up to itself."""
+"""Fewest harmonics below the sample rate for residuals without harmonics; with fewer, the uncertainty of the bias is the bias
+itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +37,10 @@ class MaxMin:
     """Max - min of the waveform of a recording, in the unit of the samples.
 
     Attributes:
-        value: of the samples without drift, less the bias.
-        scatter: standard uncertainty by noise, which averaging of recordings reduces.
-        systematic: standard uncertainty by the resolution of the samples and of the bias, which is common to recordings.
-        bias: expected max - min of the samples minus the waveform's: positive by noise, negative by sampling.
+        value: max - min of the samples without drift, less the bias.
+        scatter: standard uncertainty by noise, reduced by averaging of recordings.
+        systematic: standard uncertainty by the resolution of the samples and the bias, common to recordings.
+        bias: expected max - min of the samples minus max - min of the waveform: positive by noise, negative by sampling.
     """
 
     value: float
@@ -54,12 +55,12 @@ class MaxMin:
 
 
 def estimate_max_min(samples: Array, rate_hz: float, frequency_hz: float) -> MaxMin:
-    """Estimate max - min of a periodic response as it is without noise and between the samples.
+    """Estimate max - min of a periodic response without noise and in continuous time.
 
     Args:
         samples: (N,), evenly spaced, about whole cycles.
         rate_hz: samples per second.
-        frequency_hz: of the fundamental, as fitted.
+        frequency_hz: fitted frequency of the fundamental.
 
     Raises:
         ValueError: fewer samples than unknowns of the fit.
@@ -74,7 +75,7 @@ def estimate_max_min(samples: Array, rate_hz: float, frequency_hz: float) -> Max
         _expected_maximum(-waveform, -left[::-1]),
     )
     bias = highest + lowest - float(np.ptp(_one_cycle(fit)))
-    # Coarse steps are no independent noise: the extremes may lie up to half a step off, or be widened by it.
+    # Coarse steps are no independent noise: the extremes may be shifted by up to half a step, or widened by it.
     resolution = _smallest_step(samples) / np.sqrt(3)
     share = BIAS_UNCERTAINTY if len(fit.components) >= MIN_ORDERS else 1 / np.sqrt(3)
     systematic = float(np.hypot(resolution, share * bias))
@@ -82,7 +83,7 @@ def estimate_max_min(samples: Array, rate_hz: float, frequency_hz: float) -> Max
 
 
 def _smallest_step(samples: Array) -> float:
-    """Return the smallest difference between samples that differ: the resolution of digitized ones."""
+    """Return the smallest difference between different samples: the resolution of digitized ones."""
     steps = np.diff(np.sort(samples[:RESOLUTION_SAMPLES]))
     return float(steps[steps > 0].min(initial=np.ptp(samples)))
 
@@ -102,9 +103,9 @@ def _expected_maximum(waveform: Array, noise: Array) -> tuple[float, float]:
     below = np.rint((top - waveform[waveform > top - spread]) / step).astype(int)
     counts = np.bincount(below, minlength=DISTRIBUTION_STEPS + 1).astype(float)
     levels = noise[0] + step * np.arange(2 * DISTRIBUTION_STEPS + 1)
-    # The smallest value is one of the sample, so that no logarithm is infinite.
+    # The smallest value is in the sample, so that no logarithm is infinite.
     log_share = np.log(np.maximum(np.searchsorted(noise, levels, side="right"), 1) / noise.size)
-    share = np.exp(np.correlate(log_share, counts, mode="valid"))  # that no sample lies above top + level
+    share = np.exp(np.correlate(log_share, counts, mode="valid"))  # probability that no sample lies above top + level
     weights = np.diff(share, prepend=0.0)
     middles = levels[: DISTRIBUTION_STEPS + 1] - 0.5 * step
     mean = float(weights @ middles / weights.sum())

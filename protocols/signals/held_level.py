@@ -1,8 +1,9 @@
 """Level and step: means with standard errors for correlated samples, and the ramp between levels.
 
-The spectrum of the noise at frequency zero, not its variance, makes the error of a mean. It is taken from the lowest cosine
+The spectrum of the noise at frequency zero, not its variance, gives the error of a mean. It is taken from the lowest cosine
 components of the residuals of a straight line and the mains (Lazarus, Lewis, Stock, Watson, J. Bus. Econ. Stat. 36, 2018), which
-gives a known number of degrees of freedom for the interval. They hold for noise that forgets within a fiftieth of the stretch.
+gives a known number of degrees of freedom for the interval. It is valid for noise with a correlation time below a fiftieth of the
+stretch.
 """
 
 import math
@@ -20,13 +21,14 @@ from protocols.signals.interference import SEPARATION_BINS, resolved_lines
 
 MAINS_HZ = 50.0
 MAINS_ORDERS = 3
-"""Mains and its harmonics that are fitted; the third is strong where transformers saturate."""
+"""Fitted harmonics of the mains; the third is strong with saturated transformers."""
 
 MAX_COSINE_COMPONENTS = 12
-"""Largest number of cosine components for the noise estimate: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
+"""Largest number of cosine components for the noise estimate: few enough to include slow noise, enough to keep a 95 % interval
+below 3 standard errors."""
 
 SAMPLES_PER_LINE = 24
-"""Fewest samples of a level for each line of interference that is fitted."""
+"""Fewest samples of a level for each fitted line of interference."""
 
 MIN_SAMPLES = 24
 """Fewest samples of a level."""
@@ -37,7 +39,7 @@ class LevelEstimate:
     """The level of a stretch of samples at its middle, in the unit of the samples.
 
     Attributes:
-        value: at the middle, drift and mains removed.
+        value: level at the middle, drift and mains removed.
         standard_error: of the value, slow noise included.
         degrees_of_freedom: of the standard error; see `coverage_factor`.
         drift_per_s: slope of the straight line.
@@ -53,7 +55,7 @@ class LevelEstimate:
 
 @dataclass(frozen=True, slots=True)
 class StepEstimate:
-    """What a step did at a stated time after it, against the level just before; in the unit of the samples.
+    """Change by a step at a stated time after it, against the level just before; in the unit of the samples.
 
     Attributes:
         value: after - before.
@@ -70,18 +72,15 @@ class StepEstimate:
 
 
 def estimate_level(
-    samples: ArrayLike,
-    rate_hz: float,
-    mains_hz: float | None = MAINS_HZ,
-    interference: Sequence[InterferenceLine] = (),
+    samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ, interference: Sequence[InterferenceLine] = ()
 ) -> LevelEstimate:
-    """The level of a stretch, (N,), with its standard error.
+    """Return the level of a stretch, (N,), with its standard error.
 
     Args:
-        samples: evenly spaced; 0.1 s is whole cycles of both 50 and 60 Hz.
+        samples: evenly spaced samples; 0.1 s is a whole number of cycles of 50 and 60 Hz.
         rate_hz: samples per second.
-        mains_hz: fitted and removed with two harmonics; None: not fitted.
-        interference: lines measured at rest: fitted and removed where the stretch resolves them, else counted in the error.
+        mains_hz: mains frequency, fitted and removed with two harmonics; None: no fit.
+        interference: lines measured at rest: fitted and removed if the stretch resolves them, otherwise counted in the error.
 
     Raises:
         ValueError: fewer than 24 samples, not finite, or shorter than a cycle of the mains.
@@ -119,20 +118,20 @@ def estimate_step(
 ) -> StepEstimate:
     """Estimate the value `read_s` after a step against the value just before it.
 
-    Creep is logarithmic, so a step has no end value: the time at which it is read belongs to the number.
+    Creep is logarithmic, so that a step has no final value: the time of the reading is part of the result.
 
     Args:
         samples: (N,), before and after the step, evenly spaced.
         rate_hz: samples per second.
-        step_s: when the step began, from the first sample.
-        read_s: after the step; the middle of the window that is read.
+        step_s: time of the begin of the step, from the first sample.
+        read_s: time of the middle of the reading window after the step.
         window_s: length of both windows.
-        guard_s: kept between the end of the first window and the step, for a step whose time is not known to a sample.
+        guard_s: gap between the end of the first window and the step, for a step with an inexact time.
         mains_hz: see `estimate_level`.
         interference: see `estimate_level`.
 
     Raises:
-        ValueError: a window lies outside the samples or on the step, or holds too little.
+        ValueError: a window lies outside the samples or on the step, or has too few samples.
     """
     check_positive(rate_hz=rate_hz, read_s=read_s, window_s=window_s)
     x = np.asarray(samples, float)
@@ -157,7 +156,7 @@ def estimate_step(
 
 
 def combine_errors(first: LevelEstimate, second: LevelEstimate) -> tuple[float, float]:
-    """Standard error and degrees of freedom of a sum or difference of two levels (Welch, Satterthwaite)."""
+    """Return standard error and degrees of freedom of a sum or difference of two levels (Welch, Satterthwaite)."""
     one, two = first.standard_error**2, second.standard_error**2
     if one + two == 0:
         return 0.0, first.degrees_of_freedom + second.degrees_of_freedom
@@ -169,7 +168,7 @@ def combine_errors(first: LevelEstimate, second: LevelEstimate) -> tuple[float, 
 def _regression_design(
     n: int, rate_hz: float, mains_hz: float | None, lines_hz: tuple[float, ...] = ()
 ) -> tuple[Array, Array, int, float]:
-    """Return the quantities that depend on the length alone: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
+    """Return quantities of the length alone: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
 
     Line and mains account for a share of the lowest cosine components: only the remainder counts, in power and in freedom.
     """
@@ -182,7 +181,7 @@ def _regression_design(
 
 
 def _basis(n: int, rate_hz: float, mains_hz: float | None, lines_hz: tuple[float, ...]) -> Array:
-    """1, the time from -1 to 1, the lines, and the mains where no line is; (n, 2 + 2 (orders + lines))."""
+    """Return 1, the time from -1 to 1, the lines, and the mains at frequencies without a line; (n, 2 + 2 (orders + lines))."""
     fitted = list(lines_hz)
     columns = [np.ones(n), np.linspace(-1, 1, n)]
     if mains_hz is not None:
@@ -200,7 +199,7 @@ def _basis(n: int, rate_hz: float, mains_hz: float | None, lines_hz: tuple[float
 
 
 LEVEL_TOLERANCE = 0.01
-"""Of the step: as near as that counts as there, if noise is less."""
+"""Share of the step within which a sample counts as at the level, if noise is smaller."""
 
 NOISE_FACTOR = 5.0
 
@@ -210,7 +209,7 @@ class DetectedRamp:
     """A ramp in a record; times from its first sample.
 
     Attributes:
-        begin_s, end_s: the last moment at the old level, the first at the new one. Equal where nothing moved.
+        begin_s, end_s: the last moment at the old level, the first at the new one; equal without a ramp.
         start_level_v, end_level_v: the two levels.
     """
 
@@ -221,14 +220,14 @@ class DetectedRamp:
 
     @property
     def duration_s(self) -> float:
-        """How long the way took."""
+        """Duration of the ramp."""
         return self.end_s - self.begin_s
 
     def effective_time_s(self, since_s: Array) -> Array:
-        """Times since an ideal step that would have crept as far as the ramp did by `since_s` after its end.
+        """Return the times since an ideal step with the same creep as the ramp at `since_s` after its end.
 
-        What creeps as the logarithm of time under a step, creeps under a straight ramp as its average over the ramp:
-        ln t_eff = ((t + T) ln (t + T) - t ln t) / T - 1 for a ramp of T that ended t ago.
+        Creep with the logarithm of time after a step becomes, after a straight ramp, its average over the ramp: ln t_eff = ((t +
+        T) ln (t + T) - t ln t) / T - 1 for a ramp of T that ended t ago.
         """
         ramp = self.duration_s
         if ramp <= 0:
@@ -238,16 +237,16 @@ class DetectedRamp:
 
 
 def find_ramp(drive_v: Array, rate_hz: float, hold_s: float, rest_s: float) -> DetectedRamp:
-    """The one ramp of a record that begins with at least `rest_s` at one level and ends with `hold_s` at another.
+    """Return the ramp of a record that begins with at least `rest_s` at one level and ends with `hold_s` at another.
 
     Args:
         drive_v: (N,), volts.
         rate_hz: samples per second.
-        hold_s: how much of its end surely is at a level.
-        rest_s: how much of its begin surely is.
+        hold_s: time at its end that is certainly at a level.
+        rest_s: time at its begin that is certainly at a level.
 
     Raises:
-        ValueError: the record is shorter than that.
+        ValueError: the record is shorter than both times.
     """
     first, last = round(rest_s * rate_hz), round(hold_s * rate_hz)
     if first < 2 or last < 4 or first + last > drive_v.size:
@@ -259,13 +258,13 @@ def find_ramp(drive_v: Array, rate_hz: float, hold_s: float, rest_s: float) -> D
     step_v = level_v - before_v
     noise_v = max(float(before.std()), float(after.std()))
     near_v = max(NOISE_FACTOR * noise_v, LEVEL_TOLERANCE * abs(step_v))
-    if abs(step_v) <= 2 * near_v:  # a level that is rest itself: taken to begin where the hold does
+    if abs(step_v) <= 2 * near_v:  # a level equal to rest begins with the hold
         at_s = (drive_v.size - last) / rate_hz
         return DetectedRamp(at_s, at_s, before_v, level_v)
     half = int(np.argmax(np.sign(step_v) * (drive_v - before_v) > abs(step_v) / 2))
     left = np.flatnonzero(np.abs(drive_v[:half] - before_v) <= near_v)
     reached = np.flatnonzero(np.abs(drive_v[half:] - level_v) <= near_v)
     begin_s, end_s = float(left[-1] + 1) / rate_hz, float(half + reached[0]) / rate_hz
-    # The point nearest to the end that differs from the noise lies a little inside the ramp: the straight line is drawn out to its ends.
+    # The point nearest to the end that differs from the noise lies slightly inside the ramp: the line is extrapolated to its ends.
     inside_s = (end_s - begin_s) * near_v / (abs(step_v) - 2 * near_v)
     return DetectedRamp(max(begin_s - inside_s, 0.0), end_s + inside_s, before_v, level_v)

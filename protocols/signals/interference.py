@@ -1,11 +1,11 @@
 """Hum and other spectral lines of the displacement at rest, and their removal from recordings under a sine.
 
-Lines that the recording resolves from the response are fitted with it and taken off. A line at the frequency of the response
-cannot be told from it, as its phase is unknown: its amplitude is counted as an uncertainty.
+Lines that the recording resolves from the response are fitted with it and removed. A line at the frequency of the response cannot
+be separated from it, as its phase is unknown: its amplitude counts as an uncertainty.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,56 +16,58 @@ from protocols.signals.extremes import WAVEFORM_ORDERS
 from protocols.signals.sine import NYQUIST_SHARE, fit_lines, line_fit_samples, line_samples, sine_basis
 
 MAINS_HZ = (50.0, 60.0)
-"""Mains of the world; their harmonics are looked at whether or not they are significant."""
+"""Mains frequencies; their harmonics are always measured."""
 
 MAX_MAINS_LINE_HZ = 1000.0
 MAX_REST_SAMPLES = 1 << 17
 MAX_LINES = 16
-"""Largest number of lines besides the mains'."""
+"""Largest number of lines besides mains harmonics."""
 
 LINE_POWER_RATIO = 20.0
-"""Of a line's power to the mean power of the noise in a bin: noise alone reaches it once in some ten thousand records."""
+"""Smallest ratio of a line's power to the mean power of the noise in a bin: noise alone reaches it once in some ten thousand
+records."""
 
 FREQUENCY_ERROR_SHARE = math.sqrt(3) / math.pi
 """Cramer-Rao bound of a frequency, in units of the inverse duration times the standard error of the amplitude over the amplitude."""
 
 MAX_ZONES = 20
-"""Multiples of the sample rate around which the true frequency of a folded line is looked for."""
+"""Multiples of the sample rate for the true frequency of a folded line."""
 
 SEPARATION_BINS = 1.25
-"""Least distance of two lines that are fitted beside each other, in units of the inverse duration."""
+"""Smallest distance of two fitted lines, in units of the inverse duration."""
 
 MAX_FREQUENCY_STEPS = 5
-"""Of Gauss and Newton; two suffice from the largest bin."""
+"""Number of Gauss-Newton iterations; two suffice from the largest bin."""
 
 FREQUENCY_TOLERANCE_BINS = 1e-4
-"""Step from which on a frequency counts as found: a hundredth of the standard error of a line that barely stands out of the noise."""
+"""Step at convergence of a frequency: a hundredth of the standard error of a barely significant line."""
 
 
 def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
-    """Find the spectral lines of the displacement at rest, and measure it at the harmonics of the mains.
+    """Find the spectral lines of the displacement at rest, and the amplitudes of mains harmonics.
 
     Args:
         samples: (N,), metres, evenly spaced.
         rate_hz: samples per second.
 
     Returns:
-        Lines by amplitude, the largest first, without lines of no size.
+        Lines by amplitude, the largest first, without lines of amplitude 0.
     """
     x = np.asarray(samples[:MAX_REST_SAMPLES], float)
     resolution_hz = rate_hz / x.size
-    found: list[float] = []
-    left = _without(x, rate_hz, found)
-    while len(found) < MAX_LINES and (peak := _largest_peak(left, rate_hz)) is not None:
-        if any(abs(peak - f) < SEPARATION_BINS * resolution_hz for f in found):
-            break  # no line but a peak with a width: noise, which no sine removes
-        found = _refined(x, rate_hz, [*found, peak])
-        left = _without(x, rate_hz, found)
-    measured = len(found)
-    for f in _mains_multiples(min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)):
-        if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in found):
-            found.append(f)
-    solution, left = _fit(x, rate_hz, found)
+    frequencies_hz: list[float] = []
+    left = _without(x, rate_hz, frequencies_hz)
+    while len(frequencies_hz) < MAX_LINES and (peak := _largest_peak(left, rate_hz)) is not None:
+        if any(abs(peak - f) < SEPARATION_BINS * resolution_hz for f in frequencies_hz):
+            break  # a peak with a width is noise, which no sine removes
+        frequencies_hz = _refined(x, rate_hz, [*frequencies_hz, peak])
+        left = _without(x, rate_hz, frequencies_hz)
+    measured = len(frequencies_hz)
+    top_hz = min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)
+    for f in sorted({k * mains_hz for mains_hz in MAINS_HZ for k in range(1, int(top_hz / mains_hz) + 1)}):
+        if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in frequencies_hz):
+            frequencies_hz.append(f)
+    solution, left = _fit(x, rate_hz, frequencies_hz)
     noise = float(left.std())
     error = noise * math.sqrt(2 / x.size)
     lines = [
@@ -77,7 +79,7 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
             FREQUENCY_ERROR_SHARE * error / float(abs(component)) * resolution_hz if i < measured else math.nan,
             phase_rad=float(np.angle(component)),
         )
-        for i, (f, component) in enumerate(zip(found, solution, strict=True))
+        for i, (f, component) in enumerate(zip(frequencies_hz, solution, strict=True))
     ]
     return tuple(sorted((line for line in lines if line.amplitude_m > 0), key=lambda line: -line.amplitude_m))
 
@@ -86,9 +88,9 @@ def interference_at(lines: Sequence[InterferenceLine], frequency_hz: Array, dura
     """Return the amplitude of interference in fits at other frequencies, (F,), as the squares of unknown phases add.
 
     Args:
-        lines: measured at rest.
-        frequency_hz: of the fits, (F,).
-        duration_s: of the recording; a line farther away than its inverse leaks by its side lobes.
+        lines: lines measured at rest.
+        frequency_hz: frequencies of the fits, (F,).
+        duration_s: duration of the recording; a line farther away than its inverse leaks by its side lobes.
     """
     total = np.zeros(np.shape(frequency_hz))
     for line in lines:
@@ -125,12 +127,11 @@ def remove_lines(
     Args:
         samples: (N,), metres.
         rate_hz: samples per second.
-        frequency_hz: of the sine.
-        lines: measured at rest.
+        frequency_hz: frequency of the sine.
+        lines: lines measured at rest.
 
     Returns:
-        The samples without the lines that can be told from the response, and by order of a harmonic the amplitude of the
-        interference that cannot, in metres.
+        The samples without separable lines, and the amplitude of inseparable interference by harmonic order, in metres.
     """
     resolution_hz = rate_hz / len(samples)
     orders = np.arange(1, max(min(WAVEFORM_ORDERS, int(NYQUIST_SHARE * rate_hz / frequency_hz)), 1) + 1)
@@ -158,16 +159,17 @@ def folded_frequencies(
     second_rate_hz: float,
     tolerance_hz: float,
 ) -> dict[float, float]:
-    """Return the true frequencies of the lines that lie above half the sample rate, by their frequencies as sampled.
+    """Return the true frequencies of lines above half the sample rate, by their sampled frequencies.
 
-    A line is folded if it is not where it was at a second rate, and one as large is where a true frequency puts it at both.
+    A line is folded if it changes its frequency at a second rate, and a line of equal size has the frequencies of one true
+    frequency at both rates.
 
     Args:
-        lines: as sampled at `rate_hz`.
+        lines: lines sampled at `rate_hz`.
         rate_hz: samples per second.
-        seen: as sampled at the second rate.
+        seen: lines sampled at the second rate.
         second_rate_hz: the second rate.
-        tolerance_hz: within which two frequencies are the same.
+        tolerance_hz: largest difference of equal frequencies.
     """
     folded: dict[float, float] = {}
     for line in lines:
@@ -185,9 +187,9 @@ def folded_frequencies(
 def mark_folded(
     lines: Sequence[InterferenceLine], folded_from_hz: Mapping[float, float], tolerance_hz: float = 0.0
 ) -> tuple[InterferenceLine, ...]:
-    """Return the lines with the true frequencies of those known to be folded, given by their frequencies as sampled.
+    """Return the lines with the true frequencies of folded lines, given by their sampled frequencies.
 
-    Within `tolerance_hz` two frequencies are the same: a run file has the lines as the program of its day found them.
+    Frequencies within `tolerance_hz` are equal: a run file has the lines of the program version of its time.
     """
     return tuple(
         replace(
@@ -203,10 +205,6 @@ def mark_folded(
         )
         for line in lines
     )
-
-
-def _mains_multiples(top_hz: float) -> Iterator[float]:
-    yield from sorted({k * f for f in MAINS_HZ for k in range(1, int(top_hz / f) + 1)})
 
 
 def _largest_peak(samples: Array, rate_hz: float) -> float | None:
@@ -230,7 +228,7 @@ def _largest_peak(samples: Array, rate_hz: float) -> float | None:
 
 
 def _refined(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> list[float]:
-    """Return the frequencies of lines by least squares, all together with their amplitudes; one that would leave its bin stays."""
+    """Return the frequencies of lines by a joint least-squares fit with their amplitudes; none leaves its bin."""
     n, start = samples.size, np.asarray(frequencies_hz, float)
     count, resolution_hz = start.size, rate_hz / n
     frequencies = start
@@ -260,6 +258,6 @@ def _without(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) ->
 
 
 def _fit(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> tuple[Complex, Array]:
-    """Return the complex amplitudes of lines fitted together, and what they leave of the samples."""
+    """Return the complex amplitudes of lines fitted together, and the residual samples."""
     fit = fit_lines(samples, rate_hz, np.array(frequencies_hz, float))
     return fit.components, samples - line_fit_samples(fit, len(samples), rate_hz)

@@ -19,9 +19,9 @@ class HysteresisLoop:
 
     Attributes:
         width, width_error: falling minus rising branch at the middle of the drive's range, unit of the displacement.
-        max_width, max_width_error: the width where it is largest.
-        stroke, stroke_error: displacement at the top of the drive - at its bottom.
-        area, area_error: integral of the width over the drive, displacement times drive; positive where it lags.
+        max_width, max_width_error: the largest width.
+        stroke, stroke_error: displacement at the highest drive minus displacement at the lowest.
+        area, area_error: integral of the width over the drive, displacement times drive; positive for a lag.
         asymmetry, asymmetry_error: area above the middle of the drive minus area below it, over the area; -1..1.
         degrees_of_freedom: of the errors, cycles - 1; see `coverage_factor`.
     """
@@ -45,16 +45,16 @@ class HysteresisLoop:
 
 
 def fold(samples: ArrayLike, rate_hz: float, period_s: float, points: int = 128, dropped: int = 1) -> Array:
-    """Cycles of a periodic record, each averaged into `points` phases: (cycles, points).
+    """Return the cycles of a periodic record, each averaged into `points` phases: (cycles, points).
 
     The period need not be a whole number of samples. Averaging over a phase lowers a sine by sin(pi / points) pi / points.
 
     Args:
-        samples: (N,), from phase 0 on; an incomplete last cycle is left out.
+        samples: (N,), from phase 0; an incomplete last cycle is left out.
         rate_hz: samples per second.
-        period_s: of the drive.
-        points: phases of a cycle.
-        dropped: cycles left out at the beginning: the first loop starts elsewhere.
+        period_s: period of the drive.
+        points: number of phases of a cycle.
+        dropped: number of cycles left out at the begin: the first loop starts at another point.
 
     Raises:
         ValueError: no cycle remains, or a phase holds no sample.
@@ -75,11 +75,11 @@ def fold(samples: ArrayLike, rate_hz: float, period_s: float, points: int = 128,
 
 
 def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
-    """Width, area and asymmetry of loops that were gone through several times.
+    """Return width, area and asymmetry of repeated loops.
 
     Args:
         drive: (cycles, points), each cycle once around from anywhere, in equal steps of time or levels.
-        displacement: likewise. One cycle is rejected: it does not show how well it repeats.
+        displacement: likewise. One cycle is rejected, because it does not show repeatability.
 
     Raises:
         ValueError: fewer than two cycles, not finite, or a drive that does not move.
@@ -120,14 +120,14 @@ def subtract_mean_line(drive: Array, displacement: Array) -> Array:
 
 
 def _measure_cycle(x: Array, y: Array) -> tuple[float, ...]:
-    """Width in the middle, largest width, stroke, area, asymmetry of one cycle."""
+    """Return width in the middle, largest width, stroke, area and asymmetry of one cycle."""
     low = int(x.argmin())
     x, y = np.roll(x, -low), np.roll(y, -low)
     x, y = np.append(x, x[0]), np.append(y, y[0])
     top = int(x.argmax())
     level = np.linspace(x[0], x[top], GRID_LEVELS + 1)
     width = _branch(level, x[top:], y[top:]) - _branch(level, x[: top + 1], y[: top + 1])
-    # The loop is a polygon: its area is exact (Gauss), while a grid misses where the branches part steeply at the ends.
+    # The loop is a polygon: its area is exact (Gauss), while a grid misses the steep ends of the branches.
     area = 0.5 * float(np.sum(y[:-1] * x[1:] - y[1:] * x[:-1])) * -1
     largest = float(width[np.abs(width).argmax()])
     lower, upper = float(width[: GRID_LEVELS // 2].sum()), float(width[GRID_LEVELS // 2 + 1 :].sum())
@@ -136,6 +136,6 @@ def _measure_cycle(x: Array, y: Array) -> tuple[float, ...]:
 
 
 def _branch(level: Array, x: Array, y: Array) -> Array:
-    """Displacement of one branch at drive levels; noise may make neighbours change places."""
+    """Return the displacement of one branch at drive levels; noise may exchange neighbours."""
     order = np.argsort(x, kind="stable")
     return np.asarray(np.interp(level, x[order], y[order]))

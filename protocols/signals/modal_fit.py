@@ -12,7 +12,7 @@ MIN_LINES = 5
 
 @dataclass(frozen=True, slots=True)
 class ModalFit:
-    """A mode of a real system, (a + i b r) / (1 - r^2 + 2 i zeta r), r = f / f0, plus the remainder of the modes above it.
+    """A mode of a real system, (a + i b r) / (1 - r^2 + 2 i zeta r), r = f / f0, plus the residual of higher modes.
 
     Attributes:
         natural_hz, natural_error_hz: undamped natural frequency f0 and its standard error, Hz.
@@ -20,7 +20,7 @@ class ModalFit:
         amplitude: a + i b, in the unit of the response.
         constant: compliance of the higher modes, in the unit of the response.
         degrees_of_freedom: of the standard errors.
-        fitted: (F,), the fit at the lines that were given.
+        fitted: (F,), the fit at the given lines.
     """
 
     natural_hz: float
@@ -34,25 +34,25 @@ class ModalFit:
 
     @property
     def peak_hz(self) -> float:
-        """Where the modulus of the mode alone is largest: f0 sqrt(1 - 2 zeta^2); 0 where it is overdamped."""
+        """Frequency of the largest modulus of the mode alone: f0 sqrt(1 - 2 zeta^2); 0 for an overdamped mode."""
         return self.natural_hz * float(np.sqrt(max(1 - 2 * self.damping_ratio**2, 0.0)))
 
 
 def fit_sdof(
     frequency_hz: ArrayLike, response: ArrayLike, standard_error: ArrayLike | None = None, correlation: float = 0.0
 ) -> ModalFit:
-    """Fit one mode, and what higher modes leave, to a complex response.
+    """Fit one mode, and the residual of higher modes, to a complex response.
 
-    A pair of poles of a real system has real a and b; far below their resonance, higher modes leave c + i d f + e f^2: their
-    compliance, their damping, and their coming nearer. (With a complex constant in place of a + i b r and of the rest, the
-    frequency is wrong by five standard errors at 158 Hz.) The standard errors are scaled by the misfit; added to them, as a
-    floor, is the change of the result when the last term is left out: the error of this model.
+    A pair of poles of a real system has real a and b; far below their resonance, the residual of higher modes is c + i d f + e
+    f^2: their compliance, their damping, and their approach. (With a complex constant in place of a + i b r and of the residual,
+    the frequency is wrong by five standard errors at 158 Hz.) The standard errors are scaled by the misfit; the change of the
+    result without the last term, the error of this model, is added in quadrature.
 
     Args:
-        frequency_hz: (F,), of the lines; they must enclose the resonance.
+        frequency_hz: (F,), frequencies of the lines, which must enclose the resonance.
         response: (F,), complex.
-        standard_error: (F,), of real and imaginary part; equal where None.
-        correlation: of neighbouring lines, see `FrequencyResponseObservation`.
+        standard_error: (F,), of real and imaginary part; None: equal errors.
+        correlation: correlation of neighbouring lines, see `FrequencyResponseObservation`.
 
     Raises:
         ValueError: fewer than 5 lines, or no resonance within them.
@@ -91,10 +91,10 @@ def fit_sdof(
 
 
 def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Array, Array, int, Array, Complex] | None:
-    """f0 and zeta, their standard errors, the degrees of freedom, the linear terms a, b, c ... of 6 or 7 unknowns, and the fit.
+    """Return f0 and zeta, their standard errors, the degrees of freedom, the linear terms a, b, c ... of 6 or 7 unknowns, and the fit.
 
-    The linear terms are solved for within (variable projection), so that only f0 and zeta are searched. None where there is
-    no minimum, or fewer values than unknowns.
+    The linear terms are eliminated (variable projection), so that only f0 and zeta are searched. None without a minimum, or with
+    fewer values than unknowns.
     """
     from scipy.optimize import least_squares
 

@@ -1,8 +1,8 @@
-"""Latency of a sampled response: first and last crossing of a level, and the edge of the drive that began it.
+"""Latency of a sampled response: first and last crossing of a level, and the edge of the drive.
 
-A drive cannot jump: its edge lasts. The response to an edge is the response to an ideal step, averaged over the edge's slope; to
-first order it is that response, later by the edge's centroid in time. `Edge` gives the centroid from the recorded drive, and the
-change under a second, equal average bounds what the first order leaves.
+A drive cannot jump: its edge has a duration. The response to an edge is the response to an ideal step, averaged over the edge's
+slope; to first order it is the response to the step, delayed by the edge's centroid in time. `Edge` gives the centroid from the
+recorded drive, and the change by a second, equal average bounds the error of the first order.
 """
 
 import math
@@ -20,7 +20,7 @@ POLYNOMIAL_ORDER = 3
 MIN_SMOOTHING_SAMPLES = 5
 
 EDGE_FLOOR = 0.1
-"""Share of the edge's standard deviation in time that is the least uncertainty: ringing faster than the edge is not resolved."""
+"""Smallest uncertainty as a share of the edge's standard deviation in time: ringing faster than the edge is not resolved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class Edge:
     """An edge of the recorded drive between two levels.
 
     Attributes:
-        centroid_s: centroid of its slope, after the first sample.
+        centroid_s: time of the centroid of its slope, after the first sample.
         spread_s: standard deviation of its slope in time; a straight edge of T has T / sqrt(12).
-        step_v: from the level before to the level after.
+        step_v: level after minus level before.
         kernel: the slope as recorded, one weight per sample, sum 1, (K,).
     """
 
@@ -51,13 +51,13 @@ class Edge:
 
 
 def find_edge(drive_v: Array, rate_hz: float, nominal_s: float, dwell_s: float) -> Edge:
-    """Return the first edge of a drive that leaves its first level for another and stays there for `dwell_s`.
+    """Return the first edge of a drive from its first level to another that lasts for `dwell_s`.
 
     Args:
         drive_v: recorded drive, (N,).
         rate_hz: samples per second.
-        nominal_s: duration of the edge as commanded; the recorded one may take up to three times as long.
-        dwell_s: how long the level is held before and after the edge.
+        nominal_s: commanded duration of the edge; the recorded one may be up to three times as long.
+        dwell_s: duration of the levels before and after the edge.
 
     Raises:
         ValueError: the drive shows no such edge.
@@ -81,14 +81,14 @@ def find_edge(drive_v: Array, rate_hz: float, nominal_s: float, dwell_s: float) 
 
 
 def edge_average(samples: Array, edge: Edge, rate_hz: float) -> Array:
-    """Return the samples averaged once more over the edge, about the same time; (N,)."""
+    """Return the samples averaged again over the edge, about the same time; (N,)."""
     half = max(round(edge.duration_s * rate_hz / 2), 1)
     padded = np.pad(samples, half, mode="edge")
     return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"))
 
 
 def smooth(samples: Array, rate_hz: float) -> tuple[Array, float]:
-    """Return the samples smoothed by a local polynomial, (N,), and the share of white noise's standard deviation that is left."""
+    """Return the samples smoothed by a local polynomial, (N,), and the remaining share of white noise's standard deviation."""
     from scipy.signal import savgol_coeffs, savgol_filter
 
     width = max(round(SMOOTHING_S * rate_hz), MIN_SMOOTHING_SAMPLES) | 1
@@ -97,19 +97,19 @@ def smooth(samples: Array, rate_hz: float) -> tuple[Array, float]:
 
 
 LEVEL_SIGMAS = 1.5
-"""Standard uncertainties of a sample by which a level is moved for the uncertainty of its crossing: noise makes a first crossing early
-and a last one late, by up to about one of them."""
+"""Shift of a level, in standard uncertainties of a sample, for the uncertainty of its crossing: noise makes a first crossing
+early and a last one late, by up to about one of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """When a response crosses a level; NaN where it never does.
+    """Crossing of a level by a response; NaN without one.
 
     Attributes:
-        time_s: of the crossing.
-        standard_error: half of how far it moves while the level moves by `LEVEL_SIGMAS` uncertainties of the response to either side;
-            more than the noise over the slope where the response only just reaches the level.
-        slope_per_s: slope of the response there, in its unit per second.
+        time_s: time of the crossing.
+        standard_error: half of its shift between levels moved by `LEVEL_SIGMAS` uncertainties of the response to both sides; more
+            than the noise over the slope if the response barely reaches the level.
+        slope_per_s: slope of the response at the crossing, in its unit per second.
     """
 
     time_s: float
@@ -118,12 +118,12 @@ class Crossing:
 
 
 def first_crossing(time_s: Array, response: Array, level: float, noise: float) -> Crossing:
-    """Return when `response`, (N,), first reaches `level`; `noise` is its standard uncertainty at a sample."""
+    """Return the time at which `response`, (N,), first reaches `level`; `noise` is its standard uncertainty at a sample."""
     return _crossing(time_s, response, level, noise, lambda at: _first(time_s, response >= at, response, at))
 
 
 def last_crossing(time_s: Array, response: Array, level: float, noise: float) -> Crossing:
-    """Return after when `response`, (N,), stays below `level`; NaN if it does not until its end."""
+    """Return the time after which `response`, (N,), stays below `level`; NaN if it does not until its end."""
     return _crossing(time_s, response, level, noise, lambda at: _last(time_s, response > at, response, at))
 
 
@@ -138,15 +138,15 @@ def _crossing(time_s: Array, response: Array, level: float, noise: float, find: 
 
 
 def _first(time_s: Array, reached: Mask, response: Array, level: float) -> float:
-    found = np.flatnonzero(reached)
-    return math.nan if not found.size else _interpolated(time_s, response, int(found[0]), level)
+    indices = np.flatnonzero(reached)
+    return math.nan if not indices.size else _interpolated(time_s, response, int(indices[0]), level)
 
 
 def _last(time_s: Array, outside: Mask, response: Array, level: float) -> float:
-    found = np.flatnonzero(outside)
-    if not found.size:
+    indices = np.flatnonzero(outside)
+    if not indices.size:
         return float(time_s[0])
-    return math.nan if found[-1] == time_s.size - 1 else _interpolated(time_s, response, int(found[-1]) + 1, level)
+    return math.nan if indices[-1] == time_s.size - 1 else _interpolated(time_s, response, int(indices[-1]) + 1, level)
 
 
 def _interpolated(time_s: Array, response: Array, i: int, level: float) -> float:

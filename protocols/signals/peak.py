@@ -1,17 +1,17 @@
 """Peak of a displacement spectrum or frequency response: the paper's resonance (Sec. IV-1), with error.
 
-The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz. Three things are done differently, for reasons:
-- A low-pass at 600 Hz does not move a peak below 300 Hz, so none is computed; `low_pass` is there for traces that are shown.
-- The highest of 10^5 bins is an accident: the amplifier's second harmonic sweeps at twice the rate and beats with the
-  fundamental by 15 % at random phase. Hann-weighted sums over bins end the beat, and raise all lines by the same 2 %.
-- The curve through the lines is fitted: 1 / |H|^2 of a single mode is exactly a polynomial of second degree in f^2, and of
-  nearly any neighbourhood of a peak one of third. Creep of a share k per natural logarithm of time multiplies it by f^2k.
-  The minimum of the product is the peak, to a small fraction of the lines' distance.
+The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz. This module differs in three ways:
+- A low-pass at 600 Hz does not move a peak below 300 Hz, so none is computed; `low_pass` is for displayed traces.
+- The highest of 10^5 bins is random: the amplifier's second harmonic sweeps at twice the rate and beats with the
+  fundamental by 15 % at random phase. Hann-weighted sums over bins remove the beat, and raise all lines equally by 2 %.
+- A curve through the lines is fitted: 1 / |H|^2 of a single mode is exactly a polynomial of second degree in f^2, and near almost
+any peak a polynomial of third degree. Creep of a share k per natural logarithm of time multiplies it by f^2k.
+  The minimum of the product is the peak, accurate to a small fraction of the lines' distance.
 
 A spectrum of the whole record is |H(f)| |X(f)| exactly: the shift of a swept peak, sweep rate over decay rate, belongs to
-envelopes in time and does not occur here. The standard error is the polynomial's, scaled by the scatter of the lines about it,
-so noise and residual ripple are in it; the deviation from this curve over the half-power width is not (0.0005 Hz for the tactor
-of the paper with any of its masses and creep up to 3 % a decade; without the factor of creep 0.27 Hz).
+envelopes in time and does not occur here. The standard error is the polynomial's, scaled by the scatter of the lines about it; it
+includes noise and residual ripple, but not the deviation from this curve over the half-power width (0.0005 Hz for the tactor of
+the paper with any of its masses and creep up to 3 % a decade; without the factor of creep 0.27 Hz).
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ PEAK_BAND_HZ = (125.0, 500.0)
 CUTOFF_HZ = 600.0
 DEGREE = 3
 MIN_LINES = 10
-"""Lines within the half-power width; 5 unknowns are fitted to them."""
+"""Number of lines within the half-power width; 5 unknowns are fitted to them."""
 
 CREEP_EXPONENT = 0.05
 """Prior standard deviation of 2k, from creep of 6 % a decade: narrow peaks do not show it by themselves."""
@@ -46,11 +46,11 @@ class SpectralPeak:
     """A maximum of a spectrum or of a response.
 
     Attributes:
-        frequency_hz: where it is, Hz.
+        frequency_hz: frequency of the maximum, Hz.
         standard_error_hz: of the frequency.
         degrees_of_freedom: of the standard error; see `coverage_factor`.
-        height: the modulus there; of a spectrum per hertz and in the unit of the samples, of a response in its unit.
-        band_hz: half-power frequencies on either side, within the band that was searched.
+        height: modulus at the maximum; of a spectrum per hertz and in the unit of the samples, of a response in its unit.
+        band_hz: half-power frequencies on both sides, within the search band.
     """
 
     frequency_hz: float
@@ -61,16 +61,14 @@ class SpectralPeak:
 
 
 class DwellPeak(NamedTuple):
-    """Frequency, Hz, and height of a maximum between the points of a dwell, with standard errors."""
+    """Frequency of a maximum between the points of a dwell, with its standard error."""
 
     frequency_hz: float
     frequency_error_hz: float
-    height: float
-    height_error: float
 
 
 def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> Array:
-    """Zero-phase low-pass, (N,), for traces that are shown: Butterworth of eighth order, forth and back.
+    """Return the zero-phase low-pass, (N,), for displayed traces: Butterworth of eighth order, forth and back.
 
     The gain is 1/2 at the cutoff, 0.95 at 5/6 of it, 1 to a part in 10^4 below half of it. (scipy's `sosfiltfilt`: a product
     in the frequency domain took three times as long.)
@@ -92,7 +90,7 @@ def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -
 def spectrum_peak(
     displacement: ArrayLike, rate_hz: float, band_hz: tuple[float, float] = PEAK_BAND_HZ, resolution_hz: float = 0.5
 ) -> SpectralPeak:
-    """The peak of the displacement's spectrum: under a linear sweep of constant amplitude, the peak of |H|.
+    """Return the peak of the displacement's spectrum: under a linear sweep of constant amplitude, the peak of |H|.
 
     Args:
         displacement: (N,), the whole sweep.
@@ -113,10 +111,10 @@ def joined_spectrum_peak(
     band_hz: tuple[float, float] = PEAK_BAND_HZ,
     resolution_hz: float = 0.5,
 ) -> SpectralPeak:
-    """The peak of the displacement's spectrum under a linear sweep that was played in pieces at one pace and amplitude.
+    """Return the peak of the displacement's spectrum under a linear sweep in pieces of equal rate and amplitude.
 
-    The energy of a swept displacement per hertz depends on pace and amplitude only, so that the spectra of the pieces, each
-    over its own share of the band, make one.
+    The energy of a swept displacement per hertz depends only on rate and amplitude, so that the spectra of the pieces, each over
+    its own share of the band, form one spectrum.
 
     Args:
         displacements: (N,) each, one piece after the other.
@@ -141,14 +139,14 @@ def joined_spectrum_peak(
     while True:
         parts = [piece.lines(resolution, beyond) for piece in pieces]
         f, lines = (np.concatenate(values) for values in zip(*parts, strict=True))
-        found = _half_power_lines(f, lines, band_hz, "spectrum of the displacement")
-        if found.stop - found.start >= 2 * MIN_LINES or resolution / 2 < finest:
-            return _fit_peak(f[found], lines[found], OVERLAP_CORRELATION)
+        peak = _half_power_lines(f, lines, band_hz, "spectrum of the displacement")
+        if peak.stop - peak.start >= 2 * MIN_LINES or resolution / 2 < finest:
+            return _fit_peak(f[peak], lines[peak], OVERLAP_CORRELATION)
         resolution /= 2
 
 
 class _PieceSpectrum:
-    """Energy spectrum of one piece of a swept displacement over its share of the band."""
+    """Return the energy spectrum of one piece of a swept displacement over its share of the band."""
 
     def __init__(self, displacement: ArrayLike, rate_hz: float, low_hz: float, high_hz: float) -> None:
         self._samples = check_samples("the displacement", displacement, 256)
@@ -157,7 +155,7 @@ class _PieceSpectrum:
         self.bin_hz = rate_hz / self._n
 
     def lines(self, resolution_hz: float, beyond: bool) -> tuple[Array, Array]:
-        """Return frequencies and energies of the lines; `beyond` averages over the share's edges, too."""
+        """Return frequencies and energies of the lines; `beyond` averages also over the share's edges."""
         low, high = self._low_hz, self._high_hz
         if beyond:
             low, high = max(low - resolution_hz, self.bin_hz), min(high + resolution_hz, self._rate_hz / 2)
@@ -170,18 +168,18 @@ class _PieceSpectrum:
 
 
 def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PEAK_BAND_HZ) -> SpectralPeak:
-    """The peak of |H| in a band: as `spectrum_peak`, but divided by the drive that was really there.
+    """Return the peak of |H| in a band: as `spectrum_peak`, but divided by the recorded drive.
 
     Raises:
         ValueError: no distinct peak in the band, or lines too coarse to fit it.
     """
     part = response.within(*band_hz)
-    found = _half_power_lines(part.x, part.plotted**2, band_hz, "response")
-    return _fit_peak(part.x[found], part.plotted[found] ** 2, part.correlation)
+    peak = _half_power_lines(part.x, part.plotted**2, band_hz, "response")
+    return _fit_peak(part.x[peak], part.plotted[peak] ** 2, part.correlation)
 
 
 def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quantity_name: str) -> slice:
-    """Lines within the half-power width of the largest."""
+    """Return the lines within the half-power width of the largest."""
     band = f"{band_hz[0]:g}..{band_hz[1]:g} Hz"
     if f.size < MIN_LINES:
         raise ValueError(
@@ -209,7 +207,7 @@ def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quan
 
 
 def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
-    """Fit log power = -log q(u) - b log f, q of third degree in u = f^2, by Gauss and Newton; the maximum of that is the peak."""
+    """Fit log power = -log q(u) - b log f, q of third degree in u = f^2, by Gauss and Newton; the maximum of the fit is the peak."""
     freedom = f.size - DEGREE - 2
     if f.size < MIN_LINES:
         raise ValueError(
@@ -261,7 +259,7 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
 
 
 def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
-    """Return the single resonance through the three highest amplitudes of a dwell; None where the highest is at an end.
+    """Return the single resonance through the three highest amplitudes of a dwell; None if the highest is at an end.
 
     For a single resonance 1 / y^2 is a parabola over f^2. The errors combine the errors of the points and the difference from the
     paper's parabola of y over f (the ambiguity of a curve through three points).
@@ -273,9 +271,8 @@ def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     """
     from model.identification import parabola_vertex  # slow to import
 
-    def vertex(heights: Array) -> Array:
-        square, least = parabola_vertex(f**2, -(heights**-2))
-        return np.array([np.sqrt(square), (-least) ** -0.5])
+    def vertex(heights: Array) -> float:
+        return float(np.sqrt(parabola_vertex(f**2, -(heights**-2))[0]))
 
     f, index = np.unique(f, return_index=True)
     y, errors = y[index], errors[index]
@@ -285,5 +282,4 @@ def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     f, y, errors = (values[top - 1 : top + 2] for values in (f, y, errors))
     centre = vertex(y)
     moved = np.array([vertex(y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
-    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(parabola_vertex(f, y))) ** 2)
-    return DwellPeak(*map(float, (centre[0], error[0], centre[1], error[1])))
+    return DwellPeak(centre, float(np.hypot(np.linalg.norm(moved), centre - parabola_vertex(f, y)[0])))

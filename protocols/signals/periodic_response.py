@@ -1,10 +1,10 @@
 """Periodic response: frequency response and noise from several periods of one drive.
 
-Distortion that repeats with every period shows where lines scatter more about their neighbours than noise explains.
+Distortion that repeats with every period shows as a scatter of lines about their neighbours in excess of the noise.
 
-Odd orders of an amplifier or a specimen, a generator's steps and whatever a card without a filter folds back occur in every
-period alike, so the spread over periods does not include them. They are caused by the drive, and their error is a share of the response,
-of another sign at every line. A response is smooth, and its inverse is so however narrow its resonance: of second degree in the
+Odd orders of an amplifier or a specimen, a generator's steps and aliases of a card without a filter occur in every period alike,
+so the spread over periods does not include them. They are caused by the drive, and their error is a share of the response, with a
+varying sign from line to line. A response is smooth, and its inverse is smooth for any resonance: of second degree in the
 frequency for one mode. (After the local polynomial method of Pintelon & Schoukens, System Identification, 2nd ed., ch. 7.)
 """
 
@@ -23,17 +23,17 @@ from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import POOLED_LINES, make_block_averager, pool_lines
 
 WINDOW_LINES, POLYNOMIAL_DEGREE = 15, 6
-"""A piece of the response, and the degree of the polynomial that must fit its inverse."""
+"""Number of lines of a piece of the response, and the degree of the polynomial fitted to its inverse."""
 
 DEGREES_OF_FREEDOM = 2 * (WINDOW_LINES - POLYNOMIAL_DEGREE - 1)
 CHI_SQUARE_MEDIAN = (1 - 2 / (9 * DEGREES_OF_FREEDOM)) ** 3
-"""Of chi square over its degrees of freedom (Wilson and Hilferty)."""
+"""Median of chi square over its degrees of freedom (Wilson and Hilferty)."""
 
 MEDIAN_WINDOW_LINES = 61
-"""Lines over whose median the share is found."""
+"""Number of lines of the median that gives the share."""
 
 MIN_SIGNAL_TO_NOISE = 10.0
-"""Lines with a smaller signal-to-noise ratio are not used for the share."""
+"""Smallest signal-to-noise ratio of a line used for the share."""
 
 MEDIAN_WINDOW_STEP = 8
 BISECTION_STEPS = 40
@@ -45,7 +45,7 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
     Args:
         frequency_hz: (F,), rising.
         response: (F,), its errors independent from line to line.
-        noise: (F,), standard errors of real and imaginary part from the spread over periods; none is 0.
+        noise: (F,), standard errors of real and imaginary part from the spread over periods; all positive.
     """
     clear = np.abs(response) > MIN_SIGNAL_TO_NOISE * noise
     if np.count_nonzero(clear) < 2 * WINDOW_LINES:
@@ -56,7 +56,7 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
     q, _ = np.linalg.qr(legvander(place, POLYNOMIAL_DEGREE) / s[..., None])
     target = (G / s)[..., None]
     left = target - q @ (q.swapaxes(1, 2) @ target)
-    excess = (np.abs(left[..., 0]) ** 2).sum(1) / DEGREES_OF_FREEDOM  # 1 where there is noise alone
+    excess = (np.abs(left[..., 0]) ** 2).sum(1) / DEGREES_OF_FREEDOM  # 1 for noise alone
     strength = np.mean(np.abs(G / s) ** 2, axis=1)
     wide = min(MEDIAN_WINDOW_LINES, excess.size)
     at = np.arange(0, excess.size - wide + 1, MEDIAN_WINDOW_STEP)
@@ -72,10 +72,10 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
 
 
 EXCITED_POWER_SHARE = 1e-4
-"""Share of the strongest line's power from which a line counts as excited."""
+"""Smallest power of an excited line, as a share of the strongest line's power."""
 
 HALF_WAVE_POWER_SHARE = 1e-2
-"""Share of the odd lines' power below which the even lines are distortion of a drive whose second half is the first one inverted."""
+"""Largest share of the even lines' power in the odd lines' power for a drive whose second half is the inverted first half."""
 
 
 def estimate_periodic_response(
@@ -91,17 +91,17 @@ def estimate_periodic_response(
     """Response to several periods of a multisine or a repeated sweep, at the lines that the drive excites.
 
     The spread over the periods gives the noise, with two degrees of freedom a period less one, pooled over neighbouring lines;
-    the scatter of the lines beyond it gives what repeats with every period (see `repeating_error_share`). A clock of the source that runs
-    away from the card's turns drive and displacement alike, and drops out.
+    the excess scatter of the lines gives the repeating errors (see `repeating_error_share`). A difference of the clocks of source
+    and card turns drive and displacement alike, and cancels.
 
     Args:
-        drive: (N,); an incomplete last period is left out. Of one whose second half is the first inverted the odd lines are used.
+        drive: (N,); an incomplete last period is left out. If its second half is the inverted first half, the odd lines are used.
         displacement: (N,), of the same scans.
         rate_hz: samples per second.
-        period_s: a whole number of samples.
-        band_hz: where lines are computed.
-        dropped: periods left out at the beginning, while the response becomes periodic.
-        delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
+        period_s: period, a whole number of samples.
+        band_hz: band of the lines.
+        dropped: number of periods left out at the begin, until the response is periodic.
+        delay_s: delay of the displacement's record (sensor delay minus the card's channel skew).
         interference: lines measured at rest; it repeats with the periods, and is counted in the errors of the lines near it.
 
     Raises:
@@ -133,13 +133,13 @@ def estimate_periodic_response(
     used = power > EXCITED_POWER_SHARE * power.max()
     odd = lines % 2 == 1
     if power[~odd].sum() < HALF_WAVE_POWER_SHARE * power[odd].sum():
-        # A generator's second harmonic drives even lines a little, and the amplifier's second harmonic moves them a lot.
+        # A generator's second harmonic drives even lines slightly, and the amplifier's second harmonic strongly.
         used &= odd
     lines, power = lines[used], power[used]
     X, Y = X[:, lines], Y[:, lines]
     cross = (Y * X.conj()).sum(0)
     H = cross / power
-    # The displacement's noise is alike at neighbouring lines; what follows the drive is not, and is left out of it.
+    # The displacement's noise is similar at neighbouring lines; the response to the drive is not, and is left out.
     alike = min(POOLED_LINES, lines.size)
     left = pool_lines((np.abs(Y - H * X) ** 2).sum(0) / (periods - 1), alike)
     modulus = np.abs(H)

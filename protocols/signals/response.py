@@ -1,8 +1,8 @@
 """Frequency response of displacement over drive, with coherence and a standard error per line.
 
-Two excitations, two ways to an error bar: periods that repeat show their noise by not repeating (`estimate_periodic_response`); a
-long sweep does not repeat, but its drive is known (`swept_response`). Both are H1 = S_yx / S_xx, the right one of the two here: the
-noise is the laser's; the recorded drive has a thousandth of it. H2 would take the harmonics for response.
+Standard errors depend on the excitation: repeated periods show noise by their differences (`estimate_periodic_response`); a long
+sweep does not repeat, but its drive is known (`swept_response`). Both use H1 = S_yx / S_xx, because the noise is the laser's; the
+noise of the recorded drive is a thousandth of it. H2 would count the harmonics as response.
 """
 
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ class FrequencyResponse(Series):
 
     Attributes:
         degrees_of_freedom: of the errors; see `coverage_factor`.
-        resolution_hz: full width over which a line averages (Hann for a sweep, what that blunts being taken out).
-        correlation: of the errors of neighbouring lines.
+        resolution_hz: full width of the average of a line (Hann for a sweep, its bias removed).
+        correlation: correlation of the errors of neighbouring lines.
     """
 
     errors: Array
@@ -43,6 +43,6 @@ class FrequencyResponse(Series):
 
 
 def concatenate_responses(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
-    """Responses of one resolution over bands that follow each other, as one."""
+    """Return responses of one resolution over consecutive bands as one."""
     rows: Any = {name: np.concatenate([getattr(part, name) for part in parts]) for name in LINE_COLUMNS}
     return replace(parts[0], resolution_hz=max(part.resolution_hz for part in parts), **rows)

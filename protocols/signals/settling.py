@@ -13,12 +13,12 @@ from protocols.signals.sine import fit_sine
 class SettlingDetector:
     """Detects when the response to a sine has become steady.
 
-    Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that
-    amplitude and phase are watched together and the source's phase drops out. It is steady when two successive changes
-    are below `tolerance`, or below the changes by noise alone, and the drive is the one commanded.
+    Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that amplitude
+    and phase are observed together and the source's phase cancels. It is steady when two successive changes are below
+    `tolerance`, or below the changes by noise alone, and the drive is the commanded one.
 
     Args:
-        window_samples: samples in a window.
+        window_samples: number of samples in a window.
         drive_amplitude_v: the commanded amplitude.
         tolerance: relative change of the response between windows.
     """
@@ -29,7 +29,7 @@ class SettlingDetector:
     drive_amplitude_v: float
     tolerance: float
     drive_seen_v: float = 0.0
-    """Amplitude of the drive in the latest window, as the card saw it."""
+    """Recorded amplitude of the drive in the latest window."""
 
     _drive: Array = field(default_factory=lambda: np.empty(0))
     _displacement: Array = field(default_factory=lambda: np.empty(0))
@@ -44,7 +44,7 @@ class SettlingDetector:
         return abs(self.drive_seen_v - self.drive_amplitude_v) <= self.DRIVE_TOLERANCE * self.drive_amplitude_v
 
     def feed(self, drive_v: Array, displacement: Array) -> bool:
-        """Take more samples; True once the response is steady."""
+        """Process more samples; return True for a steady response."""
         self._drive = np.concatenate([self._drive, drive_v])
         self._displacement = np.concatenate([self._displacement, displacement])
         while len(self._drive) >= self.window_samples:
@@ -65,6 +65,6 @@ class SettlingDetector:
         if len(self._responses) < 3:
             return False
         first, second, third = self._responses
-        # Two windows differ by noise alone with sqrt(2) standard errors; three of those are not a change.
+        # Noise alone makes two windows differ by sqrt(2) standard errors; a change is significant above three times that.
         allowed = max(self.tolerance * abs(third), 3 * 1.414 * response.standard_error / self.drive_seen_v)
         return abs(third - second) <= allowed and abs(second - first) <= allowed

@@ -12,16 +12,16 @@ import numpy as np
 from model import Array, Complex
 
 NYQUIST_SHARE = 0.45
-"""Harmonics above this share of the sample rate are not fitted: they cannot be distinguished from aliases."""
+"""Largest frequency of a fitted harmonic as a share of the sample rate: higher ones cannot be distinguished from aliases."""
 
 CHUNK_SAMPLES = 1 << 16
-"""Samples of a basis held in memory at a time."""
+"""Number of samples of a basis held in memory at a time."""
 BLOCK_SAMPLES = 1 << 11
-"""Samples whose sines share one table: the table stays in the processor's cache."""
+"""Number of samples whose sines share one table, which stays in the processor's cache."""
 SMALL_ANGLE = 1e-3
-"""Of a whole record, in radians, below which a sum of cosines is taken from the first terms of its series."""
+"""Angle of a whole record, in radians, below which a sum of cosines is computed from the first terms of its series."""
 MIN_MISFIT_SHARE = 1e-10
-"""Of the energy of the samples: a smaller misfit is lost in the digits of the difference of energies."""
+"""Smallest misfit as a share of the energy of the samples; a smaller one is lost by rounding in the difference of energies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class LineFit:
     Attributes:
         frequencies_hz: (J,).
         components: complex amplitudes, (J,), in the unit of the samples.
-        offset, drift_per_s: of the straight line underneath, at the middle of the record.
+        offset, drift_per_s: value at the middle of the record and slope of the straight line.
         misfit: sum of the squared residuals.
     """
 
@@ -48,7 +48,7 @@ class SineFit(LineFit):
 
     Attributes:
         noise: standard deviation of the residual.
-        standard_error: of the modulus of each component (and of its phase times its modulus).
+        standard_error: standard error of the modulus of each component (and of its phase times its modulus).
     """
 
     noise: float
@@ -61,7 +61,7 @@ class SineFit(LineFit):
 
     @property
     def fundamental(self) -> complex:
-        """Its complex amplitude, in the unit of the samples."""
+        """Complex amplitude of the fundamental, in the unit of the samples."""
         return complex(self.components[0])
 
     @property
@@ -77,7 +77,7 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
         samples: (N,), evenly spaced.
         rate_hz: samples per second.
         frequency_hz: of the fundamental.
-        harmonics: number of components, the fundamental included; fewer where they pass Nyquist.
+        harmonics: number of components, the fundamental included; fewer if they exceed the Nyquist frequency.
 
     Raises:
         ValueError: fewer samples than unknowns.
@@ -100,7 +100,7 @@ def fitted_samples(fit: SineFit, count: int, rate_hz: float) -> tuple[Array, Arr
 
 
 def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
-    """The frequency of a sine near `frequency_hz` (IEEE Std 1057, four-parameter fit), in hertz.
+    """Return the frequency of a sine near `frequency_hz` (IEEE Std 1057, four-parameter fit), in hertz.
 
     The source and the card have clocks of their own, up to 50 ppm apart.
     """
@@ -136,7 +136,7 @@ def fit_lines(samples: Array, rate_hz: float, frequencies_hz: Array) -> LineFit:
     Args:
         samples: (N,), evenly spaced.
         rate_hz: samples per second.
-        frequencies_hz: (J,), apart from each other and below half the sample rate.
+        frequencies_hz: (J,), separate and below half the sample rate.
     """
     x = np.ascontiguousarray(samples, float)
     n = x.size
@@ -144,7 +144,7 @@ def fit_lines(samples: Array, rate_hz: float, frequencies_hz: Array) -> LineFit:
     moments = _line_moments(x, omega)
     even_gram, odd_gram = _grams(n, omega)
     even, odd = np.linalg.solve(even_gram, moments.even), np.linalg.solve(odd_gram, moments.odd)
-    # Sine and cosine about the middle of the record; t = 0 is at the first sample.
+    # Sine and cosine refer to the middle of the record; t = 0 is at the first sample.
     components = (odd[1:] + 1j * even[1:]) * np.exp(-0.5j * (n - 1) * omega)
     fit = LineFit(
         np.asarray(frequencies_hz, float), components, float(even[0]), float(odd[0]) * 2 * rate_hz / (n - 1), 0.0
@@ -177,26 +177,26 @@ def line_samples(components: Complex, frequencies_hz: Array, count: int, rate_hz
 
 
 def _straight_line(offset: float, drift_per_s: float, count: int, rate_hz: float) -> Array:
-    """Return a straight line whose offset belongs to the middle of the record."""
+    """Return a straight line with its offset at the middle of the record."""
     middle = 0.5 * (count - 1)
     return offset + drift_per_s / rate_hz * np.linspace(-middle, middle, count)
 
 
 class _Moments(NamedTuple):
-    """Sums of the samples times the basis, about the middle of the record."""
+    """Sums of the samples times the basis, relative to the middle of the record."""
 
     even: Array
     """(1 + J,): times 1, and cosines."""
     odd: Array
     """(1 + J,): times the straight line from -1 to 1, and sines."""
     weighted: Complex
-    """(J,): times the index from the middle and exp(i omega index); empty unless asked for."""
+    """(J,): times the index from the middle and exp(i omega index); empty unless requested."""
 
 
 def _line_moments(x: Array, omega: Array, weighted: bool = False) -> _Moments:
     """Return the moments of samples (N,) at angular frequencies (J,), in radians a sample, in one pass over the samples.
 
-    Blocks share one table of cosines and sines: the sums of a block are turned by the phase of its first sample.
+    Blocks share one table of cosines and sines: the sums of a block are rotated by the phase of its first sample.
     """
     n = x.size
     length = min(n, BLOCK_SAMPLES)
@@ -253,7 +253,7 @@ def _even_sums(angle: Array, n: int) -> tuple[Array, Array, Array]:
 
 
 def sine_basis(n: int, rate_hz: float, frequencies_hz: Array) -> Iterator[tuple[slice, Array]]:
-    """Yield the basis of a fit in pieces, so that a long record at a high rate costs no memory.
+    """Yield the basis of a fit in pieces, to limit the memory of a long record at a high rate.
 
     Rows of a piece: 1, t scaled to -1..1 over the whole record, then sin and cos of each frequency.
     """
@@ -262,7 +262,7 @@ def sine_basis(n: int, rate_hz: float, frequencies_hz: Array) -> Iterator[tuple[
     for start in range(0, n, CHUNK_SAMPLES):
         part = slice(start, min(start + CHUNK_SAMPLES, n))
         length = part.stop - part.start
-        # A later piece is the first one turned on: one multiplication in place of a sine.
+        # A later piece is the first one with a rotated phase: one multiplication in place of a sine.
         turned = first[:, :length] * np.exp(step * start)[:, np.newaxis]
         basis = np.empty((2 + 2 * len(frequencies_hz), length))
         basis[0] = 1.0

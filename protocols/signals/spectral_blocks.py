@@ -1,8 +1,8 @@
 """Spectral block averaging: a long spectrum over overlapping Hann-windowed frequency blocks.
 
 A product of spectra Y X* summed under a Hann window over bins is the cross-correlation of the two records inside a window of
-lags. Under a linear sweep that window is a gate: the harmonics of a non-linear amplifier, the offset, the mains arrive
-at other lags, seconds away. The same block outside the gate shows the noise, at the time the sweep was there.
+lags. Under a linear sweep this window is a gate: the harmonics of a non-linear amplifier, the offset and the mains arrive at
+other lags, seconds away. The block outside the gate shows the noise at the time of the sweep.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ Bin = TypeVar("Bin", bound=np.inexact[Any])
 INTERLEAVED_ROWS = 8
 
 POOLED_LINES = 5
-"""Neighbouring lines whose noise is taken together."""
+"""Number of neighbouring lines with pooled noise."""
 
 OVERLAP_CORRELATION = 1 / 6
-"""Of neighbouring lines: Hann blocks that overlap by half."""
+"""Correlation of neighbouring lines: Hann blocks that overlap by half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +36,12 @@ class BlockAverager:
 
     @property
     def window(self) -> Array:
-        """(length,), sum 1."""
+        """The window, (length,), sum 1."""
         return np.asarray((1 - np.cos(2 * np.pi * np.arange(self.length) / self.length)) / self.length)
 
     @property
     def count(self) -> int:
-        """How many lines the window leaves."""
+        """Number of lines."""
         return max((self.size - self.length) // (self.length // 2) + 1, 0)
 
     @property
@@ -55,13 +55,13 @@ class BlockAverager:
 
 
 def band_spectrum(samples: Array, n: int, blocks: BlockAverager, taper_samples: int = 0) -> NDArray[np.complex64]:
-    """The blocks' bins of the spectrum of the samples without their mean, followed by zeros up to n = `fast_length`; (size,).
+    """Return the blocks' bins of the spectrum of the samples without their mean, padded with zeros to n = `fast_length`; (size,).
 
-    The first and last `taper_samples` samples are faded in and out with half a cosine.
+    The first and last `taper_samples` samples are faded in and out by half a cosine.
 
-    Every eighth sample is a row; the rows' spectra fit the processor's cache, and only the bins in use are put
-    together of them (the first step of any fast transform): two thirds of the time of a transform of the whole. Single
-    precision: its rounding, 3e-7 of the largest bin, is far below half a count of a 16-bit converter.
+    Every eighth sample is a row; the rows' spectra fit the processor's cache, and only the used bins are combined from them (the
+    first step of any fast transform): two thirds of the time of a complete transform. Single precision: its rounding, 3e-7 of the
+    largest bin, is far below half a count of a 16-bit converter.
     """
     from scipy.fft import rfft
 
@@ -76,7 +76,7 @@ def band_spectrum(samples: Array, n: int, blocks: BlockAverager, taper_samples: 
     turn = np.exp(-2j * np.pi / n * np.arange(start, stop)).astype(np.complex64)
     whole = np.empty(blocks.size, np.complex64)
     while start < stop:
-        q = start % period  # a row's spectrum continues with its mirror image, periodically
+        q = start % period  # a row's spectrum continues periodically with its mirror image
         if q <= period // 2:
             end = min(stop, start + period // 2 - q + 1)
             part = rows[:, q : q + end - start]
@@ -94,7 +94,7 @@ def band_spectrum(samples: Array, n: int, blocks: BlockAverager, taper_samples: 
 
 
 def fast_length(size: int) -> int:
-    """A length of at least `size` that is transformed fast by `band_spectrum`."""
+    """Return a length of at least `size` with a fast transform by `band_spectrum`."""
     from scipy.fft import next_fast_len
 
     return INTERLEAVED_ROWS * int(next_fast_len(-(-size // INTERLEAVED_ROWS), real=True))
@@ -103,7 +103,7 @@ def fast_length(size: int) -> int:
 def make_block_averager(
     band_hz: tuple[float, float], resolution_hz: float, bin_hz: float, nyquist_hz: float
 ) -> BlockAverager:
-    """Blocks of `resolution_hz` within a band.
+    """Return blocks of `resolution_hz` within a band.
 
     Raises:
         ValueError: the band is empty, negative, or beyond half the sample rate.
@@ -119,6 +119,6 @@ def make_block_averager(
 
 
 def pool_lines(noise: Array, count: int) -> Array:
-    """Each line's mean, (F,), with its neighbours'; at the ends over those that are there."""
+    """Return the mean of each line and its neighbours, (F,); at the ends over fewer lines."""
     pool = np.ones(count)
     return np.asarray(np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same"))

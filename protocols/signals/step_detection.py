@@ -1,8 +1,8 @@
-"""Weight step detector: finds a weight placed on the tactor in the laser's trace, block by block.
+"""Weight step detector: detects a weight placed on the tactor in the laser's trace, block by block.
 
-The trace is looked at in windows of whole cycles of the mains. Where a few windows in a row agree in mean and in spread, the
-trace is quiet: that is the zero, and it follows slow drift while nothing happens. A move is a landing once the trace is quiet again at another
-level; back at the old one it was a bump. Nothing is decided from a single sample.
+The trace is evaluated in windows of whole cycles of the mains. The trace is quiet if a few successive windows agree in mean and
+spread: this level is the zero, which follows slow drift. A move is a landing if the trace becomes quiet at another level, and a
+bump if it returns to the old one. No decision depends on a single sample.
 """
 
 import math
@@ -28,15 +28,15 @@ class StepDetectionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WeightStep:
-    """A mass has landed (or was lifted) and the trace has settled. Times in s since the first sample that was fed.
+    """A mass has landed (or was lifted) and the trace has settled. Times in s since the first sample.
 
     Attributes:
-        crossed_at_s: when the trace crossed the middle between the two levels for the last time.
-        settled_at_s: from when on it was quiet.
+        crossed_at_s: time of the last crossing of the middle between both levels.
+        settled_at_s: begin of the quiet trace.
         size: level after - level before, in the unit of the samples.
         standard_error: of the size, mains and slow noise included.
         degrees_of_freedom: of the standard error; see `coverage_factor`.
-        bumps: moves since the detector was ready that came back.
+        bumps: number of moves that returned, since the detector was ready.
     """
 
     crossed_at_s: float
@@ -49,7 +49,7 @@ class WeightStep:
 
 @dataclass
 class WeightStepDetector:
-    """Detector of one weight step: takes the trace in blocks and returns one `WeightStep`.
+    """Detector of one weight step: processes the trace in blocks and returns one `WeightStep`.
 
         ZEROING -- quiet --> READY -- leaves the zero --> MOVING -- quiet elsewhere --> SETTLED
                                ^------- quiet at the zero, a bump -------/
@@ -57,12 +57,12 @@ class WeightStepDetector:
     Args:
         rate_hz: samples per second.
         min_step: smallest change that counts as a landing, in the unit of the samples.
-        tolerance: windows that agree this well are quiet; None: a twentieth of `min_step`. Creep after the landing is
-            tolerated up to a hundredth of the step besides.
-        window_s: of one window; 0.1 s is whole cycles of both 50 and 60 Hz.
-        window_count: that must agree.
+        tolerance: largest difference of quiet windows; None: a twentieth of `min_step`. In addition creep after the landing is
+            tolerated up to a hundredth of the step.
+        window_s: duration of a window; 0.1 s is a whole number of cycles of 50 and 60 Hz.
+        window_count: number of windows that must agree.
         mains_hz: see `level`.
-        history_s: of a move are kept; a longer one loses its start, and its landing is at worst detected late.
+        history_s: stored part of a move; a longer move loses its start, and its landing is at worst detected late.
     """
 
     rate_hz: float
@@ -74,12 +74,12 @@ class WeightStepDetector:
     history_s: float = 60.0
     state: StepDetectionState = StepDetectionState.ZEROING
     zero_level: float = math.nan
-    """The level taken as zero; NaN before there is one."""
+    """The zero level; NaN before the first quiet trace."""
 
     _pending: Array = field(default_factory=lambda: np.empty(0))
     _quiet_windows: deque[Array] = field(default_factory=deque)
     _window_statistics: deque[tuple[float, float]] = field(default_factory=deque)
-    """Mean and standard deviation of each of the quiet windows: a trace may be watched for hours."""
+    """Mean and standard deviation of the quiet windows, without samples, as a trace may last for hours."""
     _moving_windows: deque[Array] = field(default_factory=deque)
     _zero_samples: Array = field(default_factory=lambda: np.empty(0))
     _samples_seen: int = 0
@@ -97,7 +97,7 @@ class WeightStepDetector:
             )
         if self._window_length < 8 or self.window_count < 3:
             raise ValueError(
-                f"{self.window_count} windows of {self.window_s:g} s at {self.rate_hz:g} Hz cannot tell quiet: "
+                f"{self.window_count} windows of {self.window_s:g} s at {self.rate_hz:g} Hz cannot detect a quiet trace: "
                 "at least 3 windows of 8 samples are needed"
             )
 
@@ -106,7 +106,7 @@ class WeightStepDetector:
         return round(self.window_s * self.rate_hz)
 
     def feed(self, samples: Array) -> WeightStep | None:
-        """Take more samples, (N,); NaN where the sensor was out of range. The landing, once it is settled."""
+        """Process more samples, (N,), NaN for a sensor out of range; return the settled landing, None before it."""
         if self.state is StepDetectionState.SETTLED:
             return None
         self._pending = np.concatenate([self._pending, np.asarray(samples, float)])
@@ -154,7 +154,7 @@ class WeightStepDetector:
             case StepDetectionState.MOVING if step >= self.min_step:
                 return self._measure_step()
             case StepDetectionState.MOVING:
-                # Back at the zero, or near it: too little for a weight put on. The zero is measured again from here.
+                # Back near the zero: too small a step for a weight. The zero is measured again.
                 self._bumps += 1
                 self._set_zero()
             case _:

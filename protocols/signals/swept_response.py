@@ -1,9 +1,9 @@
 """Swept response: frequency response from one long linear sweep.
 
-A sweep does not repeat, but its drive is known: the whole record is transformed in one piece (so there is no segment whose ends cut the
-response off, and no bias from the sweep's rate), Y X* is summed over bins under a Hann window, and what arrives at other lags
-than a response can is the noise (see `lines`). Welch's averages, segment by segment, would count the harmonics of the two-slope
-amplifier and the whole record's noise against every line, and their segments cut off what rings over their ends.
+A sweep does not repeat, but its drive is known: the whole record is transformed in one piece (so that no segment ends cut off the
+response, and the sweep's rate causes no bias), Y X* is summed over bins under a Hann window, and the power at lags outside any
+response is the noise (see `lines`). Welch's averages, segment by segment, would count the harmonics of the two-slope amplifier
+and the whole record's noise against every line, and their segments cut off the ringing at their ends.
 
 The start, end and direction of the sweep are found in the recorded drive; a recording without a sweep is rejected.
 """
@@ -29,14 +29,14 @@ from protocols.signals.spectral_blocks import (
 )
 
 SEARCH_CHUNK = 1 << 14
-"""Samples looked at in one go."""
+"""Number of samples per search step."""
 
 
 def sweep_extent(drive: Array) -> slice:
-    """From where to where the drive, (N,), is away from the middle of its range.
+    """Return the first and last sample at which the drive, (N,), is away from the middle of its range.
 
     Raises:
-        ValueError: it does not move at all.
+        ValueError: a constant drive.
     """
     low, high = float(drive.min()), float(drive.max())
     if not high > low:
@@ -44,7 +44,7 @@ def sweep_extent(drive: Array) -> slice:
     middle, least = 0.5 * (low + high), 0.05 * (high - low)
 
     def first(samples: Array) -> int:
-        """Return the first sample outside the limits; searched piece by piece, since it is mostly near the end."""
+        """Return the first sample outside the limits, searched piece by piece, because it is mostly near the end."""
         for start in range(0, samples.size, SEARCH_CHUNK):
             away = np.abs(samples[start : start + SEARCH_CHUNK] - middle) > least
             if away.any():
@@ -55,7 +55,7 @@ def sweep_extent(drive: Array) -> slice:
 
 
 def is_rising(X: NDArray[np.complex64]) -> bool:
-    """Whether the sweep goes up: whether its upper half of bins arrives later than its lower half (group delay)."""
+    """Return whether the sweep goes up: its upper half of bins arrives later than its lower half (group delay)."""
     few = slice(None, None, 16)
     delay = np.mod(-np.angle(X[1:][few] * X[:-1][few].conj()), 2 * np.pi)
     half = delay.size // 2
@@ -66,14 +66,14 @@ def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, b
     """Reject a drive that is not stronger in the band than noise.
 
     Args:
-        drive: (N,), as it was transformed.
+        drive: (N,), the transformed drive.
         power: sum of its squared bins within the band.
-        band_share: of the band, as a share of half the sample rate; noise has that share of its power there.
+        band_share: width of the band as a share of half the sample rate, which is the share of noise in it.
         n: length of the transform.
-        band_hz: for the sentence.
+        band_hz: band, for the message.
 
     Raises:
-        ValueError: less than twice that share of the drive's power lies in the band.
+        ValueError: less than twice `band_share` of the drive's power lies in the band.
     """
     centred = drive - drive.mean()
     share = 2 * power / (n * float(centred @ centred))
@@ -85,44 +85,44 @@ def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, b
 
 
 MIN_BINS_PER_LINE = 32
-"""Bins under one line of a sweep: fewer leave no lags outside the gate for the noise."""
+"""Fewest bins under one line of a sweep: fewer leave no lags outside the gate for the noise."""
 
 TAPER_CYCLES = 6
-"""Cycles of the lowest frequency over which a sweep is faded in and out."""
+"""Number of cycles of the lowest frequency over which a sweep is faded in and out."""
 
 NOISE_LAGS = np.arange(3, 11)
-"""Lags, in units of 1 / resolution, at which the noise is seen: beyond the Hann window's main lobe, which ends at 2."""
+"""Lags of the noise, in units of 1 / resolution: beyond the Hann window's main lobe, which ends at 2."""
 
 HARMONIC_LAGS = -np.arange(2, 9)
-"""Lags on the other side, where the harmonics arrive; under a fast sweep some come close and leak through the gate."""
+"""Lags on the side of the harmonics; under a fast sweep some come close and leak through the gate."""
 
 FAST_SWEEP_BINS = 128
-"""Bins under one line below which a sweep is fast: harmonics then arrive within some ten units of lag and are taken out."""
+"""Bins under one line below which a sweep is fast: harmonics then arrive within some ten units of lag and are removed."""
 
 HARMONIC_GATE = -2.2
-"""Lag, in units of 1 / resolution, before which what arrives is taken out of a fast sweep: outside the Hann window's main lobe."""
+"""Lag, in units of 1 / resolution, before which harmonics are removed from a fast sweep: outside the Hann window's main lobe."""
 
 EDGE_WIDTHS = 2.0
 """Distance of a usable line from the ends of a sweep, in units of the inverse root of the sweep's rate: the width of its edges."""
 
 HARMONIC_PASSES = 3
-"""Rounds in which harmonics are removed: the first response bends with their leakage."""
+"""Number of rounds of the removal of harmonics: their leakage bends the first response."""
 
 SWEEP_DEGREES_OF_FREEDOM = 40.0
 """Degrees of freedom of a sweep's standard error: 8 gates, 4.4 of them independent, times 4.8 lines, times 2."""
 
 CURVATURE_BIAS = 2 * (1 / 12 - 1 / (2 * np.pi**2))
-"""What a Hann line adds to a response that bends, as a share of its second difference over the lines: taken out again."""
+"""Bias of a Hann line for a bent response, as a share of its second difference over the lines, which is removed."""
 
 CORRECTED_VARIANCE = (
     (1 + 2 * CURVATURE_BIAS) ** 2
     + 2 * CURVATURE_BIAS**2
     - 4 * CURVATURE_BIAS * (1 + 2 * CURVATURE_BIAS) * OVERLAP_CORRELATION
 )
-"""By how much that raises the variance of a line."""
+"""Factor on the variance of a line by the removal of the bias."""
 
 CORRECTED_CORRELATION = ((1 + 2 * OVERLAP_CORRELATION) / CORRECTED_VARIANCE - 1) / 2
-"""Of neighbouring lines then: their mean is as noisy as before."""
+"""Correlation of neighbouring lines after it: the noise of their mean is unchanged."""
 
 
 def estimate_swept_response(
@@ -137,13 +137,13 @@ def estimate_swept_response(
     """Response to one long linear sweep.
 
     Args:
-        drive: (N,), the whole sweep and, better, a moment of rest after it.
+        drive: (N,), the whole sweep, preferably with some rest after it.
         displacement: (N,), of the same scans.
         rate_hz: samples per second.
-        band_hz: where lines are computed; those at which the sweep was not are left out.
-        resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or what a short record allows.
+        band_hz: band of the lines; lines outside the sweep are left out.
+        resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or more for a short record.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
-        interference: lines measured at rest, counted in the errors of the lines of the response that have them.
+        interference: lines measured at rest, counted in the errors of the affected lines of the response.
 
     Raises:
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
@@ -153,8 +153,8 @@ def estimate_swept_response(
     duration = swept.stop - swept.start
     if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
-    # With the sweep begins the mean that the amplifier's two slopes make: a step, as broad as the band. Faded in over a few
-    # cycles of the lowest frequency it has nothing in the band. The lines that were passed while it fades are left out.
+    # The mean by the amplifier's two slopes begins with the sweep: a step, as broad as the band. Faded in over a few cycles
+    # of the lowest frequency it vanishes in the band. The lines passed during the fade are left out.
     faded = min(round(TAPER_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
     least_hz = MIN_BINS_PER_LINE * rate_hz / fast_length(duration)
     width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
@@ -189,7 +189,7 @@ def estimate_swept_response(
         )
 
     def response(cross: NDArray[np.complex64]) -> Complex:
-        """Beyond the outermost of the strong lines the response is taken as it is there."""
+        """Beyond the outermost strong lines the response is continued as a constant."""
         with np.errstate(divide="ignore", invalid="ignore"):
             H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
         return np.asarray(H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)], complex)
@@ -200,7 +200,7 @@ def estimate_swept_response(
         cleaned = cross - _harmonics(cross, power, H, blocks, rising)
         H = response(cleaned)
     noise = _noise_variance(cleaned, power, H, blocks, rising)
-    if fast:  # at the end of the sweep, lags on that side lie beyond its samples; there the harmonics are far away on the other
+    if fast:  # at the end of the sweep, lags on this side lie beyond its samples; the harmonics are far away on the other side
         reach_s = (NOISE_LAGS[-1] + 1) / (blocks.length * bin_hz)
         beyond = arrival_s + reach_s > duration / rate_hz if rising else arrival_s < reach_s
         before = _power_at_lags(_left(cross, power, H, blocks), blocks, NOISE_LAGS[:4], not rising)
@@ -228,13 +228,13 @@ def estimate_swept_response(
 
 
 def _arrival_s(X: NDArray[np.complex64], blocks: BlockAverager) -> Array:
-    """When the sweep was at each line, (count,), from the first sample on: the group delay."""
+    """Return the time of the sweep at each line, (count,), from the first sample: the group delay."""
     turn = np.append(X[1:] * X[:-1].conj(), np.complex64(0))
     return np.mod(-np.angle(blocks.windows(turn) @ blocks.window), 2 * np.pi) / (2 * np.pi * blocks.bin_hz)
 
 
 def _edge_s(drive: Array, S_xx: Array, rate_hz: float) -> Array:
-    """How far from its ends a sweep passes each line undisturbed by them, (count,): some times the inverse root of its rate."""
+    """Return the undisturbed distance of each line from the ends of a sweep, (count,): a multiple of the inverse root of its rate."""
     amplitude = 0.5 * float(np.ptp(drive))
     with np.errstate(divide="ignore"):
         return EDGE_WIDTHS * 2 * np.sqrt(S_xx) / (amplitude * rate_hz)
@@ -243,7 +243,7 @@ def _edge_s(drive: Array, S_xx: Array, rate_hz: float) -> Array:
 def _interference_errors(
     line: InterferenceLine, frequency_hz: Array, S_xx: Array, blocks: BlockAverager, rate_hz: float
 ) -> Array:
-    """Standard error by one line of interference of unknown phase, (count,), of real and of imaginary part: it lies under one window."""
+    """Return the standard error by one interference line of unknown phase, (count,), of real and imaginary part, in one window."""
     width = blocks.length * blocks.bin_hz
     distance = np.abs(frequency_hz - line.frequency_hz)
     under = np.where(line.significant & (distance < width / 2), 1 + np.cos(2 * np.pi * distance / width), 0.0)
@@ -254,8 +254,8 @@ def _interference_errors(
 def _left(
     cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager
 ) -> NDArray[np.complex64]:
-    """What a response, drawn straight from line to line, leaves of the products of the bins."""
-    # The lines are half a block apart; beyond the outermost the response is taken as it is there.
+    """Return the products of the bins less a response interpolated between the lines."""
+    # The lines are half a block apart; beyond the outermost the response is continued as a constant.
     hop = blocks.length // 2
     ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
     share = np.arange(hop, dtype=np.float32) / np.float32(hop)
@@ -267,7 +267,7 @@ def _left(
 def _harmonics(
     cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
 ) -> NDArray[np.complex64]:
-    """What arrives so early, of the products of the bins, that no response does: the harmonics, which pass a frequency before it."""
+    """Return the part of the products of the bins earlier than any response: the harmonics, which pass a frequency before it."""
     from scipy.fft import fft, fftfreq, ifft
 
     left = _left(cross, power, H, blocks)
@@ -280,7 +280,7 @@ def _harmonics(
 def _noise_variance(
     cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
 ) -> Array:
-    """Variance of each line's S_yx, from the gates next to it on the side on which no harmonic arrives."""
+    """Return the variance of each line's S_yx, from the neighbouring gates on the side without harmonics."""
     left = _left(cross, power, H, blocks)
     at_gates, at_harmonics = np.split(
         _power_at_lags(left, blocks, np.concatenate((NOISE_LAGS, HARMONIC_LAGS)), rising), [NOISE_LAGS.size], axis=1
@@ -295,8 +295,8 @@ def _noise_variance(
 
 
 def _power_at_lags(left: NDArray[np.complex64], blocks: BlockAverager, lags: NDArray[np.int_], rising: bool) -> Array:
-    """Power of the residuals at lags in units of 1 / resolution, (count, lags)."""
-    # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
+    """Return the power of the residuals at lags in units of 1 / resolution, (count, lags)."""
+    # In a rising sweep a harmonic passes a frequency before the fundamental: at negative lags.
     side = 1 if rising else -1
     shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), lags) / blocks.length)
     seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)

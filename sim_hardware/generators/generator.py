@@ -1,8 +1,8 @@
 """Output stage of all simulated function generators: turns settings into output segments.
 
-A model of a family adds commands, error messages and limits. Bursts start and idle at their phase, a free-running sine has
-an unknown phase, relays drop the output to 0 V. Voltages are open-circuit voltages (electromotive force): what an
-instrument *displays* depends on the declared load, the output does not.
+A model of a family adds commands, error messages and limits. Bursts start and idle at their phase, a free-running sine has an
+unknown phase, relays drop the output to 0 V. Voltages are open-circuit voltages (electromotive force): the *displayed* values
+depend on the declared load, the output does not.
 """
 
 import hashlib
@@ -16,13 +16,13 @@ from typing import Any, Literal
 from sim_hardware import plant
 
 SegmentFactory = Callable[[float], plant.Segment]
-"""Given the instant of the change, the segment that begins there."""
+"""Function from the instant of the change to the segment that begins there."""
 
 RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
 """Attenuator ranges, peak to peak at the open output; a relay switches between two of them."""
 
 COMBINED_V = 0.7
-"""What another channel adds that cannot be switched off."""
+"""Volts of another channel that cannot be switched off."""
 
 SAG_TAU_S = 10.0
 SURGE_S, SURGE_V = 0.5e-3, 0.6
@@ -36,8 +36,8 @@ class InstrumentUnit:
     Args:
         identity: the reply to `*IDN?`.
         traits: its traits and deviations by name (sim_hardware.generators.traits).
-        seed: of its own random behaviour.
-        high_z_by_hand: whether a person has set High Z on the front panel of a model that cannot be set by wire.
+        seed: seed of its random behaviour.
+        high_z_by_hand: whether High Z was set on the front panel of a model without remote access to it.
     """
 
     identity: str
@@ -55,9 +55,9 @@ class InstrumentUnit:
 class GeneratorSettings:
     """Settings that shape the output; the defaults are those after a reset.
 
-    `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
-    the amplitude; None is at its start phase. `inverted` flips the output about its offset, which is unchanged. `gated`
-    leaves 0 V between bursts. `added_v` is what another channel adds to the output.
+    `frequency_hz` of an arbitrary waveform is the rate of its whole period. `idle` is the waiting level of a burst in parts of
+    the amplitude; None: its start phase. `inverted` flips the output about its offset, which is unchanged. `gated` leaves 0 V
+    between bursts. `added_v` is the volts added by another channel.
     """
 
     on: bool = False
@@ -82,11 +82,11 @@ class GeneratorSettings:
     added_v: float = 0.0
 
     scale: float = 1.0
-    """Factor of the amplitude that no query replies; negative where the output is inverted."""
+    """Factor of the amplitude hidden from queries; negative for an inverted output."""
     offset_scale: float = 1.0
-    """Factor of the offset that no query replies."""
+    """Factor of the offset hidden from queries."""
     hidden_v: float = 0.0
-    """What another channel adds although no query replies it."""
+    """Volts of another channel hidden from queries."""
 
     @property
     def emf_peak_v(self) -> float:
@@ -95,7 +95,7 @@ class GeneratorSettings:
 
     @property
     def level_v(self) -> float:
-        """Volts of a point of 0: the offset, and what another channel adds."""
+        """Volts of a point of 0: the offset, and the volts of another channel."""
         return self.offset_scale * self.emf_offset_v + self.added_v + self.hidden_v
 
 
@@ -103,8 +103,8 @@ class SimulatedGenerator:
     """The output of one function generator.
 
     Args:
-        emit: called with the function that makes the next segment.
-        seed: of the phases that are random on a real instrument.
+        emit: callback with the function that makes the next segment.
+        seed: seed of the phases that are random on a real instrument.
     """
 
     def __init__(
@@ -130,12 +130,12 @@ class SimulatedGenerator:
         self._triggers = 0
 
     def deviate(self, deviations: Mapping[str, str]) -> None:
-        """Behave otherwise than documented: options of `sim_hardware.generators.traits.DEVIATIONS` by name."""
+        """Deviate from the documentation: options of `sim_hardware.generators.traits.DEVIATIONS` by name."""
         self._deviations = deviations
         self.apply_settings(**self._hidden_settings())
 
     def _hidden_settings(self) -> dict[str, Any]:
-        """Return the settings that no command changes and no query replies."""
+        """Return the hidden settings, without commands and queries."""
         scale = {"quarter": 0.25, "fourfold": 4.0}.get(self._deviations.get("scale", ""), 1.0)
         return {
             "scale": -scale if self._deviates("output-polarity", "inverted") else scale,
@@ -147,8 +147,8 @@ class SimulatedGenerator:
         return self._deviations.get(name) == option
 
     def apply_settings(self, **settings: Any) -> None:
-        """New settings, all at one instant."""
-        if (wave := settings.get("wave")) is not None:  # the history is kept for ever: the same waveform once
+        """Apply new settings at one instant."""
+        if (wave := settings.get("wave")) is not None:  # the history is permanent: store equal waveforms once
             key = hashlib.sha256(wave.points.tobytes()).digest(), wave.interpolated
             settings["wave"] = self._waveform_cache.setdefault(key, wave)
 
@@ -160,7 +160,7 @@ class SimulatedGenerator:
         self._emit(make)
 
     def reset(self) -> None:
-        """Factory state: output off, whatever is connected to it."""
+        """Factory state: output off, independent of its connection."""
 
         def make(t: float) -> plant.Segment:
             self.settings = GeneratorSettings(**self._hidden_settings())
@@ -175,16 +175,16 @@ class SimulatedGenerator:
         self.reset()
 
     def detune_clock(self, ppm: float) -> None:
-        """Detune the clock from the next trigger on; a running output is unchanged."""
+        """Detune the clock from the next trigger; a running output is unchanged."""
         self._next_clock *= 1 + ppm * 1e-6
 
     def ready_for_trigger(self, now: float) -> bool:
-        """Whether a bus trigger would start something."""
+        """Whether a bus trigger would start a burst or sweep."""
         s = self.settings
         return s.trigger == "BUS" and (s.burst or s.sweep) and self.busy_s(now) == 0
 
     def busy_s(self, now: float) -> float:
-        """Seconds until the running burst or sweep ends."""
+        """Seconds until the end of the running burst or sweep."""
         if self._burst is not None:
             return max(0.0, self._burst.end_s - now)
         if isinstance(self._carrier, plant.ChirpSegment):
@@ -209,13 +209,7 @@ class SimulatedGenerator:
             elif s.sweep:
                 phase = self._carrier.phase_at(t) if self._carrier else 0.0
                 self._carrier = plant.ChirpSegment(
-                    t,
-                    s.start_hz * self._clock,
-                    s.stop_hz * self._clock,
-                    s.sweep_s,
-                    s.emf_peak_v,
-                    s.level_v,
-                    phase,
+                    t, s.start_hz * self._clock, s.stop_hz * self._clock, s.sweep_s, s.emf_peak_v, s.level_v, phase
                 )
             return self._segment(t)
 
@@ -241,7 +235,7 @@ class SimulatedGenerator:
         f = (s.start_hz if s.sweep else s.frequency_hz) * self._clock
         wave = s.wave if s.function == "ARB" else None
         start = math.sin(math.radians(s.phase_deg))
-        if wave:  # its first point, whatever is drawn between the points
+        if wave:  # its first point, independent of the interpolation
             start = float(wave.points[round(s.phase_deg / 360 * wave.points.size) % wave.points.size])
         offset_v = s.level_v
         start = -1.0 if self._deviates("idle", "bottom") else start if s.idle is None else s.idle
@@ -288,7 +282,7 @@ class SimulatedGenerator:
         if not continuous:
             self._carrier = None
         elif self._carrier is None:
-            # The oscillator has been running all the time; its phase is unknown.
+            # The oscillator runs permanently; its phase is unknown.
             self._carrier = self._tone(t, self._random.uniform(-math.pi, math.pi), math.inf)
         elif isinstance(self._carrier, plant.ChirpSegment) and s.sweep:
             self._carrier = replace(self._carrier, amplitude_v=s.emf_peak_v, offset_v=s.level_v)

@@ -1,10 +1,10 @@
 """Simulated Agilent, Keysight and Picotest function generators, after their programming guides.
 
-Pitfalls that matter on this bench: power-up and reset give 50 ohm with the output off; with 50 ohm declared it puts twice
-the volts on a high-impedance input; APPLy turns the output on; another amplitude range and another function switch relays;
-leaving DC or burst starts a sine at an unknown phase; an impossible value is clipped, not rejected; a waveform's name can
-be used once; clearing the memory selects another waveform; the byte order of a download is the opposite one; polarity, gating
-and, with two channels, combining, coupling and tracking are settings that persist.
+Pitfalls on this bench: power-up and reset give 50 ohm with the output off; with 50 ohm declared a high-impedance input gets twice
+the volts; APPLy turns the output on; another amplitude range and another function switch relays; leaving DC or burst starts a
+sine at an unknown phase; an impossible value is clipped, not rejected; a waveform's name can be used once; clearing the memory
+selects another waveform; the byte order of a download is reversed; polarity, gating and, with two channels, combining, coupling
+and tracking are settings that persist.
 
 33210A, 33220A, 33250A and G5100A have one volatile waveform and no abort: no limits that would reject a wrong level, 50 000
 cycles at most, integers in big-endian order, a download that immediately replaces the waveform being played, at least 10 mVpp
@@ -38,7 +38,7 @@ MEMORY_POINTS = 1_000_000
 BUILT_IN_NAME = "EXP_RISE"
 VOLATILE_POINTS = {"33210": 8192}
 FULL_SCALE = {"33250": 2047}
-"""Memory and largest integer of an older model, where they are not 65 536 and 8191."""
+"""Memory and largest integer of an older model, if different from 65 536 and 8191."""
 
 BUILT_IN_WAVEFORM = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
 
@@ -136,7 +136,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         ]
 
     def _other_channel_commands(self) -> list[wires.ScpiCommand]:
-        """Return the commands that only two-channel models know: others answer -113."""
+        """Return the commands of two-channel models: others answer -113."""
         if not re.search(r"33\d\d2", self._model):
             return []
         return [
@@ -195,8 +195,8 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
 
 
 def _overshooting(points: Array) -> Array:
-    """Return the points with an overshoot of a quarter of each change, that dies out over a hundredth of the period."""
-    size = 2 * points.size  # twice: a product of spectra is a circular convolution
+    """Return the points with an overshoot of a quarter of each change, that decays over a hundredth of the period."""
+    size = 2 * points.size  # twice the length: a product of spectra is a circular convolution
     decay = np.fft.rfft(np.exp(-np.arange(points.size) / (points.size / 100)), size)
     changes = np.fft.rfft(np.diff(points, prepend=points[0]), size)
     rung = points + 0.25 * np.fft.irfft(changes * decay, size)[: points.size]
@@ -219,9 +219,9 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
 
     @property
     def commands(self) -> Sequence[wires.ScpiCommand]:
-        known = [c for c in super().commands if "LIMit" not in c.pattern]
+        supported = [c for c in super().commands if "LIMit" not in c.pattern]
         return [
-            *known,
+            *supported,
             wires.ScpiCommand("SYSTem:REMote", lambda _: None),
             wires.ScpiCommand("SYSTem:LOCal", lambda _: None),
             wires.ScpiCommand(SOURCE + "DATA:DAC", self._download),

@@ -15,7 +15,7 @@ from sim_hardware.wires import ScpiInstrument
 def make_generator(
     parameters: GeneratorParameters, generator: SimulatedGenerator, now: Callable[[], float], seed: int = 0
 ) -> ScpiInstrument:
-    """Return the simulated generator that the parameters name; its traits that are not chosen are drawn from the seed."""
+    """Return the simulated generator of the parameters; unspecified traits are drawn from the seed."""
     family, maker = _family_of(parameters.model)
     identity = f"{maker},{parameters.model},{parameters.serial},{parameters.firmware}"
     traits = draw_traits(parameters.model, seed, parameters.traits)
@@ -31,12 +31,12 @@ def traits_of(model: str) -> tuple[Trait, ...]:
 
 
 def deviations_of(model: str) -> tuple[Trait, ...]:
-    """Return the deviations that a model can be given."""
+    """Return the possible deviations of a model."""
     return _of_model(_module_of(_family_of(model)[0]).DEVIATIONS, model)
 
 
 def draw_traits(model: str, seed: int, chosen: str = "") -> dict[str, str]:
-    """Return the option of each trait of a model: as chosen (`silence=long stale=often`), or else drawn from the seed.
+    """Return the option of each trait of a model: chosen (`silence=long stale=often`), otherwise drawn from the seed.
 
     Raises:
         ValueError: an unknown trait or option is chosen.

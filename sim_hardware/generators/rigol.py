@@ -1,15 +1,16 @@
 """Simulated Rigol DG1000Z, DG800, DG900, DG2000 and DG4000 function generators, after their programming guides.
 
-Pitfalls: VOLT:OFFS? replies 0 in DC mode whatever the level that APPL? reports; a download selects the waveform function,
-and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are stretched to 8192; switches are replied
-as ON and OFF; a packet carries 16 384 bytes, not points, and 8 points at least, what follows it in its message is lost, and
-the trigger source must be set anew after a burst (Menlo Systems' DG1000Z driver); the idle level of a burst is a setting of its own; polarity, gating, coupling, tracking and the sum with the
-other channel are settings that persist.
+Pitfalls: VOLT:OFFS? replies 0 in DC mode for any level reported by APPL?; a download selects the waveform function, and beyond
+8192 points the sample-rate mode; in the frequency mode fewer points are stretched to 8192; switches are replied as ON and OFF; a
+packet carries 16 384 bytes, not points, and 8 points at least, later commands in its message are lost, and the trigger source
+must be set anew after a burst (Menlo Systems' DG1000Z driver); the idle level of a burst is a setting of its own; polarity,
+gating, coupling, tracking and the sum with the other channel are settings that persist.
 
-DG800, DG900, DG2000 and DG4000: no range can be held, so that an amplitude may switch a relay; there is no sample-rate mode, and a waveform of fewer
-points than the memory takes is stretched from its first to its last point (DG4000 Programming Guide, TRACe:DATA:DAC; DG1000Z
-Programming Guide 2-173); limits count the amplitude wherever the burst idles. An upload to a DG4000 goes to the channel that
-is selected on its front panel, selects the waveform there, and has no idle level to choose; its load is replied as INFINITY.
+DG800, DG900, DG2000 and DG4000: no range can be held, so that an amplitude may switch a relay; there is no sample-rate mode, and
+a waveform of fewer points than the memory takes is stretched from its first to its last point (DG4000 Programming Guide,
+TRACe:DATA:DAC; DG1000Z Programming Guide 2-173); limits count the amplitude at any idle level. An upload to a DG4000 goes to the
+channel selected on its front panel, selects the waveform there, and has no choice of the idle level; its load is replied as
+INFINITY.
 """
 
 import math
@@ -30,10 +31,10 @@ PACKET_POINTS, MIN_PACKET_POINTS = 8192, 8
 FREQUENCY_MODE_POINTS = 8192
 DG4000_POINTS = 16_384
 OTHER_CHANNEL_NOISE_V = 0.3
-"""What the noise that a DG4000 can add to its output is taken as."""
+"""Volts that represent the noise that a DG4000 can add to its output."""
 OTHER_FUNCTION = "SOURce2:FUNCtion[:SHAPe]"
 PANEL_CHANNEL = "SYSTem:CHANnel:CURrent"
-"""Commands of a DG4000 for the function of channel 2 and, in the place of a key, the channel of its front panel."""
+"""Commands of a DG4000 for the function of channel 2 and, in place of a key, the channel selected on its front panel."""
 
 TRAITS = (
     UNKNOWN_HEADER,
@@ -54,7 +55,7 @@ DEVIATIONS = deviations(range="DG10", abort="DG10", uneven="DG10")
 
 
 def stretch(points: Array, size: int) -> Array:
-    """Return a waveform with `size` points, as these instruments stretch a shorter one: from its first to its last."""
+    """Return a waveform stretched to `size` points from its first to its last point, as by these instruments."""
     return np.asarray(np.interp(np.linspace(0, points.size - 1, size), np.arange(points.size), points))
 
 
@@ -272,7 +273,7 @@ class SimulatedRigolDg800(SimulatedRigolDg):
         wires.check_argument_count(a, 3)
         wires.match_keyword(a[0], "VOLATILE")
         if wires.match_keyword(a[1], "CON", "END") == "CON":
-            raise wires.ScpiError(-225)  # whether it takes several is not known
+            raise wires.ScpiError(-225)  # support of several is unknown
         self._play(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS), PACKET_POINTS)
 
     def _download_to_panel_channel(self, a: wires.Arguments) -> None:

@@ -18,10 +18,10 @@ from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP, OutputLe
 from sim_hardware.plant import ArbitraryWaveform
 
 SOURCE = "[SOURce[1]:]"
-"""Beginning of the patterns of the source subsystem."""
+"""Prefix of the patterns of the source subsystem."""
 OUTPUT_SETTINGS = {field.name for field in fields(GeneratorSettings)}
 OTHER_CHANNEL_V = 0.7
-"""What the other channel of a two-channel instrument outputs."""
+"""Volts of the other channel of a two-channel instrument."""
 
 
 class SimulatedScpiGenerator:
@@ -29,12 +29,12 @@ class SimulatedScpiGenerator:
 
     Args:
         generator: the output stage.
-        now: returns bench time, to know whether a burst is still running.
+        now: function that returns bench time, for the end of a burst.
         unit: its identity and traits.
 
     Attributes:
         identity: the reply to `*IDN?`.
-        queue_error: puts an error into the engine's queue although the command is carried out.
+        queue_error: function that queues an error for an executed command.
     """
 
     @property
@@ -42,15 +42,15 @@ class SimulatedScpiGenerator:
         return self.traits.get("unknown-header") == "whole-message"
 
     BLOCK_ENDS_MESSAGE: ClassVar[bool] = False
-    """Whether what follows a binary block in its message is lost."""
+    """Whether commands after a binary block in its message are lost."""
     MAX_FREQUENCY_HZ: ClassVar[float] = 20e6
     MAX_BURST_CYCLES: ClassVar[float] = 1e8
     AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
-    """Whether the amplitude setting means the span of the points as they are, or of the converter."""
+    """Whether the amplitude setting is the span of the points, or of the converter."""
     ARBITRARY_KEYWORD: ClassVar[str] = "USER"
     """Name of the function that plays the waveform."""
     TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]]
-    """Names of the trigger sources, each with the setting of `SimulatedGenerator` that it means."""
+    """Names of the trigger sources, each with its setting of `SimulatedGenerator`."""
     FREQUENCY_HEADER: ClassVar[str] = "FREQuency[:FIXed]"
     BURST_HEADER: ClassVar[str] = "BURSt:STATe"
     TRIGGER_HEADER: ClassVar[str]
@@ -70,20 +70,20 @@ class SimulatedScpiGenerator:
         return MIN_EMF_VPP
 
     def format_number(self, value: float) -> str:
-        """Return a number as this family writes it."""
+        """Return a number in this family's format."""
         return wires.format_real(value)
 
     def format_switch(self, on: bool) -> str:
-        """Return a switch as this family writes it."""
+        """Return a switch in this family's format."""
         return str(int(on))
 
     def format_polarity(self, inverted: bool) -> str:
-        """Return the output polarity as this family writes it."""
+        """Return the output polarity in this family's format."""
         return "INV" if inverted else "NORM"
 
     @property
     def commands(self) -> Sequence[wires.ScpiCommand]:
-        """The commands that all families have under headers of their own; a family adds others."""
+        """The common commands of all families, with their own headers; a family adds others."""
         core, number = self._generator, self.format_number
         return [
             wires.ScpiCommand(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
@@ -121,7 +121,7 @@ class SimulatedScpiGenerator:
         show: Callable[[Any], str],
         then: Callable[[], None] = lambda: None,
     ) -> wires.ScpiCommand:
-        """Make the command of a setting of the output, or of an attribute of this model, after whose change `then` is called."""
+        """Make the command of a setting of the output, or of an attribute of this model; `then` is called after a change."""
         of_output = name in OUTPUT_SETTINGS
 
         def setter(a: wires.Arguments) -> None:
@@ -156,7 +156,7 @@ class SimulatedScpiGenerator:
     def _choice(
         self, pattern: str, name: str, values: Mapping[str, Any], then: Callable[[], None] = lambda: None
     ) -> wires.ScpiCommand:
-        """Make the command of a setting by its keywords; where two mean the same value, the first is replied."""
+        """Make the command of a setting by its keywords; of two keywords for one value the first is replied."""
         shorts = {wires.short_form(keyword): value for keyword, value in values.items()}
         replies = {value: short for short, value in reversed(shorts.items())}
         return self._setting(
@@ -171,7 +171,7 @@ class SimulatedScpiGenerator:
         )
 
     def _keyword_command(self, pattern: str, *names: str) -> wires.ScpiCommand:
-        """Make a setting that is stored and does not affect an idle output; the first name is the factory value."""
+        """Make a stored setting without effect on an idle output; the first name is the factory value."""
 
         def setter(a: wires.Arguments) -> None:
             self._keyword_settings[pattern] = wires.match_keyword(wires.single_argument(a), *names)
@@ -203,7 +203,7 @@ class SimulatedScpiGenerator:
         )
 
     def _stored_switch(self, pattern: str) -> wires.ScpiCommand:
-        """Make a switch that is stored and does not affect an idle output."""
+        """Make a stored switch without effect on an idle output."""
 
         def setter(a: wires.Arguments) -> None:
             self._keyword_settings[pattern] = self.format_switch(wires.parse_boolean(wires.single_argument(a)))
@@ -270,7 +270,7 @@ class SimulatedScpiGenerator:
         self._generator.apply_settings(cycles=cycles)
 
     def _load_waveform(self, points: Array, interpolated: bool = False, **settings: Any) -> None:
-        """Play these points from now on, 1 being half of the amplitude."""
+        """Play these points, 1 being half of the amplitude."""
         if (self.traits.get("uneven") == "otherwise") != self.AMPLITUDE_IS_WAVEFORM_SPAN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
         points = self._filtered(points)
@@ -278,7 +278,7 @@ class SimulatedScpiGenerator:
         self._generator.apply_settings(wave=ArbitraryWaveform(points.astype(np.float32), interpolated), **settings)
 
     def _filtered(self, points: Array) -> Array:
-        """Return the points as they leave the filter."""
+        """Return the points after the filter."""
         return points
 
 
@@ -299,7 +299,7 @@ def decode_block(argument: str, dtype: str, low: float, high: float) -> Array:
 
 
 def accept_keywords(*names: str) -> Callable[[wires.Arguments], None]:
-    """Return the setter of a setting that accepts these values without an effect."""
+    """Return the setter of a setting that accepts these values without effect."""
 
     def setter(a: wires.Arguments) -> None:
         wires.match_keyword(wires.single_argument(a), *names)

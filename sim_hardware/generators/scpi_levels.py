@@ -23,13 +23,13 @@ class OutputLevels:
 
     Args:
         generator: the output stage.
-        queue_error: puts an error into the queue although the command is carried out, which is common.
-        format_number: writes a number as this family does.
+        queue_error: function that queues an error for an executed command, which is common.
+        format_number: function that formats a number for this family.
         min_emf_vpp: smallest amplitude at the open output.
     """
 
     min_held_vpp: ClassVar[float] = 0.0
-    """Smallest amplitude while the range is held, if it is larger: a guide says that it may be, and none gives it."""
+    """Smallest amplitude with a held range, if larger: a guide states that it may be larger, but not its value."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class OutputLevels:
         return self.clip(wires.parse_number(text, "S"), 0.0, longest_s)
 
     def check_limits(self, emf_vpp: float, emf_offset_v: float, function: str) -> None:
-        """Raise ScpiError if that output would leave the limits that are on."""
+        """Raise ScpiError if the output would leave the active limits."""
         if not self.limits_on:
             return
         wave = self._generator.settings.wave if function == "ARB" else None
@@ -186,7 +186,7 @@ class OutputLevels:
         self.check_limits(s.emf_vpp, s.emf_offset_v, s.function)
 
     def commands(self, source: str) -> Sequence[wires.ScpiCommand]:
-        """The commands, their patterns beginning with `source`."""
+        """Return the commands, with patterns that begin with `source`."""
         level, voltage = source + "VOLTage[:LEVel][:IMMediate]", source + "VOLTage"
         core, number = self._generator, self._format_number
 
@@ -214,7 +214,7 @@ class OutputLevels:
         ]
 
     def limit_commands(self, limit: str, state: str, format_switch: Callable[[bool], str]) -> list[wires.ScpiCommand]:
-        """The commands of both limits, their patterns beginning with `limit`, and of their switch with the ending `state`."""
+        """Return the commands of both limits, with patterns that begin with `limit`, and of their switch, which ends with `state`."""
         number = self._format_number
         return [
             wires.ScpiCommand(

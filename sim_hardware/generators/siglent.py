@@ -1,15 +1,15 @@
-"""Simulated Siglent SDG1000X, SDG2000X or SDG6000X function generator, after its programming guide and as real ones were seen.
+"""Simulated Siglent SDG1000X, SDG2000X or SDG6000X function generator, after its programming guide and observations of real ones.
 
 Pitfalls: an impossible value is clipped silently, and there is no error queue; burst parameters are ignored before
 `STATE,ON`; no range can be frozen; parameters that do not apply are missing from the reply; polarity, inversion, combining
 and coupling are settings that persist.
 
-Seen on real ones (benchctrl at 0c6e51e: SDG1032X, firmware 1.01.01.33R1B6; dmm6500-serial-decode at 0465be2: SDG2122X):
-the first byte 0x0A ends a waveform's message; what WVDT wrote is selected; ARWV? names a user's waveform with `.bin` and
-without an index; a quoted name is ignored; numbers have six digits; queries are not answered while a waveform is taken in;
-one session is served; the third waveform above 64 kB hangs remote and panel while the output goes on, and one of less than
-four bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X.
-An SDG6022X with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode (a public driver of it).
+Observed on real ones (benchctrl at 0c6e51e: SDG1032X, firmware 1.01.01.33R1B6; dmm6500-serial-decode at 0465be2: SDG2122X): the
+first byte 0x0A ends a waveform's message; a waveform written by WVDT is selected; ARWV? names a user's waveform with `.bin` and
+without an index; a quoted name is ignored; numbers have six digits; queries are not answered while a waveform is being stored;
+one session is served; the third waveform above 64 kB hangs remote and panel while the output continues, and one of less than four
+bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X. An SDG6022X
+with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode (a public driver of it).
 """
 
 import math
@@ -46,9 +46,7 @@ TRAITS = (
         "how long it answers nothing after a waveform arrived: 0.5 s on an SDG1032X, above 5 s in 15 of 86 cases on an SDG2122X",
     ),
     Trait(
-        "stale",
-        ("never", "often"),
-        "whether a selection may not take until it is sent again: 19 of 233 on an SDG2122X",
+        "stale", ("never", "often"), "whether a selection may not take until it is sent again: 19 of 233 on an SDG2122X"
     ),
     Trait(
         "inversion",
@@ -109,7 +107,7 @@ class SimulatedSiglentSdg:
 
     @property
     def silent(self) -> bool:
-        """Whether it answers nothing: it takes in a waveform, or hangs for good."""
+        """Whether it does not answer: it stores a waveform, or hangs permanently."""
         return self.hung or self._now() < self._silent_until_s
 
     @property
@@ -221,7 +219,7 @@ class SimulatedSiglentSdg:
             offset = _parse_value(requested["OFST"]) / self._display_ratio
         offset = min(max(offset, -MAX_EMF_V), MAX_EMF_V)
         room = 2 * (MAX_EMF_V - abs(offset))
-        if "AMP" not in requested and vpp > room:  # the amplitude stays, the offset gives way
+        if "AMP" not in requested and vpp > room:  # the amplitude is kept, the offset changes
             offset = min(max(offset, -MAX_EMF_V + vpp / 2), MAX_EMF_V - vpp / 2)
             room = vpp
         self._generator.apply_settings(

@@ -1,9 +1,9 @@
 """Simulated Tektronix AFG3000, AFG31000 or AFG1000 function generator, after its programmer manual.
 
-Pitfalls: a burst is triggered by the internal timer by default, again and again; no range can be frozen; an AFG1000's
-built-in DC ignores the offset, and its load can be set at the front panel only; polarity, and with two channels concurrent
-settings and added noise or external signals persist. An AFG31000 may
-wait at the first point of a burst, its last one or the offset, as a setting says, and may play its sequencer instead.
+Pitfalls: a burst is triggered by the internal timer by default, again and again; no range can be frozen; an AFG1000's built-in DC
+ignores the offset, and its load can be set at the front panel only; polarity, and with two channels concurrent settings and added
+noise or external signals persist. An AFG31000 waits at the first point of a burst, its last one or the offset, by a setting, and
+may play its sequencer instead.
 """
 
 import re
@@ -23,24 +23,14 @@ FULL_SCALE = 16382
 
 TRAITS = (
     UNKNOWN_HEADER,
-    Trait(
-        "polarity",
-        ("present", "absent"),
-        "whether it has OUTPut:POLarity: no public driver uses it",
-        models="AFG1",
-    ),
+    Trait("polarity", ("present", "absent"), "whether it has OUTPut:POLarity: no public driver uses it", models="AFG1"),
     Trait(
         "idle-setting",
         ("START", "DC", "END"),
         "where a burst waits after a reset: its setting exists, its factory value is in no source",
         models=r"AFG31\d{3}",
     ),
-    Trait(
-        "sequencer",
-        ("present", "absent"),
-        "whether it knows SEQControl without the option",
-        models=r"AFG31\d{3}",
-    ),
+    Trait("sequencer", ("present", "absent"), "whether it knows SEQControl without the option", models=r"AFG31\d{3}"),
     RETIME,
 )
 DEVIATIONS = deviations(combining="AFG3")

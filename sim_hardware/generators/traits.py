@@ -1,6 +1,6 @@
-"""Traits of simulated instruments: behaviour that no source settles, drawn from the run's seed so that no driver relies on it.
+"""Traits of simulated instruments: undocumented behaviour, drawn from the run's seed so that no driver relies on it.
 
-Behaviour that was seen on real instruments is not drawn: each model has it, with its source in one line.
+Behaviour observed on real instruments is not drawn: each model has it, with its source in one line.
 """
 
 import random
@@ -13,10 +13,10 @@ class Trait:
     """One behaviour of some models of a family.
 
     Args:
-        name: of the trait, in parameters and test names.
-        options: all possible ones; the first is the kindest.
-        why: the open question, and what its sources say.
-        models: regular expression for the beginnings of the models that have it; all of the family by default.
+        name: name of the trait, in parameters and test names.
+        options: possible options, the kindest first.
+        why: open question, and known facts.
+        models: regular expression for the begin of the affected models; default: all models of the family.
     """
 
     name: str
@@ -59,9 +59,7 @@ DEVIATIONS = (
     Trait("droop", ("steady", "sags"), "a level within one long waveform: sags by 10 % per second"),
     Trait("start", ("triggered", "sometimes-lost"), "every second trigger starts nothing"),
     Trait(
-        "combining",
-        ("as-replied", "stays"),
-        "another channel is added to the output although the setting replies off",
+        "combining", ("as-replied", "stays"), "another channel is added to the output although the setting replies off"
     ),
 )
 """Departures of an instrument from the assumptions of its driver. Never drawn: `generator.traits` chooses one, to try the
@@ -69,21 +67,21 @@ commissioning of an instrument."""
 
 
 def deviations(**models: str) -> tuple[Trait, ...]:
-    """Return the deviations of a family; `models` are regular expressions for those that not all, or some, of its models have."""
+    """Return the deviations of a family; `models` has regular expressions for deviations of some models only."""
     return tuple(replace(each, models=models.get(each.name, each.models)) for each in DEVIATIONS)
 
 
 def draw_options(
     key: str, owner: str, seed: str, traits: Sequence[Trait], deviations: Sequence[Trait], chosen: str
 ) -> dict[str, str]:
-    """Return the options of an instrument: of each trait as chosen, or else drawn; of the deviations those that are chosen.
+    """Return the options of an instrument: each trait chosen or drawn, and the chosen deviations.
 
     Args:
         key: parameter that holds the choice, for messages.
-        owner: whose traits they are, for messages.
-        seed: of the draw.
-        traits: of which each is drawn that is not chosen.
-        deviations: which are only chosen.
+        owner: kind of instrument, for messages.
+        seed: seed of the draw.
+        traits: traits, each drawn unless chosen.
+        deviations: deviations, never drawn.
         chosen: `name=option`, separated by blanks.
 
     Raises:
@@ -91,11 +89,11 @@ def draw_options(
     """
     draw = random.Random(seed)
     drawn = {trait.name: draw.choice(trait.options) for trait in traits}
-    known = {t.name: t.options for t in (*traits, *deviations)}
+    options = {t.name: t.options for t in (*traits, *deviations)}
     for pair in chosen.split():
         name, _, option = pair.partition("=")
-        if option not in known.get(name, ()):
-            choices = ", ".join(f"{n}={'|'.join(o)}" for n, o in known.items()) or "none"
+        if option not in options.get(name, ()):
+            choices = ", ".join(f"{n}={'|'.join(o)}" for n, o in options.items()) or "none"
             raise ValueError(f"{key}: {pair!r} is no trait of a {owner}; it has {choices}")
         drawn[name] = option
     return drawn

@@ -14,10 +14,10 @@ from sim_hardware.plant import ConstantSegment, Segment, VoltageHistory
 RANGE_V = 10.0
 VOLTS_PER_COUNT = 2 * RANGE_V / 65536
 _STEP_V = 0.04
-"""A step of a rendered drive that is larger is reported as a jump."""
+"""Largest step of a rendered drive that is not reported as a jump."""
 
 _PAGE_SAMPLES = 4_000_000
-"""Samples that are searched for jumps at a time: a drive may have 80 million."""
+"""Number of samples per search for jumps: a drive may have 80 million."""
 
 Counts = NDArray[np.int16]
 
@@ -26,7 +26,7 @@ Counts = NDArray[np.int16]
 class SampledSegment:
     """A converter's output: count `k` at `origin_s + k / rate_hz`, the last one held; `before_v` until the first.
 
-    Steps as small as a rendered drive should have are rendered as slopes; a larger one is the jump it is on the wire.
+    Steps within the limit of a rendered drive are rendered as slopes, larger ones as jumps.
     """
 
     origin_s: float
@@ -63,7 +63,7 @@ class SampledSegment:
 
 
 def to_counts(volts: Array) -> Counts:
-    """The converter's counts for these volts."""
+    """Return the converter's counts for these volts."""
     return np.rint(volts / VOLTS_PER_COUNT).clip(-32768, 32767).astype(np.int16)
 
 
@@ -71,10 +71,10 @@ class SimulatedAnalogOutput:
     """One output.
 
     Args:
-        emit: receives the factory of the next segment and outputs it.
+        emit: function that outputs the segment of the given factory.
 
     Attributes:
-        owner: the task that plays on it, if any.
+        owner: playing task, if any.
     """
 
     def __init__(self, emit: Callable[[SegmentFactory], None]) -> None:
@@ -89,12 +89,12 @@ class SimulatedAnalogOutput:
         self._emit_segment(lambda _: ConstantSegment(0.0))
 
     def hold(self, volts: float) -> None:
-        """Hold a level from now on."""
+        """Hold a level."""
         level = float(to_counts(np.array([volts]))[0]) * VOLTS_PER_COUNT
         self._emit_segment(lambda _: ConstantSegment(level))
 
     def play(self, counts: Counts, rate_hz: float, start: Callable[[float], float]) -> float:
-        """Play samples from `start(now)` on; return that time."""
+        """Play samples from `start(now)`; return this time."""
         origin = [0.0]
 
         def make(t: float) -> Segment:
@@ -106,7 +106,7 @@ class SimulatedAnalogOutput:
         return origin[0]
 
     def freeze(self) -> None:
-        """Hold the present level, as a stopped task does."""
+        """Hold the present level, like a stopped task."""
         self._emit_segment(lambda t: ConstantSegment(float(self._segment.volts(np.array([t]))[0])))
 
     def volts(self, t: Array) -> Array:

@@ -1,7 +1,7 @@
 """Simulated 16-bit multifunction card: amplifier's input, laser sensor, and the amplifier's two monitors.
 
-Every sample is a pure function of the simulation parameters, the history, the seed and the sample's index: it does not
-matter in what portions it is read, or when.
+Every sample is a pure function of the simulation parameters, the history, the seed and the sample's index, independent of the
+portions and times of reading.
 """
 
 import math
@@ -18,7 +18,7 @@ from sim_hardware.nidaq.output_queue import SimulatedOutputQueue
 from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 
 SETTLING_SHARE = 0.02
-"""Share of the volts converted before it that an input shows which settles too slowly."""
+"""Share of the previously converted volts in an input that settles too slowly."""
 
 CARD_TRAITS = (
     Trait(
@@ -39,11 +39,7 @@ CARD_DEVIATIONS = (
         ("settled", "slow"),
         "share of the channel converted before it: NI asks for sources below 1 kohm (USB-6001 guide, Multichannel Scanning Considerations)",
     ),
-    Trait(
-        "start-edge",
-        ("on-scan", "at-once"),
-        "whether an output that is to start at a scan does",
-    ),
+    Trait("start-edge", ("on-scan", "at-once"), "whether an output that is to start at a scan does"),
     Trait(
         "rewrite",
         ("prompt", "waits", "blocks"),
@@ -56,11 +52,11 @@ CARD_DEVIATIONS = (
         "samples on their way to the converter, beyond those that the card reports (README of NIDAQ.jl: 4 requests of 32 768 bytes)",
     ),
 )
-"""What a card may do otherwise than the drivers assume. Never drawn: `card.traits` chooses it, to try a commissioning."""
+"""Possible deviations of a card from the drivers' assumptions. Never drawn: `card.traits` chooses it, to try a commissioning."""
 
 
 def draw_card_traits(seed: int, chosen: str = "") -> dict[str, str]:
-    """Return the option of each trait of the card: as chosen (`skew=double`), or else drawn from the seed.
+    """Return the option of each trait of the card: chosen (`skew=double`), otherwise drawn from the seed.
 
     Raises:
         ValueError: an unknown trait or option is chosen.
@@ -72,23 +68,23 @@ Counts = NDArray[np.int16]
 
 DRIVE_CHANNEL, SENSOR_CHANNEL, VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL = 0, 1, 2, 3
 FIRST_OUTPUT_READBACK_CHANNEL = 1000
-"""From this number on, a channel is an analogue output measured inside the card (`_ao0_vs_aognd`)."""
+"""First number of the channels that are analogue outputs measured inside the card (`_ao0_vs_aognd`)."""
 GROUND_CHANNEL = 2000
-"""The channel inside the card that is its analogue ground (`_aignd_vs_aignd`)."""
+"""Number of the channel of the card's analogue ground (`_aignd_vs_aignd`)."""
 
 LAST_CONNECTED_CHANNEL = CURRENT_MONITOR_CHANNEL
 GHOST_SHARE = 0.98
-"""Share of the volts converted before it that an open input shows: the multiplexer's capacitance keeps its charge."""
+"""Share of the previously converted volts in an open input: the multiplexer's capacitance keeps its charge."""
 
 UNREPORTED_QUEUE_S = 0.25
-"""Seconds of samples that a card with a longer queue has on their way beside those that it reports."""
+"""Unreported seconds of samples on their way in a card with a longer queue."""
 
 TIMEBASE_HZ = 100e6
 _NOISE_PAGE_SAMPLES = 8192
 
 
 class SampleRateError(ValueError):
-    """The card cannot sample that fast. `limit_hz` is its limit per channel; `single` if it holds even for one channel."""
+    """The card cannot sample that fast. `limit_hz` is its limit per channel; `single` if it applies even to one channel."""
 
     def __init__(self, rate_hz: float, channels: int, limit_hz: float, single: bool) -> None:
         super().__init__(f"{rate_hz:g} S/s on {channels} channels is too fast, the card can do {limit_hz:g} S/s")
@@ -97,7 +93,7 @@ class SampleRateError(ValueError):
 
 
 def actual_rate(parameters: CardParameters, rate_hz: float, channels: int) -> float:
-    """The rate the card's divider makes of `rate_hz`: the next higher one.
+    """Return the rate of the card's divider for `rate_hz`: the next higher one.
 
     Raises:
         RateRefusedError: above the converter's limit, which all channels share, or not positive.
@@ -109,7 +105,7 @@ def actual_rate(parameters: CardParameters, rate_hz: float, channels: int) -> fl
 
 
 def convert_interval_s(parameters: CardParameters, rate_hz: float, channels: int) -> float:
-    """Seconds between the conversions of two channels of one scan: NI's default, or what fits into a scan."""
+    """Seconds between the conversions of two channels of one scan: NI's default, or the largest that fits into a scan."""
     return min(parameters.convert_s, 1 / (rate_hz * channels))
 
 
@@ -146,18 +142,18 @@ class Acquisition:
         self._noise = [_Noise(card.noise_seed, channel, number) for channel in channels]
 
     def available_at(self, scans: int) -> float:
-        """Bench time at which the first `scans` scans have been taken."""
+        """Return the bench time of the end of the first `scans` scans."""
         skew = (len(self.channels) - 1) * self.convert_s
         return self._card.plant.available_at(self.start_time_s + max(0, scans - 1) / self.rate_hz + skew)
 
     def available_scans(self, now: float) -> int:
-        """Scans taken until `now`."""
+        """Return the number of scans until `now`."""
         skew = (len(self.channels) - 1) * self.convert_s
         until = self._card.plant.available_until(now) - self.start_time_s - skew
         return max(0, math.floor(until * self.rate_hz + 1e-6) + 1)
 
     def read_raw(self, first: int, count: int) -> Counts:
-        """Scans first..first + count as counts, shape (channels, count); they must have been taken."""
+        """Return the scans first..first + count as counts, shape (channels, count); they must lie in the past."""
         out = np.empty((len(self.channels), count), np.int16)
         if not count:
             return out
@@ -169,26 +165,26 @@ class Acquisition:
 
     @property
     def change_count(self) -> int:
-        """How often something has changed on which the samples depend."""
+        """Number of changes of the samples' inputs."""
         return self._card.plant.change_count + self._card.laser_view.change_count
 
     def read_ahead(self, first: int, count: int, now_s: float) -> Counts:
-        """Scans as `read_raw`, partly still in the future at `now_s`: valid until something changes."""
+        """Return scans as `read_raw`, partly in the future of `now_s`, valid until the next change."""
         with self._card.plant.reading_ahead(now_s):
             return self.read_raw(first, count)
 
     def confirm(self, now_s: float) -> None:
-        """Keep what was computed ahead until `now_s`."""
+        """Keep the samples computed ahead until `now_s`."""
         self._card.plant.confirm(now_s)
 
     def discard_ahead(self) -> None:
-        """Forget what was computed ahead."""
+        """Discard the samples computed ahead."""
         self._card.plant.discard_ahead()
 
     def _slot_voltage(self, slot: int, t: Array) -> tuple[Array, float]:
-        """Volts in a place of the scans at times `t`, and their noise; an open input shows the place before it.
+        """Return the volts at a place of the scans at times `t`, and their noise; an open input shows the previous place.
 
-        A connected one, other than the drive, shows a share of it if it settles too slowly.
+        A connected input, other than the drive, shows a share of the previous place if it settles too slowly.
         """
         unsettled = self._card.unsettled_share
         if unsettled and self.channels[slot] != DRIVE_CHANNEL and not self._card.is_open(self.channels[slot]):
@@ -205,7 +201,7 @@ class Acquisition:
         return np.zeros(t.size), self._card.parameters.noise_v
 
     def _place_voltage(self, place: int, t: Array) -> tuple[Array, float]:
-        """Volts at the terminal of a place of the scans, and its noise; of the scan before this one, before the first place."""
+        """Return the volts at the terminal of a place of the scans, and their noise; before the first place, of the previous scan."""
         when = t + place * self.convert_s if place >= 0 else t - 1 / self.rate_hz
         return self._card.channel_voltage(self.channels[place], np.maximum(when, 0.0))
 
@@ -250,7 +246,7 @@ class SimulatedCard:
         return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
 
     def new_output_queue(self) -> SimulatedOutputQueue:
-        """Return the queue of a new output task, as the parameters give it or drawn from the seed."""
+        """Return the queue of a new output task, from the parameters or drawn from the seed."""
         queue, given = SimulatedOutputQueue.drawn(self.seed), self.parameters
         if given.usb_requests:
             queue.requests = given.usb_requests
@@ -268,7 +264,7 @@ class SimulatedCard:
         return LAST_CONNECTED_CHANNEL < channel < FIRST_OUTPUT_READBACK_CHANNEL
 
     def channel_voltage(self, channel: int, t: Array) -> tuple[Array, float]:
-        """Volts at the channel's terminal without noise, and the rms noise it will carry."""
+        """Return the volts at the channel's terminal without noise, and the rms noise."""
         if channel == DRIVE_CHANNEL:
             return self._history.volts(t), self.parameters.noise_v
         if channel == SENSOR_CHANNEL:
@@ -286,7 +282,7 @@ class SimulatedCard:
         return np.zeros(t.size), self.parameters.noise_v
 
     def _with_stuck_sensor(self, volts: Array, t: Array) -> Array:
-        """The sensor's volts, constant from the moment at which it got stuck."""
+        """Return the sensor's volts, constant after the begin of the fault."""
         if not self._faults.was_ever_active("sensor-stuck"):
             return volts
         onsets = self._faults.active_since("sensor-stuck", t)
@@ -297,7 +293,7 @@ class SimulatedCard:
         return volts
 
     def quantize(self, volts: Array) -> Counts:
-        """Counts of the converter, the inverse of its scaling, at a rail where the voltage is beyond it."""
+        """Return the counts of the converter, the inverse of its scaling, at a rail for voltages beyond it."""
         c0, c1, *_ = self.parameters.coefficients
         counts = (volts - c0) / c1
         if self._nonlinearity is not None:

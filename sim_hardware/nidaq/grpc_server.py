@@ -29,11 +29,11 @@ _SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 _UNLIMITED = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1), ("grpc.so_reuseport", 0)]
 
 Call = Callable[[Any], Mapping[str, Any] | None]
-"""Handles a request; returns the fields of the reply, None if it has none."""
+"""Handles a request; returns the fields of the reply, None for an empty reply."""
 
 
 class SessionError(Exception):
-    """A session that cannot be created or attached to: a status of gRPC, not an error of NI-DAQmx."""
+    """Failed creation of a session or attachment to one: a status of gRPC, not an error of NI-DAQmx."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:
         super().__init__(text)
@@ -45,7 +45,7 @@ class NiGrpcServer(Closeable):
 
     Attributes:
         port: the TCP port.
-        calls: how often each call was made.
+        calls: number of calls by name.
     """
 
     def __init__(self, device: SimulatedNiDevice) -> None:
@@ -113,7 +113,7 @@ class NiGrpcServer(Closeable):
         return grpc.unary_unary_rpc_method_handler(serve, ask.FromString, answer.SerializeToString)
 
     def _calls(self) -> dict[str, Call]:
-        """The calls that are served."""
+        """The served calls."""
         table: dict[str, Call] = {
             "CreateTask": self._create,
             "ClearTask": lambda q: self._tasks.clear(q.task.name),

@@ -10,19 +10,19 @@ from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, 
 from sim_hardware.plant import FaultState
 
 AHEAD_S = 0.8
-"""Longest span that is computed together: beyond this the arrays no longer fit into the processor's cache."""
+"""Longest span computed together: arrays of longer spans exceed the processor's cache."""
 
 AHEAD_SCANS = 20_000
-"""The same in scans, for high sample rates."""
+"""Longest span in scans, for high sample rates."""
 
 
 class ReadAhead:
-    """Reads the blocks of an acquisition in order; several are computed together, as the calls on a short block cost as much as their work.
+    """Reads the blocks of an acquisition in order; several are computed together, to reduce the overhead of calls on short blocks.
 
-    Blocks computed ahead are provisional: a change of drive, set-up, laser view or faults discards them, and they are computed anew.
+    Blocks computed ahead are provisional: a change of drive, set-up, laser view or faults discards them.
 
     Args:
-        acquisition: of the simulated card.
+        acquisition: acquisition of the simulated card.
         block_scans: scans of each block.
     """
 
@@ -31,13 +31,13 @@ class ReadAhead:
         self._most_blocks = int(min(AHEAD_S * acquisition.rate_hz, AHEAD_SCANS) / block_scans)
         self._computed: Counts = np.empty((len(acquisition.channels), 0), np.int16)
         self._first_scan = 0
-        """Scan at which `_computed` begins."""
+        """First scan of `_computed`."""
         self._change_count = -1
         self._unchanged_blocks = 0
-        """Blocks read since the last change: a change is as likely to come again after so many."""
+        """Number of blocks read since the last change: the next change is equally likely after as many."""
 
     def read(self, first: int, now_s: float) -> Counts:
-        """Return the counts of the block from scan `first` on, (channels, block_scans); it must have been taken at `now_s`."""
+        """Return the counts of the block from scan `first`, (channels, block_scans); it must lie before `now_s`."""
         acquisition, count = self._acquisition, self._block_scans
         if self._change_count != acquisition.change_count:
             self._unchanged_blocks, self._change_count = 0, acquisition.change_count
@@ -56,7 +56,7 @@ class ReadAhead:
         return self._computed[:, begin : begin + count].copy()
 
     def close(self) -> None:
-        """Discard the blocks that were computed ahead and not read."""
+        """Discard the unread blocks computed ahead."""
         self._acquisition.discard_ahead()
 
 
@@ -109,7 +109,7 @@ class SimulatedDigitizer:
         return self._stream
 
     def close(self) -> None:
-        """Stop what runs."""
+        """Stop a running acquisition."""
         if self._stream is not None:
             self._stream.close()
 
@@ -118,11 +118,7 @@ class SimulatedStream(Closeable):
     """A running acquisition (drivers.interfaces.Stream)."""
 
     def __init__(
-        self,
-        digitizer: SimulatedDigitizer,
-        acquisition: Acquisition,
-        block_scans: int,
-        buffer_scans: int,
+        self, digitizer: SimulatedDigitizer, acquisition: Acquisition, block_scans: int, buffer_scans: int
     ) -> None:
         self.rate_hz = acquisition.rate_hz
         self.scales: tuple[Scale, ...] = tuple(
@@ -137,7 +133,7 @@ class SimulatedStream(Closeable):
         self._next_scan = self._first_scan = 0
 
     def read(self) -> Block:
-        """The next block; moves the clock to when its last scan has been taken.
+        """Return the next block; advances the clock to the end of its last scan.
 
         Raises:
             AcquisitionError: scans were lost, the card is unplugged, or the stream is closed.

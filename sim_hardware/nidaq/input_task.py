@@ -13,7 +13,8 @@ from sim_hardware.nidaq.task import CONTINUOUS, FINITE, NiTask, SimulatedNiDevic
 ALL_AVAILABLE = -1
 
 LATE_S = 1.0
-"""Bench seconds by which a reader may be late before bench time waits for it, where it can: longer than a ramp, during which the program does not read."""
+"""Longest delay of a reader, bench seconds, before bench time waits for it, if possible: longer than a ramp, during which the
+program does not read."""
 
 
 def default_buffer_size(rate_hz: float) -> int:
@@ -51,7 +52,7 @@ class NiInputTask(NiTask):
             ) from error
 
     def buffer_size(self) -> int:
-        """Scans the driver keeps for a late reader."""
+        """Number of scans that the driver stores for a late reader."""
         if self._buffer is not None:
             return self._buffer
         return (
@@ -79,7 +80,7 @@ class NiInputTask(NiTask):
             self.read_position = 0
 
     def stop(self) -> None:
-        """Stop acquiring; what was not read is gone."""
+        """Stop acquiring; unread scans are lost."""
         self.acquisition = None
         self.device.release(self)
 
@@ -92,14 +93,14 @@ class NiInputTask(NiTask):
         return min(ready, self.samples_per_channel) if self.mode == FINITE else ready
 
     def available(self) -> int:
-        """Scans that could be read now. Raises NiError if some were overwritten."""
+        """Return the number of readable scans. Raises NiError if some were overwritten."""
         late = self.acquired() - self.read_position
         if self.mode == CONTINUOUS and (late > self.buffer_size() or self.device.faults.is_active("card-overrun")):
             raise NiError(-200279, f"Task Name: {self.name}", samples_read=0)
         return late
 
     def read(self, count: int, timeout_s: float) -> tuple[NDArray[np.int16], int]:
-        """Counts (channels, n) and a status: 0, or -200284 with the samples present when the time was up.
+        """Return counts (channels, n) and a status: 0, or -200284 with the samples available at the timeout.
 
         Raises:
             NiError: overrun, beyond the end of a finite task, or unplugged.
@@ -118,14 +119,14 @@ class NiInputTask(NiTask):
         run = self.acquisition
         if run is None:
             raise NiError(-200088, samples_read=0)
-        wanted, count = count, min(count, self.available())
+        requested, count = count, min(count, self.available())
         raw = run.read_raw(self.read_position, count)
         self.read_position += count
-        self._let_time_run(wanted)
+        self._let_time_run(requested)
         return raw, status
 
     def _let_time_run(self, count: int) -> None:
-        """At raised speed, let bench time run until the next read of so many scans, and a little further."""
+        """At raised speed, let bench time run slightly beyond the next read of this number of scans."""
         shared: SharedTime | None = getattr(self.device.clock, "shared", None)
         run = self.acquisition
         if shared is not None and run is not None and self.mode == CONTINUOUS:
@@ -142,7 +143,7 @@ class NiInputTask(NiTask):
         )
 
     def _wait_for_scans(self, count: int, timeout_s: float) -> bool:
-        """Wait until `count` more scans are there; return whether they are."""
+        """Wait for `count` more scans; return whether they are available."""
         run = self.acquisition
         if run is None:
             return False

@@ -1,8 +1,8 @@
 """Simulated queue between NI's buffer and the converter of an analogue output: USB requests and the card's FIFO.
 
-NI-DAQmx keeps several USB transfer requests under way (properties AO.UsbXferReqSize, AO.UsbXferReqCount; README of
-NIDAQ.jl: 4 requests of 32 768 bytes on a USB-6281). Which values a card has, and whether it lets them be changed, is
-not documented: both are drawn from the run's seed, so that no driver can rely on them.
+NI-DAQmx keeps several USB transfer requests under way (properties AO.UsbXferReqSize, AO.UsbXferReqCount; README of NIDAQ.jl: 4
+requests of 32 768 bytes on a USB-6281). The values of a card, and whether they are adjustable, are not documented: both are drawn
+from the run's seed, so that no driver can rely on them.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import numpy as np
 from sim_hardware.nidaq.errors import NiError
 
 FIFO_SAMPLES = 8191
-"""Samples in the memory of the card, which cannot be changed any more (X Series manual; USB-6341)."""
+"""Number of samples in the memory of the card, which cannot be changed (X Series manual; USB-6341)."""
 
 BYTES_PER_SAMPLE = 2
 PACKET_BYTES = 512
@@ -23,12 +23,12 @@ REQUEST_SIZE, REQUEST_COUNT, ONBOARD_BUFFER = 0x2A8F, 0x3001, 0x230B
 
 @dataclass(slots=True)
 class SimulatedOutputQueue:
-    """Samples that have left the computer's buffer and will be played whatever is written over them.
+    """Samples that have left the computer's buffer and cannot be overwritten any more.
 
     Attributes:
-        requests, request_bytes: of the USB transfers.
-        adjustable: whether the card takes another size of its requests.
-        unreported_s: seconds of samples on their way that no property reports.
+        requests, request_bytes: number and size of the USB transfers.
+        adjustable: whether the size of its requests can be set.
+        unreported_s: unreported seconds of samples on their way.
     """
 
     requests: int
@@ -38,18 +38,18 @@ class SimulatedOutputQueue:
 
     @classmethod
     def drawn(cls, seed: int) -> "SimulatedOutputQueue":
-        """Return a queue as some card may have it."""
+        """Return a possible queue of a card."""
         random = np.random.default_rng((seed, 6341))
         return cls(int(random.choice(_COUNTS)), int(random.choice(_SIZES)), bool(random.integers(2)))
 
     def samples(self, rate_hz: float) -> int:
-        """Return how many samples are on their way at a sample rate."""
+        """Return the number of samples on their way at a sample rate."""
         return (
             FIFO_SAMPLES + self.requests * self.request_bytes // BYTES_PER_SAMPLE + round(self.unreported_s * rate_hz)
         )
 
     def set_request_bytes(self, size: int) -> None:
-        """Set the size of a request, in whole USB packets. Raises NiError where the card does not permit it."""
+        """Set the size of a request, in whole USB packets. Raises NiError for a card that does not permit it."""
         if not self.adjustable:
             raise NiError(-200452, f"Property: {REQUEST_SIZE:#x}")
         self.request_bytes = max(-(-size // PACKET_BYTES), 1) * PACKET_BYTES

@@ -1,7 +1,7 @@
 """NI-DAQmx analogue output tasks on the simulated card: buffer, start trigger, rewriting, stopping.
 
-Stopping a task in mid-wave leaves the output at the sample it had reached, and samples that are on their way to the converter
-are played whatever is written over them (NI-DAQmx help: regeneration; X Series manual, AO; sim_hardware.nidaq.output_queue).
+Stopping a task within a wave leaves the output at the present sample, and samples on their way to the converter cannot be
+overwritten (NI-DAQmx help: regeneration; X Series manual, AO; sim_hardware.nidaq.output_queue).
 """
 
 import math
@@ -20,7 +20,7 @@ from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice, TaskChann
 FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
 NOT_TRIGGERED = math.inf
 WRITE_TIMEOUT_S = 10.0
-"""Default of nidaqmx, in real seconds, where a call has no timeout of its own."""
+"""Default timeout of nidaqmx, in real seconds, for calls without one."""
 
 
 class NiOutputTask(NiTask):
@@ -40,14 +40,14 @@ class NiOutputTask(NiTask):
 
     def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
         device, _, line = text.partition("/")
-        found = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
+        match = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
         if device.lower() != self.device.name.lower():
             raise NiError(-200220, f"Device Specified: {device}")
-        if not found or int(found[1]) >= len(self.device.card.outputs):
+        if not match or int(match[1]) >= len(self.device.card.outputs):
             raise NiError(-200170, f"Physical Channel Name: {text}")
         if not -RANGE_V <= low_v < high_v <= RANGE_V:
             raise NiError(-200077, f"Property: AO.Max\nRequested Value: {high_v}\nMaximum Value: {RANGE_V}")
-        self.channels = [TaskChannel(name or text, int(found[1]), low_v, high_v)]
+        self.channels = [TaskChannel(name or text, int(match[1]), low_v, high_v)]
 
     def configure_clock(self, rate_hz: float, mode: int, scans: int) -> None:
         super().configure_clock(rate_hz, mode, scans)
@@ -62,7 +62,7 @@ class NiOutputTask(NiTask):
         self.trigger = source
 
     def set_property(self, number: int, value: int) -> None:
-        """Set where the next write begins, or the size of a USB request. Raises NiError for any other property."""
+        """Set the begin of the next write, or the size of a USB request. Raises NiError for any other property."""
         match number:
             case _ if number == REQUEST_SIZE and self._start_time_s is None:
                 self.queue.set_request_bytes(value)
@@ -80,9 +80,9 @@ class NiOutputTask(NiTask):
         self._counts = np.zeros(scans, np.int16)
 
     def write(self, volts: Array, auto_start: bool, timeout_s: float = WRITE_TIMEOUT_S) -> int:
-        """Write samples, or one level immediately where there is no clock; return the number written.
+        """Write samples, or one level immediately without a clock; return the number of written samples.
 
-        `timeout_s` is in real seconds, as NI's.
+        `timeout_s` is in real seconds, like NI's.
 
         Raises:
             NiError: out of range, in use, beyond the last sample, or already played.
@@ -110,7 +110,7 @@ class NiOutputTask(NiTask):
         return volts.size
 
     def _rewrite(self, first: int, counts: NDArray[np.int16], timeout_s: float) -> None:
-        """Change samples of a running generation; those that are on their way to the converter are out of reach."""
+        """Change samples of a running generation, except samples on their way to the converter."""
         if (held_back := self.device.card.traits.get("rewrite")) in ("waits", "blocks"):
             timeout_s = WRITE_TIMEOUT_S if held_back == "blocks" else timeout_s
             deadline_s = self.device.clock.now() + timeout_s * self.device.speed
@@ -120,7 +120,7 @@ class NiOutputTask(NiTask):
         if first < done:
             raise NiError(-200289, f"Task Name: {self.name}")
         late = max(done + self.queue.samples(self.actual_rate()) - first, 0)
-        # In place: no reader has seen volts of the future, and 80 million samples are not copied for each message.
+        # In place: no reader has seen future volts, and 80 million samples must not be copied for each message.
         self._counts[first + late : first + counts.size] = counts[late:]
 
     def start(self) -> None:
@@ -138,7 +138,7 @@ class NiOutputTask(NiTask):
         self._start_time_s = output.play(self._counts, self.actual_rate(), edge)
 
     def stop(self) -> None:
-        """Stop: the output stays at the sample it has reached."""
+        """Stop: the output stays at the present sample."""
         if self._start_time_s is None:
             return
         output = self._output()
@@ -150,7 +150,7 @@ class NiOutputTask(NiTask):
             output.owner = None
 
     def samples_generated(self) -> int:
-        """Samples played since the start."""
+        """Number of samples played since the start."""
         self.device.check_present(-88705)
         return self._samples_output()
 

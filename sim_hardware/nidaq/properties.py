@@ -49,7 +49,7 @@ DEVICE_PROPERTIES: Properties = {
 }
 
 PHYSICAL_CHANNEL_PROPERTIES: Properties = {
-    0x2342: lambda _: [10083, 10078, 10106],  # terminal configurations: RSE, NRSE, differential
+    0x2342: lambda _: [10083, 10078, 10106]  # terminal configurations: RSE, NRSE, differential
 }
 
 TASK_PROPERTIES: Properties = {
@@ -65,7 +65,7 @@ TASK_PROPERTIES: Properties = {
 
 
 def _readable_scans(task: NiInputTask) -> int:
-    """Return how many scans a read of "all available" takes."""
+    """Return the number of scans of a read of "all available"."""
     if task.rate_hz is None:
         return 1
     return task.samples_per_channel if task.mode == FINITE else task.available()
@@ -90,7 +90,7 @@ OUTPUT_TASK_PROPERTIES: Properties = {
     0x217E: TASK_PROPERTIES[0x2181],
     0x187F: lambda _: 10102,  # kind of channel: AO
     0x192B: lambda task: task.samples_generated(),
-    0x190C: lambda task: task.relative_to,  # where a write begins
+    0x190C: lambda task: task.relative_to,  # begin of a write
     0x190D: lambda task: task.offset,
     ONBOARD_BUFFER: lambda _: FIFO_SAMPLES,
     REQUEST_SIZE: lambda task: task.queue.request_bytes,
@@ -189,7 +189,7 @@ class NiTaskTable:
         del self._tasks[key]
 
     def stop_all(self) -> None:
-        """Stop and delete all tasks; outputs stay where they are."""
+        """Stop and delete all tasks; outputs keep their levels."""
         for task in self._tasks.values():
             task.stop()
         self._tasks.clear()

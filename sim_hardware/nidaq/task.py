@@ -26,7 +26,7 @@ class TaskChannel:
 
 
 class SimulatedNiDevice:
-    """The card as NI-DAQmx sees it: a name, and at most one task that runs its analogue input."""
+    """The NI-DAQmx device: a name, and at most one task with its analogue input."""
 
     def __init__(self, card: SimulatedCard, clock: Clock, faults: FaultState, name: str = "Dev1") -> None:
         self.card = card
@@ -38,7 +38,7 @@ class SimulatedNiDevice:
         self._input_owner: NiTask | None = None
 
     def check_present(self, code: int = -201003) -> None:
-        """Raise NiError if the card is not there."""
+        """Raise NiError if the card is absent."""
         if self.faults.is_active("card-unplugged"):
             raise NiError(code, f"Device Specified: {self.name}")
 
@@ -50,13 +50,13 @@ class SimulatedNiDevice:
             self._input_owner = task
 
     def release(self, task: "NiTask") -> None:
-        """Take the analogue input back."""
+        """Release the analogue input."""
         with self._lock:
             if self._input_owner is task:
                 self._input_owner = None
 
     def reset(self) -> None:
-        """DAQmx reset: every output goes to 0 V, whatever is connected to it (NI help: states after a device reset)."""
+        """DAQmx reset: every output goes to 0 V, independent of its connection (NI help: states after a device reset)."""
         self.check_present()
         for output in self.card.outputs:
             output.owner = None
@@ -79,7 +79,7 @@ class SimulatedNiDevice:
         return float(getattr(self.clock, "speed", 1.0))
 
     def next_scan_time(self, t: float) -> float:
-        """When the running acquisition takes its next scan after `t`; infinity if none runs."""
+        """Return the time of the running acquisition's next scan after `t`; infinity without one."""
         with self._lock:
             run = self._input_owner.acquisition if self._input_owner is not None else None
         if run is None:
@@ -87,7 +87,7 @@ class SimulatedNiDevice:
         return run.start_time_s + max(math.ceil((t - run.start_time_s) * run.rate_hz - 1e-9), 0) / run.rate_hz
 
     def parse_physical_channels(self, text: str) -> list[int]:
-        """Channel numbers of `Dev1/ai0:1, Dev1/_ao0_vs_aognd`. Raises NiError for what does not exist."""
+        """Channel numbers of `Dev1/ai0:1, Dev1/_ao0_vs_aognd`. Raises NiError for a missing channel."""
         numbers: list[int] = []
         for part in text.split(","):
             device, _, line = part.strip().partition("/")
@@ -100,8 +100,8 @@ class SimulatedNiDevice:
             if inside and int(inside[1]) < len(self.card.outputs):
                 numbers.append(FIRST_OUTPUT_READBACK_CHANNEL + int(inside[1]))
                 continue
-            found = re.fullmatch(r"ai(\d+)(?::(?:ai)?(\d+))?", line.strip(), re.IGNORECASE)
-            first, last = (int(found[1]), int(found[2] or found[1])) if found else (0, self.card.parameters.channels)
+            match = re.fullmatch(r"ai(\d+)(?::(?:ai)?(\d+))?", line.strip(), re.IGNORECASE)
+            first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, self.card.parameters.channels)
             if max(first, last) >= self.card.parameters.channels:
                 raise NiError(-200170, f"Physical Channel Name: {part.strip()}")
             numbers += range(first, last + 1)
@@ -109,7 +109,7 @@ class SimulatedNiDevice:
 
 
 class NiTask(ABC):
-    """An analogue task: what input and output have in common."""
+    """An analogue task: common base of input and output."""
 
     max_rate_hz: float
 
@@ -121,7 +121,7 @@ class NiTask(ABC):
         self.acquisition: Acquisition | None = None
 
     def configure_clock(self, rate_hz: float, mode: int, scans: int) -> None:
-        """Set the sample clock. Raises NiError for a rate that the converter can never do."""
+        """Set the sample clock. Raises NiError for a rate impossible for the converter."""
         if not 0 < rate_hz <= self.max_rate_hz * (1 + 1e-9):
             raise NiError(
                 -200077,
@@ -146,13 +146,13 @@ class NiTask(ABC):
     def _divided_rate(self, rate_hz: float) -> float: ...
 
     def _wait(self, is_over: Callable[[], bool], expected_s: Callable[[], float], timeout_s: float) -> bool:
-        """Wait for the end that is expected at a bench time; return whether it came. The time-out is real time."""
+        """Wait for the end expected at a bench time; return whether it was reached. The time-out is real time."""
         clock, speed = self.device.clock, self.device.speed
         given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * speed)
         while not is_over():
             now = clock.now()
             if now >= given_up or self.device.server_stopping.is_set():
                 return False
-            # In short pieces, so that a pulled cable or a closing server is noticed while waiting.
+            # In short pieces, to notice a pulled cable or a closing server during the wait.
             clock.sleep(min(max(min(expected_s(), given_up) - now, 1e-4 * speed), 0.02 * speed))
         return True

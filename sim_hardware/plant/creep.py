@@ -9,19 +9,19 @@ LAGS_PER_DECADE = 2
 TIME_CONSTANTS_S = np.logspace(-6, 5, 11 * LAGS_PER_DECADE + 1)
 """Time constants of the lags: their sum follows the logarithm of time from 1 us to a day."""
 REFERENCE_S = 1 / (2 * np.pi * 100)
-"""Time at which creep counts as none: the time constant of 100 Hz, about the resonance."""
+"""Time of zero creep: the time constant of 100 Hz, about the resonance."""
 
 
 class CreepModel:
     """Creep of one drive: a step gains the same share of itself in every decade of time.
 
-    A sum of first-order lags, evenly spaced in the logarithm of time. What follows at once is so much less than the whole that
-    a step is itself at `REFERENCE_S`. A lag of tau has followed a step by 1 - exp(-t / tau); the sum of these over a spectrum
-    of lags that begins at tau_0 is ln(t / tau_0) + 0.577.
+    A sum of first-order lags, evenly spaced in the logarithm of time. The immediate part is reduced so that the response to a
+    step is the step at `REFERENCE_S`. A lag of tau has followed a step by 1 - exp(-t / tau); the sum of these over a spectrum of
+    lags that begins at tau_0 is ln(t / tau_0) + 0.577.
 
     Args:
-        per_decade: share of a step that is gained in every decade of time.
-        step_s: of the plant's grid.
+        per_decade: share of a step gained in every decade of time.
+        step_s: step of the plant's grid.
     """
 
     def __init__(self, per_decade: float, step_s: float) -> None:
@@ -53,7 +53,7 @@ class CreepModel:
         return self._instant * drive + self._share * float(self._lags.sum()) if self._share else drive
 
     def hold(self, drive: float, blocks: int) -> tuple[Array, Array]:
-        """Return a constant drive with its creep at the edges of the next blocks, and how fast it creeps, (blocks + 1,) each."""
+        """Return a constant drive with its creep at the edges of the next blocks, and the rate of its creep, (blocks + 1,) each."""
         if not self._share:
             return np.full(blocks + 1, drive), np.zeros(blocks + 1)
         edges_s = self._block_s * np.arange(blocks + 1)[:, None]

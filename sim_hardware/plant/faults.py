@@ -1,4 +1,4 @@
-"""Injectable faults of a simulated bench by name, and when each was active in bench time."""
+"""Injectable faults of a simulated bench by name, and their active times in bench time."""
 
 import math
 import threading
@@ -36,17 +36,17 @@ SPECIMEN_FAULTS = ("membrane-left-on", "membrane-missing", "weight-mislabelled")
 
 
 class FaultState:
-    """The faults of one bench and when each was active."""
+    """The faults of one bench and their active times."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._intervals: dict[str, list[list[float]]] = {}
         self._active: frozenset[str] = frozenset()
         self.change_count = 0
-        """How often a fault was injected or cleared."""
+        """Number of injections and ends of faults."""
 
     def inject(self, name: str, t: float) -> None:
-        """Activate `name` from bench time `t` on; no effect if it is active.
+        """Activate `name` from bench time `t`; no effect if it is active.
 
         Raises:
             ValueError: there is no such fault.
@@ -83,7 +83,7 @@ class FaultState:
             return bool(self._intervals.get(name))
 
     def active_since(self, name: str, t: Array) -> Array:
-        """Return when the fault active at bench times `t` began, same shape; NaN where there was none."""
+        """Return the begin of the fault active at bench times `t`, same shape; NaN without an active fault."""
         with self._lock:
             spans = [tuple(span) for span in self._intervals.get(name, [])]
         begin_s = np.full(t.shape, np.nan)

@@ -1,8 +1,7 @@
 """Voltage report: extremes, jumps and slopes at the amplifier's input while high voltage was on.
 
-Independent of the state of the program. Extremes are taken on the plant's grid and at every change; jumps are the
-discontinuities between and inside segments, those within one grid step added up (a staircase that takes no time is one
-jump).
+Independent of the state of the program. Extremes are taken on the plant's grid and at every change; jumps are the discontinuities
+between and inside segments, summed within one grid step (steps without duration are one jump).
 """
 
 import math
@@ -21,17 +20,17 @@ _CHUNK = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class VoltageReport:
-    """Facts about one history; voltages at the amplifier's input, all but the last two while high voltage was on.
+    """Facts about one history; voltages at the amplifier's input, with high voltage on for all but the last two.
 
     Attributes:
-        live_s: seconds with high voltage on; the extremes are rest and the jumps zero if there were none.
+        live_s: seconds with high voltage on; without any the extremes are rest and the jumps zero.
         lowest_v, highest_v: extremes, including volts of zero duration.
         largest_jump_v: largest discontinuity, continuous slopes excluded.
         steepest_v_per_s: steepest continuous slope.
         outside_rest_s: seconds further from rest than the tolerance.
-        switched_at_rest: at every switching of high voltage the input was constant at rest.
+        switched_at_rest: whether the input was constant at rest at every switching of high voltage.
         end_v: volts at the input at the end.
-        ends_at_rest: the input is constant at rest at the end, and stays so.
+        ends_at_rest: whether the input is constant at rest at the end and remains so.
     """
 
     live_s: float
@@ -58,7 +57,7 @@ def _is_constant_at_rest(entry: HistoryEntry, t: float, rest_v: float, tolerance
 
 
 def _sample_times(entry: HistoryEntry, begin_s: float, end_s: float, rate_hz: float) -> Iterator[Array]:
-    """Yield times from begin to just before end, in chunks that share end points; two points where it is constant."""
+    """Yield times from begin to just before end, in chunks that share end points; two points for a constant input."""
     edges = [begin_s, *sorted(k for k in entry.segment.breakpoints_s if begin_s < k < end_s), end_s]
     for a, b in pairwise(edges):
         last = math.nextafter(b, -math.inf)
@@ -107,7 +106,7 @@ def _entry_extremes(
 ) -> tuple[float, float, float, float]:
     """Return lowest and highest volts, steepest slope and seconds outside rest of an entry until `end_s`.
 
-    Cached, because the past does not change and reports are made repeatedly while a bench runs.
+    Cached, because the past does not change and reports are repeated during a run.
     """
     low, high, steepest, outside = math.inf, -math.inf, 0.0, 0.0
     for t in _sample_times(entry, entry.start_s, end_s, rate_hz):

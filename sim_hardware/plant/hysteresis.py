@@ -11,19 +11,19 @@ import numpy as np
 from model import Array
 
 PLAY_SPACING_V = 25.0
-"""Of the half widths of the plays, which are 12.5 V, 37.5 V and so on: half the voltage that must be turned back before each turns."""
+"""Spacing of the half widths of the plays, 12.5 V, 37.5 V and so on: half the voltage change after which a play follows a turn."""
 PLAY_COUNT = 50
 
 
 class HysteresisModel:
-    """Plays in parallel beside what follows the voltage at once.
+    """Plays in parallel with an immediate response.
 
-    After a turning point each play rests until the voltage has changed by its width, and then follows, until the voltage is
-    back at the turning point before and the loop is closed. At the start the specimen has been driven over its whole range
-    before, and came to rest from the lower end, as a sine does.
+    After a turning point each play rests until the voltage has changed by its width, and then follows, until the voltage returns
+    to the previous turning point and the loop is closed. The initial state is rest reached from the lower end of the whole range,
+    like the end of a sine.
 
     Args:
-        width: of the loop in the middle of the whole stroke, as a share of the stroke.
+        width: width of the loop in the middle of the whole stroke, as a share of the stroke.
         low_v, high_v: the whole range of the specimen's voltage.
     """
 
@@ -33,12 +33,12 @@ class HysteresisModel:
         span_v = high_v - low_v
         self._weight = width * span_v * 2 * PLAY_SPACING_V / (span_v / 2) ** 2
         self._turned = [(high_v, 0.0), (low_v, -_sum_of_plays(span_v))]
-        """Turning points not forgotten, with the sum of the plays there; the last began the present branch."""
+        """Remembered turning points with the sum of the plays; the last is the begin of the present branch."""
         self._way, self._last_v = 1.0, 0.0
         self._offset_v = self._weight * self._plays_at(0.0)
 
     def process(self, volts: Array) -> Array:
-        """Return the voltage (n,) to which the specimen answers."""
+        """Return the voltage (n,) effective in the specimen."""
         if not self._weight:
             return volts
         if volts.size == 1:
@@ -58,9 +58,9 @@ class HysteresisModel:
         return moved
 
     def _branches(self, volts: Array) -> tuple[list[int], list[float], list[float]]:
-        """Advance over `volts`; return where each branch begins, the turning point that began it, and the plays there."""
+        """Advance over `volts`; return the begin of each branch, its turning point, and the plays at it."""
         starts, turned_v, plays = [], [], []
-        ends = [*_turns(volts, self._last_v), volts.size]  # one way only from turn to turn
+        ends = [*_turns(volts, self._last_v), volts.size]  # one direction only from turn to turn
         turned, way, last_v, begin = list(self._turned), self._way, self._last_v, 0
         top_v, top_plays = turned[-1]
         for end, next_v, before_v in zip(ends, *(volts[np.array(ends) - k].tolist() for k in (1, 2)), strict=True):
@@ -74,7 +74,7 @@ class HysteresisModel:
                 plays.append(top_plays)
                 closing_v = turned[-2][0]
                 if end - begin > 1 and (before_v <= closing_v if way > 0 else before_v >= closing_v):
-                    begin = end - 1  # passed by the last sample before the turn, as by most sines of constant amplitude
+                    begin = end - 1  # passed by the last sample before the turn, as in most sines of constant amplitude
                 else:
                     begin += _count_until(volts[begin:end], closing_v, way)
                 del turned[-2:]  # the loop is closed and forgotten
@@ -99,13 +99,13 @@ class HysteresisModel:
 
 
 def _sum_of_plays(change_v: float) -> float:
-    """Return the sum of the plays' movements since the voltage turned, after a change by this much."""
+    """Return the sum of the plays' movements since the turn of the voltage, after this change."""
     following = min(round(change_v / (2 * PLAY_SPACING_V)), PLAY_COUNT)
     return following * (change_v - PLAY_SPACING_V * following)
 
 
 def _turns(volts: Array, before_v: float) -> list[int]:
-    """Return the samples at which the voltage, which was `before_v`, moves the other way for the first time."""
+    """Return the first samples at which the voltage, from `before_v`, moves in the other direction."""
     change = np.diff(volts, prepend=before_v)
     rises = change > 0
     if change.all():
@@ -117,7 +117,7 @@ def _turns(volts: Array, before_v: float) -> list[int]:
 
 
 def _count_until(volts: Array, level_v: float, way: float) -> int:
-    """Return how many samples of a stretch that moves one way have not passed a level."""
+    """Return the number of samples of a monotonic stretch before a level."""
     if way > 0:
         return int(volts.searchsorted(level_v, side="right"))
     return volts.size - int(volts[::-1].searchsorted(level_v, side="left"))

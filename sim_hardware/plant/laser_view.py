@@ -1,4 +1,4 @@
-"""Laser view: what the sensor measures (tactor or membrane), its zero, drift and shifts."""
+"""Laser view: target of the sensor (tactor or membrane), its zero, drift and shifts."""
 
 import math
 import threading
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import Array, sag
+from model import Array
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.plant import Plant
 
@@ -15,14 +15,14 @@ MEMBRANE_SWING_HZ, MEMBRANE_SWING_DECAY_S = 4.0, 0.4
 """Swing of a released membrane: frequency and decay time, by air and rubber."""
 
 BASE_DEPTH_M = 0.02
-"""How deep the base lies below the line of the membrane's clamps; what the laser sees without a membrane."""
+"""Depth of the base below the line of the membrane's clamps; the base is the target without a membrane."""
 
 TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET, BASE_TARGET = "tactor", "place-reference", "hang-membrane", "base"
 
 
 @dataclass(frozen=True, slots=True)
 class _ViewChange:
-    """From `start_s` on the sensor measures `target`, plus `offset_m`; membrane or base is `sag_m` below the reference."""
+    """From `start_s` the sensor measures `target`, plus `offset_m`; membrane or base is `sag_m` below the reference."""
 
     start_s: float
     target: str
@@ -31,7 +31,7 @@ class _ViewChange:
 
 
 class LaserView:
-    """The displacement that the sensor measures in metres, as a function of time."""
+    """The displacement at the sensor in metres, as a function of time."""
 
     def __init__(self, parameters: SimulationParameters, plant: Plant) -> None:
         self._parameters, self._plant = parameters, plant
@@ -40,7 +40,7 @@ class LaserView:
 
     @property
     def change_count(self) -> int:
-        """How many changes of the view there have been."""
+        """Number of changes of the view."""
         return len(self._views)
 
     def displacement(self, t: Array) -> Array:
@@ -58,13 +58,13 @@ class LaserView:
         return out
 
     def apply_action(self, t: float, action: str, values: Mapping[str, float], membrane_missing: bool = False) -> None:
-        """Apply one of `setup_state.SENSOR_ACTIONS` at bench time `t`; any other action makes the tactor the target again.
+        """Apply one of `setup_state.SENSOR_ACTIONS` at bench time `t`; any other action restores the tactor as target.
 
         Args:
             t: bench time.
             action: name of the action.
             values: its numbers.
-            membrane_missing: whether there is none to hang, so that the base is seen.
+            membrane_missing: whether there is no membrane, so that the base is the target.
 
         Raises:
             ValueError: an invalid elongation.
@@ -90,11 +90,13 @@ class LaserView:
             self._views.append(view)
 
     def _membrane_sag_m(self, values: Mapping[str, float]) -> float:
-        """Return how far below the reference the membrane's centre hangs."""
+        """Return the depth of the membrane's centre below the reference."""
         parameters, membrane = self._parameters, self._parameters.membrane
         elongation_m = values.get("elongation_m", 0.0) * (1 - parameters.beyond.membrane_slip)
         if not elongation_m >= 0:
             raise ValueError(f"{MEMBRANE_TARGET}: elongation_m must not be negative, not {elongation_m:g}")
+        from model import sag  # most runs hang no membrane
+
         sag_m = sag(membrane, delta=elongation_m / membrane.L_m).centre_m
         return sag_m - values["reference_m"] - parameters.hands.reference_m
 

@@ -16,20 +16,20 @@ HUM_HARMONICS = {1: 1.0, 2: 0.3, 3: 0.5, 5: 0.2}
 
 @dataclass(frozen=True, slots=True)
 class Nonidealities:
-    """Effects outside the model, to test whether a measurement detects them; the defaults leave all of them out.
+    """Effects outside the model, to test their detection by a measurement; the defaults omit all of them.
 
     Attributes:
-        creep_per_decade: what a step of voltage or weight gains per decade of time, as a share of the step; none at the
-            time constant of 100 Hz, to which the stiffness and the moment per volt of the tactor refer.
+        creep_per_decade: gain of a step of voltage or weight per decade of time, as a share of the step; zero at the time
+            constant of 100 Hz, to which stiffness and moment per volt of the tactor refer.
         hysteresis_width: width of the displacement's loop against the voltage in the middle of the whole stroke, as a
             share of the stroke without hysteresis.
-        drift_m_per_s: how fast the sensor's reading wanders.
-        clamp_gives_m_per_n: what the clamps give for good under the largest weight so far.
-        side_difference: bending stiffness of plate and MFC under a load, MFC up against aluminium up, as a share of their
-            mean. Without a load it is the mean: a vibration bends it both ways, whichever side is up.
+        drift_m_per_s: drift rate of the sensor's reading.
+        clamp_gives_m_per_n: permanent yield of the clamps under the largest weight so far.
+        side_difference: bending stiffness of plate and MFC under a load, MFC up against aluminium up, as a share of their mean.
+            Without a load it is the mean: a vibration bends the plate in both directions.
         weight_error: relative standard deviation of the weights' masses about their nominal ones.
-        mass_share: share of a mass in the cylinder that moves with the centre.
-        membrane_slip: share of an elongation that the membrane's clamps lose.
+        mass_share: moving share of a mass in the cylinder.
+        membrane_slip: share of an elongation lost in the membrane's clamps.
         hum_m: peak amplitude of the mains hum on the laser's signal; its harmonics follow `HUM_HARMONICS`.
         mains_hz: frequency of the mains.
         tone_m, tone_hz: amplitude and frequency of another disturbance, e.g. of a switching supply.
@@ -70,7 +70,7 @@ class Nonidealities:
         return out + self.tone_m * np.sin(2 * np.pi * self.tone_hz * t) if self.tone_m else out
 
     def actual_mass_kg(self, nominal_kg: float, seed: int) -> float:
-        """What a weight of a nominal mass really has."""
+        """Return the true mass of a weight of nominal mass."""
         if not self.weight_error:
             return nominal_kg
         by = float(np.random.default_rng((seed, round(1e9 * nominal_kg))).normal())
@@ -78,7 +78,7 @@ class Nonidealities:
 
 
 SHEET_CHOICES = ("", "realistic.specimen.toml")
-"""Specimen sheets that come with the simulated benches."""
+"""Specimen sheets of the simulated benches."""
 SOURCE_CHOICES = ("generator", "ao0", "ao1", "supply")
 """Outputs that can drive the cable to the amplifier."""
 
@@ -88,11 +88,11 @@ class GeneratorParameters:
     """The function generator.
 
     Attributes:
-        clock_ppm: how much faster its clock runs than the card's.
+        clock_ppm: excess rate of its clock over the card's.
         command_s: processing time of a message; real instruments need milliseconds.
-        relay_s: how long an attenuator relay leaves the output at 0 V.
-        high_z_by_hand: whether a person has set High Z on the front panel of a model whose load cannot be set by wire.
-        traits: traits that are not drawn from the seed, e.g. `silence=long stale=often` (sim_hardware.generators.traits).
+        relay_s: duration of 0 V at the output during a switching of an attenuator relay.
+        high_z_by_hand: whether High Z was set on the front panel of a model without remote access to it.
+        traits: chosen traits, e.g. `silence=long stale=often` (sim_hardware.generators.traits); others are drawn from the seed.
     """
 
     model: str = "33511B"
@@ -119,9 +119,9 @@ class SupplyParameters:
         fall_tau_s: time constant of its falling output without a load.
         off_v: level of its output when it is off; an E3631A may show 0.6 V of the other sign.
         ovp, ovp_v: its over-voltage protection at power-on.
-        ocp: whether its over-current protection was left on.
-        tracking: whether its outputs were left in series.
-        traits: deviations from what its driver assumes, e.g. `level=low` (sim_hardware.supplies.supply).
+        ocp: whether its over-current protection is on.
+        tracking: whether its outputs are in series.
+        traits: deviations from its driver's assumptions, e.g. `level=low` (sim_hardware.supplies.supply).
     """
 
     model: str = "E36312A"
@@ -140,13 +140,13 @@ class SupplyParameters:
 
 @dataclass(frozen=True, slots=True)
 class AmplifierParameters:
-    """The high-voltage amplifier: static map, slew limit, and what its input does when nothing drives it.
+    """The high-voltage amplifier: static map, slew limit, and behaviour of its open input.
 
     Attributes:
         slew_v_per_s: fastest change on the high-voltage side, volts per second.
-        open_v: where the input is pulled when the generator's output is open or the cable is off.
+        open_v: volts of the input with an open generator output or a removed cable.
         enabled: whether high voltage is on at the start.
-        capacitance_f: of specimen and cable, which the amplifier charges.
+        capacitance_f: capacitance of specimen and cable, charged by the amplifier.
         voltage_monitor_v_per_v: output of its voltage monitor, at the card's ai2.
         current_monitor_v_per_a: output of its current monitor, at the card's ai3.
     """
@@ -170,7 +170,7 @@ class SensorParameters:
 
     Attributes:
         noise_m: rms noise per sample in metres.
-        delay_s: from the motion to the voltage.
+        delay_s: delay from the motion to the voltage.
         range_m: half the measuring range; beyond it the output shows `invalid_v`.
     """
 
@@ -196,17 +196,17 @@ class CardParameters:
         range_v: half the input range; NI's rails lie 5 % outside it.
         noise_v: rms noise per sample at the card's input.
         max_rate_hz: samples per second of all channels together.
-        convert_s: time between the conversions of two channels of one scan where the rate leaves it; 0 samples them
-            together. NI's default is the converter's fastest and 10 us more for the inputs to settle.
-        latency_s: from the start of a task to its first sample.
+        convert_s: time between the conversions of two channels of one scan, if the rate permits it; 0: simultaneous sampling.
+            NI's default is the converter's fastest time plus 10 us for the settling of the inputs.
+        latency_s: time from the start of a task to its first sample.
         coefficients: counts to volts, c0 + c1 n + c2 n^2 + c3 n^3.
-        usb_requests, usb_request_bytes: transfers under way to its analogue output; 0 draws them from the seed.
-        usb_adjustable: whether their size can be changed; None draws it.
-        drive_open: whether the cable from the drive to ai0 is off: an open input shows what was converted before it (NI
+        usb_requests, usb_request_bytes: pending transfers to its analogue output; 0: drawn from the seed.
+        usb_adjustable: whether their size can be changed; None: drawn from the seed.
+        drive_open: whether the cable from the drive to ai0 is off: an open input shows the previously converted voltage (NI
             knowledge base kA03q000000YHy6CAG, "How do I eliminate ghosting").
-        unsettled_share: share of the volts converted before it that an input after the drive's still shows: one whose source has so
-            high an impedance that it settles too slowly. The drive's source has 50 ohms.
-        traits: traits that are not drawn from the seed, e.g. `skew=double` (sim_hardware.nidaq.card).
+        unsettled_share: share of the previously converted volts in the inputs after the drive, for sources with an impedance too
+            high to settle. The drive's source has 50 ohms.
+        traits: chosen traits, e.g. `skew=double` (sim_hardware.nidaq.card); others are drawn from the seed.
     """
 
     product: str = "USB-6341"
@@ -240,11 +240,11 @@ class OperatorTiming:
     """Timing and accuracy of the operator's actions.
 
     Attributes:
-        reach_s: from the prompt for a weight until it touches the tactor.
-        release_s: from the first touch until the whole weight lies there, and the same to lift it off.
-        landing_m_per_s: how fast a weight comes down at the first touch.
-        patience_s: time after a weight was placed or lifted until the operator presses the key.
-        reference_m: how much deeper than nominal the reference for the membrane's sag lies.
+        reach_s: time from the prompt for a weight until it touches the tactor.
+        release_s: time from the first touch until the full weight rests on the tactor; equal for lifting.
+        landing_m_per_s: speed of a weight at the first touch.
+        patience_s: time from placing or lifting a weight until the operator presses the key.
+        reference_m: excess depth of the reference for the membrane's sag over the nominal depth.
     """
 
     reach_s: float = 1.0
@@ -262,17 +262,17 @@ class SimulationParameters:
     """One simulated bench.
 
     Attributes:
-        source: whose output the cable brings to the amplifier, one of `SOURCE_CHOICES`.
-        skin: what the tactor presses against at the start; None is free.
+        source: source connected to the amplifier, one of `SOURCE_CHOICES`.
+        skin: initial skin under the tactor; None: free.
         membrane: the membrane that the operator may put on it.
-        seed: of everything that is random: traits of instruments, errors of weights, noise.
-        fresh_noise: whether a bench file without a seed has other noise in every session; its seed is drawn when it is loaded.
-        noise_seed: of the noise alone; None takes `seed`.
+        seed: seed of all random properties: traits of instruments, errors of weights, noise.
+        fresh_noise: whether a bench file without a seed has new noise in every session, by a seed drawn at loading.
+        noise_seed: seed of the noise alone; None: `seed`.
         sheet: file in `sim_hardware` with the simulated laboratory's measurements of the specimen; empty for none.
-        modes: shapes in the Galerkin model of the plant.
+        modes: number of shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
-        window_s: how much of the past the plant keeps.
-        speed: bench seconds per wall second where a wall clock drives the bench.
+        window_s: remembered time of the plant.
+        speed: bench seconds per wall second with a wall clock.
     """
 
     tactor: Tactor = field(default_factory=Tactor)
@@ -312,7 +312,7 @@ class SimulationParameters:
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:
-        """Return the parameters that `as_record` described; missing ones keep their defaults.
+        """Return the parameters of a record made by `as_record`; missing ones keep their defaults.
 
         Raises:
             ValueError: a key is unknown or a value does not fit.
@@ -322,7 +322,7 @@ class SimulationParameters:
 
 
 def _build(target_type: Any, value: Any, key: str) -> Any:
-    """A value of type `kind` out of JSON: dataclasses from tables, tuples from lists."""
+    """Return a value of type `kind` from JSON: dataclasses from tables, tuples from lists."""
     if get_origin(target_type) in (Union, types.UnionType):
         if value is None:
             return None
@@ -336,18 +336,18 @@ def _build(target_type: Any, value: Any, key: str) -> Any:
     if not isinstance(value, dict):
         raise ValueError(f"{key}: expected a table, not {value!r}")
     hints = get_type_hints(target_type)
-    known = {f.name for f in fields(target_type)}
-    if unknown := sorted(set(value) - known):
-        raise ValueError(f"{key}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    names = {f.name for f in fields(target_type)}
+    if unknown := sorted(set(value) - names):
+        raise ValueError(f"{key}: unknown {', '.join(unknown)}; valid are {', '.join(sorted(names))}")
     built: dict[str, Any] = {name: _build(hints[name], item, f"{key}.{name}") for name, item in value.items()}
     try:
         return target_type(**built)  # type: ignore[operator]
-    except TypeError as error:  # something without a default was left out
+    except TypeError as error:  # a field without a default is missing
         raise ValueError(f"{key}: {error}") from None
 
 
 def _scalar(target_type: Any, value: Any, key: str) -> Any:
-    """A bool, int, float or str as it was declared; a whole number will do for a float."""
+    """Return a bool, int, float or str of the declared type; a whole number is valid for a float."""
     if target_type is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return float(value)
     if target_type is not float and type(value) is target_type:

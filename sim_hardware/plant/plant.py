@@ -31,33 +31,33 @@ CURRENT_LIMIT_SLEW_FRACTION = 1e-3
 """Share of its slew rate that the amplifier keeps at its current limit."""
 
 RINGING_TOLERANCE_M = 1e-15
-"""Ringing below this counts as no motion."""
+"""Largest ringing that counts as no motion."""
 
 CREEP_TOLERANCE_M = 1e-9
-"""The same while the specimen creeps: how far the motion may lag behind the creeping rest position."""
+"""Largest lag of the motion behind the creeping rest position that counts as no motion."""
 
 PIECE_STEPS = 512 * BLOCK
-"""Grid steps that are simulated together at most: beyond this the arrays no longer fit into the cache of the processor."""
+"""Largest number of grid steps simulated together: longer arrays exceed the processor's cache."""
 
 RINGING_STEPS = 80 * BLOCK
-"""After so many grid steps under a constant drive it is looked again whether the motion still rings."""
+"""Number of grid steps under a constant drive between tests for ringing."""
 
 _ADVANCING = (
     *("_next_step", "_valid_from", "_stepper", "_state", "_previous_specimen_v", "_previous_bending_v"),
     *("_previous_force_n", "_previous_bent_v", "_previous_pressing_n"),
 )
 _ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis")
-"""What a simulated step changes, beside the rings."""
+"""State changed by a simulated step, in addition to the rings."""
 
 TOUCHDOWN_S = 2e-3
-"""How long a weight's first touch lasts."""
+"""Duration of a weight's first touch."""
 
 
 @dataclass(frozen=True, slots=True)
 class SetupChange:
-    """From `start_s` on the setup is `state`; until `end_s` the weights' force changes to `final_force_n`.
+    """From `start_s` the setup is `state`; until `end_s` the weights' force changes to `final_force_n`.
 
-    `impulse_ns` is what a weight brings along when it touches down.
+    `impulse_ns` is the impulse of a weight at its touchdown.
     """
 
     start_s: float
@@ -68,7 +68,7 @@ class SetupChange:
     impulse_ns: float = 0.0
 
     def force_n(self, t: Array) -> Array:
-        """The force at times `t` (n,), none of them before `start_s`."""
+        """Return the force at times `t` (n,), all after `start_s`."""
         share = np.clip((t - self.start_s) / max(self.end_s - self.start_s, 1e-9), 0.0, 1.0)
         force = self.initial_force_n + (self.final_force_n - self.initial_force_n) * share**2 * (3 - 2 * share)
         touch = np.clip((t - self.start_s) / TOUCHDOWN_S, 0.0, 1.0)
@@ -76,9 +76,9 @@ class SetupChange:
 
 
 class Plant:
-    """Displacement of the tactor's centre for everything that reached the amplifier's input, and for what lies on it.
+    """Displacement of the tactor's centre for the volts at the amplifier's input, and the weights on it.
 
-    It remembers the last `window_s`; a gap longer than the tactor's own memory that was not observed is not simulated.
+    It remembers the last `window_s`; an unobserved gap longer than the tactor's own memory is not simulated.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Plant:
         self._rate = parameters.plant_rate_hz
         self._ring = np.zeros(max(BLOCK, math.ceil(parameters.window_s * self._rate / BLOCK) * BLOCK))
         self._specimen_ring: Array | None = None
-        """Volts on the specimen, kept once a monitor is acquired."""
+        """Volts on the specimen, kept after the first acquisition of a monitor."""
         self._lock = threading.RLock()
         self._steppers: dict[tuple[object, ...], Stepper] = {}
         self._changes = [SetupChange(-math.inf, -math.inf, initial_state(parameters))]
@@ -103,7 +103,7 @@ class Plant:
         self._hysteresis = HysteresisModel(
             beyond.hysteresis_width, *map_.specimen_v(np.array([map_.low_v, map_.high_v]))
         )
-        self._previous_bent_v = self._previous_pressing_n = 0.0  # before they creep
+        self._previous_bent_v = self._previous_pressing_n = 0.0  # without creep
         self._next_step = 0  # first grid step not yet simulated
         self._valid_from = 0
         self._stepper = self._stepper_for(self._changes[0].state)
@@ -111,18 +111,18 @@ class Plant:
         self._previous_specimen_v = self._previous_bending_v = self._previous_force_n = 0.0
         self._last_step = 0  # first grid step never simulated
         self._checkpoint: dict[str, Any] | None = None
-        """State before the steps that are provisional."""
+        """State before the provisional steps."""
         self._checkpoint_count = self._confirmed_step = 0
         self._is_reading_ahead = False
 
     @property
     def change_count(self) -> int:
-        """Number of changes of the voltage, the faults and the set-up, on which the motion depends."""
+        """Number of changes of voltage, faults and set-up."""
         return self._history.change_count + self._faults.change_count + len(self._changes)
 
     @contextmanager
     def reading_ahead(self, now_s: float) -> Iterator[None]:
-        """Simulate beyond `now_s` provisionally while the block lasts: a change discards the steps, `confirm` keeps them."""
+        """Context of speculative simulation beyond `now_s`: a change discards the steps, `confirm` keeps them."""
         with self._lock, self._history.reading_ahead(now_s):
             self.discard_ahead()
             self._checkpoint = {name: getattr(self, name) for name in _ADVANCING}
@@ -156,7 +156,7 @@ class Plant:
         return (math.ceil(t * self._rate) // BLOCK + 1) * BLOCK / self._rate
 
     def available_until(self, now: float) -> float:
-        """Return the latest time whose displacement is final at `now`."""
+        """Return the latest time with a final displacement at `now`."""
         return (math.floor(now * self._rate + 1e-6) // BLOCK * BLOCK - 1) / self._rate
 
     def schedule_change(
@@ -167,9 +167,9 @@ class Plant:
         transition_s: float = 0.0,
         landing_m_per_s: float = 0.0,
     ) -> float:
-        """Change the set-up `delay_s` from now, or when the previous change is complete; return the bench time when it is complete.
+        """Change the set-up `delay_s` from now, or after the previous change; return the bench time of its end.
 
-        `transition_s` is the time in which weights are put down or lifted off; they land at `landing_m_per_s`.
+        `transition_s` is the duration of putting weights down or lifting them off; they land at `landing_m_per_s`.
         """
         # The plant's lock first, then the history's: the order in which a reader takes them.
         with self._lock, self._history.at_instant(clock) as now_s:
@@ -197,34 +197,34 @@ class Plant:
         return self._changes[-1].state
 
     def max_force_n(self, t: Array) -> Array:
-        """The largest force of the weights until each time `t` (n,)."""
+        """Return the largest force of the weights until each time `t` (n,)."""
         with self._lock:
             reached = np.maximum.accumulate([change.final_force_n for change in self._changes])
             ends = [change.end_s for change in self._changes]
         return np.asarray(reached[np.searchsorted(ends, t, side="right") - 1])
 
     def displacement(self, t: Array) -> Array:
-        """Metres at past times `t`, ascending, shape (n,); linear between grid points, 0 before the bench began.
+        """Return metres at past times `t`, ascending, shape (n,); linear between grid points, 0 before the begin of the bench.
 
         Raises:
-            ValueError: `t` reaches further back than the plant remembers.
+            ValueError: `t` reaches beyond the memory of the plant.
         """
         return self._interpolated(self._ring, t)
 
     def keep_specimen_voltage(self) -> None:
-        """Keep the volts on the specimen from now on, for `specimen_voltage`."""
+        """Keep the volts on the specimen, for `specimen_voltage`."""
         with self._lock:
             if self._specimen_ring is None:
                 self._specimen_ring = np.full(self._ring.size, self._previous_specimen_v)
 
     def specimen_voltage(self, t: Array) -> Array:
-        """Volts at the amplifier's output at past times `t`, as `displacement`. Raises ValueError as that."""
+        """Volts at the amplifier's output at past times `t`, as `displacement`. Raises ValueError like it."""
         self.keep_specimen_voltage()
         ring = self._specimen_ring
         return np.zeros(t.size) if ring is None else self._interpolated(ring, t)
 
     def current(self, t: Array) -> Array:
-        """Amperes that the amplifier drives into the specimen's capacitance at past times `t`, as `displacement`."""
+        """Return the current into the specimen's capacitance at past times `t`, A, as `displacement`."""
         step_s = 1 / self._rate
         change_v = self.specimen_voltage(t) - self.specimen_voltage(np.maximum(t - step_s, 0.0))
         return self._amplifier.capacitance_f * change_v / step_s
@@ -256,7 +256,7 @@ class Plant:
 
     def _stepper_for(self, state: SetupState) -> Stepper:
         tactor, difference = self._parameters.tactor, self._parameters.beyond.side_difference
-        # A load bends it one way, towards the side that is down; what a voltage drives bends both ways, with the mean.
+        # A load bends the plate towards the lower side; a voltage bends it in both directions, with the mean.
         k2 = tactor.k2 * (1 + state.side * difference / 2) if state.weights_kg else tactor.k2
         key = (state.mass_kg, state.skin, k2)
         if key not in self._steppers:
@@ -313,9 +313,9 @@ class Plant:
             self._last_step = max(self._last_step, stop)
 
     def _quasi_static_displacement(self, change: SetupChange, stepper: Stepper, stop: int) -> Array | None:
-        """Return the displacement until a grid step where the drive is constant and nothing rings, with its creep; else None.
+        """Return the displacement with its creep until a grid step, for a constant drive without ringing; else None.
 
-        Half of a bench's time nothing happens, and a held level is as quick as nothing then.
+        Half of a bench's time is rest, and a held level is then as quick.
         """
         first_s = self._next_step / self._rate
         if first_s <= change.end_s + TOUCHDOWN_S or self._faults.was_ever_active("amplifier-limited"):
@@ -328,7 +328,7 @@ class Plant:
         if specimen_v != self._previous_specimen_v:
             return None
         bent_v = float(self._hysteresis.process(np.array([specimen_v]))[0])
-        pressing_n = change.state.side * change.final_force_n  # keeps what has crept when it is turned
+        pressing_n = change.state.side * change.final_force_n  # keeps its creep when it is turned
         blocks = (stop - self._next_step) // BLOCK
         drives = [
             [change.state.side * each for each in creep.hold(drive, blocks)]
@@ -357,7 +357,7 @@ class Plant:
         return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * rise).ravel()
 
     def _skip_unobserved(self, first: int) -> None:
-        """Skip an unobserved span as far as it has decayed before the next observation."""
+        """Skip the part of an unobserved span that has decayed before the next observation."""
         stepper = self._stepper_for(self._changes[self._change_index(first)].state)
         if stepper.slowest_decay <= 0:
             return
@@ -380,7 +380,7 @@ class Plant:
         self._state = self._stepper.steady_state(self._previous_bending_v, self._previous_force_n)
 
     def _slow_forces(self, change: SetupChange, stepper: Stepper, stop: int) -> tuple[Array, Array] | None:
-        """Return constant weights with their creep, and how fast it is, at the edges of blocks until `stop`; None if it is too fast."""
+        """Return constant weights with their creep, and its rate, at the edges of blocks until `stop`; None if it is too fast."""
         pressing_n = change.state.side * change.final_force_n
         is_constant = self._next_step / self._rate > change.end_s + TOUCHDOWN_S
         if not is_constant or self._previous_pressing_n != pressing_n or not self._parameters.beyond.creep_per_decade:
@@ -394,7 +394,7 @@ class Plant:
         return side * newtons, side * newtons_per_s
 
     def _forces(self, change: SetupChange, first: int, stop: int) -> Array:
-        """What the weights press with at grid steps first..stop, all under one change, with its creep."""
+        """Return the force of the weights at grid steps first..stop, all within one change, with its creep."""
         pressing = change.state.side * self._weight_forces(change, first, stop)
         before_n, self._previous_pressing_n = self._previous_pressing_n, float(pressing[-1])
         return change.state.side * self._force_creep.process(pressing, before_n)
@@ -405,14 +405,14 @@ class Plant:
         return change.force_n(np.arange(first, stop) / self._rate)
 
     def _bending_voltage(self, volts: Array, state: SetupState) -> Array:
-        """What bends the specimen, seen from the sensor: its volts with hysteresis and creep, as the side up turns them."""
+        """Return the effective volts of the specimen with hysteresis and creep, with the sign of the upper side."""
         self._previous_specimen_v = float(volts[-1])
         bent = self._hysteresis.process(volts)
         before_v, self._previous_bent_v = self._previous_bent_v, float(bent[-1])
         return state.side * self._voltage_creep.process(bent, before_v)
 
     def _slew_limited(self, first: int, requested: Array) -> Array:
-        """What the amplifier makes of the volts it wants from grid step `first` on, stretch by stretch of its limit."""
+        """Return the amplifier's output for its target volts from grid step `first`, by stretches of its limit."""
         if not self._faults.was_ever_active("amplifier-limited"):
             return limit_slew(requested, self._previous_specimen_v, self._amplifier.slew_v_per_s / self._rate)
         limited = self._faults.was_active("amplifier-limited", np.arange(first, first + requested.size) / self._rate)
@@ -426,7 +426,7 @@ class Plant:
         return volts
 
     def _requested_voltage(self, first: int, stop: int, state: SetupState) -> Array:
-        """Volts the amplifier wants on the specimen, grid steps first..stop; none where its electrodes are shorted."""
+        """Return the amplifier's target volts on the specimen, grid steps first..stop; 0 for shorted electrodes."""
         volts, hv = self._history.read(np.arange(first, stop) / self._rate)
         requested_v = self._amplifier.map.specimen_v(volts)
         if state.shorted:

@@ -13,7 +13,7 @@ import numpy as np
 from model import Array
 
 _EDGE_S = 5e-6
-"""How long a generator's output amplifier takes from one held point to the next: less than the plant's grid."""
+"""Duration of a generator's transition between held points: less than the plant's grid."""
 
 
 class Segment(Protocol):
@@ -21,11 +21,11 @@ class Segment(Protocol):
 
     @property
     def constant_from_s(self) -> float:
-        """From this time on the output is constant; infinity if it never is."""
+        """Time after which the output is constant; infinity if it never is."""
 
     @property
     def breakpoints_s(self) -> tuple[float, ...]:
-        """Times at which the output may jump or change its formula."""
+        """Return the times at which the output may jump or change its formula."""
 
     def volts(self, t: Array) -> Array:
         """Volts at bench times `t`, shape (n,)."""
@@ -33,7 +33,7 @@ class Segment(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ConstantSegment:
-    """A constant voltage: a held level, or what the amplifier's input is pulled to by an open output."""
+    """A constant voltage: a held level, or the volts of the amplifier's input with an open output."""
 
     level_v: float
 
@@ -70,7 +70,7 @@ class ArbitraryWaveform:
         return float(self.points.max())
 
     def values_at(self, periods: Array, period_s: float) -> Array:
-        """Values after that many periods, same shape."""
+        """Return the values after a number of periods, same shape."""
         size = self.points.size
         place = np.floor(periods)  # in place, because a slow sweep spends most of its simulated time here
         np.subtract(periods, place, out=place)
@@ -91,8 +91,8 @@ class ArbitraryWaveform:
 class PeriodicSegment:
     """A sine from `origin_s`, where its phase is `phase_rad`; after `cycles` it rests at `idle_v`.
 
-    `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once. With `wave` it
-    is that waveform instead of a sine.
+    `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once. With `wave` the waveform
+    replaces the sine.
     """
 
     origin_s: float
@@ -107,7 +107,7 @@ class PeriodicSegment:
 
     @property
     def end_s(self) -> float:
-        """When the (first) burst ends."""
+        """End of the (first) burst."""
         return self.origin_s + self.cycles / self.frequency_hz
 
     @property
@@ -144,7 +144,7 @@ class PeriodicSegment:
 class ChirpSegment:
     """A sine swept linearly from `start_hz` to `stop_hz` in `duration_s`; then it stays at the start frequency.
 
-    An instrument that sweeps once for each trigger does this: the sweep ends, the sine does not.
+    For instruments that sweep once per trigger: the sweep ends, the sine does not.
     """
 
     origin_s: float
@@ -200,7 +200,7 @@ class RelayGlitchSegment:
 
 @dataclass(frozen=True, slots=True)
 class SaggingSegment:
-    """A burst that sags towards its offset as a coupling capacitor does."""
+    """A burst that sags towards its offset like a coupling capacitor."""
 
     burst: PeriodicSegment
     level_v: float

@@ -17,11 +17,12 @@ SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "remove-membrane": (),
     "tidy-up": (),
 }
-"""Actions on the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
+"""Actions on the specimen, and their numbers. Weights are loose; a mass is fixed in the cylinder.
 
 `tidy-up` is never a prompt: the start of another run restores the set-up with which the bench was opened.
 
-`fix-mass` may say by `moving` that `mass_kg` is what moves with the centre, not what is put in. All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
+`moving` of `fix-mass`: `mass_kg` is the effective mass, not the mass in the cylinder. `turn-side` removes all weights; it may
+have `offset_kg`, the weight to lie on the other side, and `shorted`.
 """
 
 SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
@@ -42,11 +43,11 @@ class SetupState:
 
     Attributes:
         fixed_kg: mass in the cylinder.
-        skin: what the tactor presses against; None is free.
-        side: +1 with the MFC up, -1 with the aluminium up. The sensor stays where it is: what lies on the tactor pushes it
-            the same way on both sides, a voltage bends it the other way.
-        shorted: the electrodes are shorted; no voltage of the amplifier reaches them.
-        weights_kg: nominal masses that lie on the centre, in the order in which they were placed.
+        skin: skin under the tactor; None: free.
+        side: +1 with the MFC up, -1 with the aluminium up. The sensor does not move: a weight pushes the tactor in the same
+            direction on both sides, a voltage bends it in opposite directions.
+        shorted: whether the electrodes are shorted and disconnected from the amplifier.
+        weights_kg: nominal masses on the centre, in the order of placing.
     """
 
     fixed_kg: float = 0.0
@@ -57,7 +58,7 @@ class SetupState:
 
     @property
     def mass_kg(self) -> float:
-        """Everything that moves with the centre."""
+        """All mass that moves with the centre."""
         return self.fixed_kg + sum(self.weights_kg)
 
 
@@ -67,7 +68,7 @@ def initial_state(parameters: SimulationParameters) -> SetupState:
 
 
 def check_action(action: str, values: Mapping[str, float]) -> None:
-    """Raise ValueError where there is no such action, or a number it needs is missing."""
+    """Raise ValueError for an unknown action, or a missing number."""
     if action not in OPERATOR_ACTIONS:
         raise ValueError(f"there is no action {action!r}: choose from {', '.join(OPERATOR_ACTIONS)}")
     if missing := [name for name in OPERATOR_ACTIONS[action] if name not in values]:
@@ -77,10 +78,10 @@ def check_action(action: str, values: Mapping[str, float]) -> None:
 def apply_action(
     state: SetupState, action: str, values: Mapping[str, float], parameters: SimulationParameters
 ) -> SetupState:
-    """The situation after one of the actions of `SPECIMEN_ACTIONS`.
+    """Return the setup after one of the actions of `SPECIMEN_ACTIONS`.
 
     Raises:
-        ValueError: a number is missing or makes no sense, or there is nothing to take off.
+        ValueError: a number is missing or invalid, or there is no weight to take off.
     """
     match action:
         case "place-weight":
@@ -122,7 +123,7 @@ def labelled_mass_kg(label_kg: float) -> float:
 
 
 def weight_force_n(state: SetupState, parameters: SimulationParameters, mislabelled: bool = False) -> float:
-    """What the weights weigh: each has its own error, always the same one; one of them may have a wrong label."""
+    """Return the true masses of the weights: each has its own constant error; one of them may have a wrong label."""
 
     def actual_kg(mass_kg: float) -> float:
         if mislabelled and labelled_mass_kg(mass_kg) != mass_kg:
@@ -133,7 +134,7 @@ def weight_force_n(state: SetupState, parameters: SimulationParameters, mislabel
 
 
 def with_membrane_left_on(state: SetupState, before: SetupState, parameters: SimulationParameters) -> SetupState:
-    """Return the setup with the membrane that was on before, or one of `LEFT_ON_ELONGATION_M`."""
+    """Return the setup with the previous membrane, or with one of `LEFT_ON_ELONGATION_M`."""
     left = before.skin or skin(
         parameters.membrane, LEFT_ON_ELONGATION_M / parameters.membrane.L_m, tactor=parameters.tactor
     )
@@ -141,7 +142,7 @@ def with_membrane_left_on(state: SetupState, before: SetupState, parameters: Sim
 
 
 def _remove_weight(weights_kg: tuple[float, ...], mass_kg: float | None) -> tuple[float, ...]:
-    """Without that weight, or without the one placed last."""
+    """Return the setup without this weight, or without the last placed one."""
     if not weights_kg:
         raise ValueError("remove-weight: no weight lies on the tactor")
     if mass_kg is None:

@@ -15,7 +15,7 @@ from model.response import load_compliance, system_matrices, tactor_modal_form
 N = TypeVar("N", Array, Complex)
 
 BLOCK = 128
-"""Grid steps simulated together; a block has no values before it is complete."""
+"""Number of grid steps simulated together; a block has no values before it is complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,19 +32,19 @@ class Stepper:
     delay_F: float  # and per newton and second
     ringing: float  # largest displacement for a state of 1
     advance: Complex  # (m,), state over one block
-    poles: Complex  # (k,), those that are stepped lead, those beyond the grid follow
+    poles: Complex  # (k,), first the stepped poles, then the poles beyond the grid
     b_V: Complex  # (k,), z' = s z + b_V V + b_F F
     b_F: Complex  # (k,)
     shapes: Complex  # (2n, k), Re(shapes z) are coordinates and velocities
     inverse: Complex  # (k, 2n)
     slowest_decay: float
-    """Decay of the mode that remembers longest, 1/s."""
+    """Slowest decay of a mode, 1/s."""
 
     @classmethod
     def for_tactor(cls, tactor: Tactor, skin: Skin | None, n: int, step_s: float) -> "Stepper":
         """The stepper of a tactor in `n` shapes, with first-order hold."""
         m = system_matrices(tactor, skin, n)
-        # Both sides by the root of M: the eigenvectors keep their digits.
+        # Both sides scaled by the root of M: the eigenvectors keep their digits.
         root = np.linalg.inv(np.linalg.cholesky(m.M))
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-root @ m.K @ root.T, -root @ m.C @ root.T]])
         s, X = np.linalg.eig(A)
@@ -68,7 +68,7 @@ class Stepper:
         powers = c[:slow, None] * np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
         advance = np.exp(held * step_s * BLOCK)
         slowest = float(np.min(-s.real))
-        # Real matrices, side by side: a product of real and complex ones costs several times as much.
+        # Real matrices, side by side: a product of real and complex ones takes several times as long.
         O = np.vstack((powers.real, -powers.imag))  # noqa: E741
         pull_V, pull_F = (np.hstack((W.real, W.imag)) for W in (W_V, W_F))
         rests = [-(b / s)[:slow] for b in (b_V, b_F)]
@@ -85,7 +85,7 @@ class Stepper:
     def steady_state(
         self, volts: float, newtons: float, volts_per_s: float = 0.0, newtons_per_s: float = 0.0
     ) -> Complex:
-        """Return the state under `volts` and `newtons` that are constant or rise slowly."""
+        """Return the state under constant or slowly rising `volts` and `newtons`."""
         slow = self.advance.size
         s = self.poles[:slow]
         steady = -(self.b_V[:slow] * volts + self.b_F[:slow] * newtons) / s
@@ -133,7 +133,7 @@ class Stepper:
 
 
 def linear_recursion(advance: N, state: N, inputs: Any) -> N:
-    """Return all states of z' = advance z + input, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
+    """Return all states of z' = advance z + input, shape (n + 1, m), from `state`, by doubling in log2 n steps."""
     states = np.concatenate((state[None], inputs))
     reach, power = 1, advance
     while reach < len(states):
@@ -143,7 +143,7 @@ def linear_recursion(advance: N, state: N, inputs: Any) -> N:
 
 
 def with_previous(drive: Array, previous: float, room: int = 0) -> Array:
-    """Blocks (n, BLOCK + 1 + room), each led by the value before it, with room behind it."""
+    """Return blocks (n, BLOCK + 1 + room), each preceded by the previous value and followed by room."""
     out = np.empty((drive.size // BLOCK, BLOCK + 1 + room))
     out[:, 1 : BLOCK + 1] = drive.reshape(-1, BLOCK)
     out[0, 0], out[1:, 0] = previous, out[:-1, BLOCK]
@@ -154,7 +154,7 @@ def first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple
     """First-order hold of z' = s z + b u, w = Re c z over a block: T (BLOCK + 1, BLOCK) and W (BLOCK + 1, m)."""
     a, z = np.exp(s * step_s), s * step_s
     new = (a - 1 - z) / (s * z)  # weight of the drive at the end of a step
-    old = (a - 1) / s - new  # and of the one at its beginning
+    old = (a - 1) / s - new  # and of the drive at its begin
     k = np.arange(BLOCK)
     powers = a[:, None] ** k
     both = powers * (a * new + old)[:, None]
@@ -173,13 +173,13 @@ def first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple
 
 
 def _residual_compliance(tactor: Tactor, n: int) -> float:
-    """What the shapes beyond the n-th would yield to a point load, m/N: the kink under it takes many of them."""
+    """Return the compliance of the shapes beyond the n-th under a point load, m/N: its kink needs many of them."""
     form = tactor_modal_form(tactor, None, n, excitation="load")
     return float(load_compliance(tactor) + np.sum((form.residues / form.poles).real))
 
 
 def limit_slew(target: Array, start_v: float, step_v: float) -> Array:
-    """`target` followed from `start_v` with at most `step_v` per sample; untouched where it is slow enough."""
+    """Return `target` followed from `start_v` with at most `step_v` per sample; unchanged if slow enough."""
     rises = target.copy()
     rises[1:] -= target[:-1]
     rises[0] -= start_v

@@ -1,8 +1,7 @@
 """Voltage history: time-stamped segments at the amplifier's input, and its high-voltage switch.
 
-Append only: the present setting is never used for a sample that was taken before it. Commands and samples come from
-different threads, so a change is stamped under the same lock that readers take, and never earlier than what has already
-been read.
+Append only: a setting is never used for an earlier sample. Commands and samples come from different threads, so a change is
+stamped under the readers' lock, and never earlier than a read time.
 """
 
 import math
@@ -23,7 +22,7 @@ from sim_hardware.plant.segments import ConstantSegment, Segment
 
 @dataclass(frozen=True, slots=True)
 class HistoryEntry:
-    """From `start_s` on: this segment at the input, high voltage on or off."""
+    """From `start_s`: segment at the input, high voltage on or off."""
 
     start_s: float
     segment: Segment
@@ -34,7 +33,7 @@ class VoltageHistory:
     """Every change of the amplifier's input and of its high-voltage switch, in order.
 
     Args:
-        open_circuit_v: volts at the input before anything is connected.
+        open_circuit_v: volts at the unconnected input.
     """
 
     def __init__(self, open_circuit_v: float = 0.0) -> None:
@@ -42,41 +41,41 @@ class VoltageHistory:
         self._entries = [HistoryEntry(-math.inf, ConstantSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
         self._read_until = 0.0
-        self._known_until = math.inf
+        self._readable_until = math.inf
 
     @contextmanager
     def at_instant(self, clock: Clock) -> Iterator[float]:
-        """Now, as a stamp that no reader has passed and none will pass until the block is left."""
+        """Context with the present time, which no reader has passed or will pass within the block."""
         with self._lock:
             yield max(clock.now(), self._read_until, self._starts[-1])
 
     @contextmanager
     def reading_ahead(self, now_s: float) -> Iterator[None]:
-        """Reads beyond `now_s` are provisional until the block is left: the input may still be changed from `now_s` on."""
+        """Context of provisional reads beyond `now_s`: the input may still change from `now_s`."""
         with self._lock:
-            self._known_until = now_s
+            self._readable_until = now_s
         try:
             yield
         finally:
             with self._lock:
-                self._known_until = math.inf
+                self._readable_until = math.inf
 
     @property
     def change_count(self) -> int:
-        """How many changes there have been."""
+        """Number of changes."""
         return len(self._entries)
 
     def append(self, start_s: float, segment: Segment) -> None:
-        """The input follows `segment` from `start_s` on.
+        """Let the input follow `segment` from `start_s`.
 
         Raises:
-            ValueError: that time has already been read or is before the last change.
+            ValueError: the time has already been read or is before the last change.
         """
         with self._lock:
             self._append_entry(HistoryEntry(start_s, segment, self._entries[-1].hv))
 
     def switch_high_voltage(self, start_s: float, hv: bool) -> None:
-        """The amplifier's high voltage is on or off from `start_s` on. Raises ValueError as `append`."""
+        """Switch the amplifier's high voltage on or off from `start_s`. Raises ValueError as `append`."""
         with self._lock:
             self._append_entry(HistoryEntry(start_s, self._entries[-1].segment, hv))
 
@@ -93,16 +92,16 @@ class VoltageHistory:
         self._starts.append(entry.start_s)
 
     def mark_read(self, until_s: float) -> None:
-        """Close the past: no change may begin before `until_s` any more."""
-        self._read_until = max(self._read_until, min(until_s, self._known_until))
+        """Close the past: later changes must begin after `until_s`."""
+        self._read_until = max(self._read_until, min(until_s, self._readable_until))
 
     def entries(self) -> list[HistoryEntry]:
-        """All pieces so far, the first from minus infinity."""
+        """Return all pieces, the first from minus infinity."""
         with self._lock:
             return list(self._entries)
 
     def constant_between(self, first_s: float, last_s: float) -> tuple[float, bool] | None:
-        """Volts at the input and high voltage, where neither changes between two past times; else None, and nothing is read."""
+        """Return volts at the input and high voltage if both are constant between two past times; else None, without a read."""
         with self._lock:
             piece = self._entries[bisect_right(self._starts, first_s) - 1]
             if (

@@ -38,15 +38,15 @@ class SimulatedKeyenceLkg:
 class SimulatedOptoNcdt:
     """The sensor: commands by line, measurements all the time while its output is RS422.
 
-    As another user left it: with an additional value after each displacement (ILD1420 manual p. 84: bit 6 of the third byte)
-    and with a master value (p. 65: another formula, and displacements of up to 18 bits).
+    Initial settings of another user: an additional value after each displacement (ILD1420 manual p. 84: bit 6 of the third byte)
+    and a master value (p. 65: another formula, and displacements of up to 18 bits).
     """
 
     def __init__(self, read_displacement: ReadDisplacement, range_m: float = 10e-3, serial: str = "1234570") -> None:
         self._read_displacement, self._range_m, self._serial = read_displacement, range_m, serial
         self._partial_line = b""
         self.streaming = False
-        """At power-on its output is the analogue one."""
+        """At power-on its analogue output is active."""
         self.additional_values = self.mastered = True
 
     def receive(self, data: bytes) -> bytes:
@@ -77,7 +77,7 @@ class SimulatedOptoNcdt:
         return f"{command}\r\n{reply}->".encode()
 
     def _measurement_word(self) -> bytes:
-        """Its zero is the middle of its range; beyond it, the code for 'no target'."""
+        """Zero is the middle of its range; beyond the range, the code for 'no target'."""
         seen = self._read_displacement()
         place = None if seen is None else seen / self._range_m + 0.5
         beyond = place is None or not 0 <= place <= 1

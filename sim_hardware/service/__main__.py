@@ -1,7 +1,7 @@
 """Simulated bench in a process with its own GIL: `python -m sim_hardware.service`.
 
-It reads one JSON line (the simulation parameters) from standard input, answers with one line that names its ports, and then
-with one line for each call of its controls. It ends with its standard input, and so with its parent, however that ends.
+It reads one JSON line (the simulation parameters) from standard input, answers with one line that names its ports, and then with
+one line for each call of its controls. It ends with its standard input, and therefore with its parent.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ def main() -> int:
         except (ValueError, KeyError, TypeError) as error:
             _write_response(answers, error=f"the simulated bench was given a wrong configuration: {error}")
             return 2
-        # Imported late: a rejected configuration need not wait for the servers' libraries.
+        # Imported late, so that a rejected configuration does not wait for the servers' libraries.
         from sim_hardware.service.served_bench import ServedBench
 
         path = first.get("time_file", "")
@@ -48,7 +48,7 @@ def main() -> int:
                     _write_response(answers, error=str(error))
                 else:
                     _write_response(answers, result=result)
-            # A watchdog outlives its program: while it holds the generator's link it may have to bring it to rest.
+            # A watchdog outlives its program: while it holds the generator's link it may have to bring the generator to rest.
             for _ in range(round(LINGER_S / POLL_S)):
                 if not served.scpi.connections:
                     break

@@ -1,4 +1,4 @@
-"""Client of a simulated bench that runs in a process of its own."""
+"""Client of a simulated bench in a separate process."""
 
 import contextlib
 import json
@@ -18,13 +18,13 @@ from sim_hardware.wires import HOST
 
 
 class BenchProcess(Closeable):
-    """A simulated bench (sim_hardware.operator.BenchControls) that serves SCPI and NI's gRPC in a process of its own.
+    """A simulated bench (sim_hardware.operator.BenchControls) that serves SCPI and NI's gRPC in a separate process.
 
     Args:
         parameters: of the simulated bench.
         speed: bench seconds per wall second; default: as in `parameters`.
         timeout_s: longest wait for the start or any reply.
-        meanwhile: called while the process starts, which takes most of a second.
+        meanwhile: callback during the start of the process, which takes most of a second.
 
     Raises:
         BenchError: the process did not start, or an action was rejected; the message has the reason.
@@ -91,7 +91,7 @@ class BenchProcess(Closeable):
         """Call a method of `BenchControls` in the process.
 
         Raises:
-            BenchError: it was rejected, or the process has died.
+            BenchError: the call was rejected, or the process has died.
         """
         return self._exchange({"verb": verb, **arguments})
 

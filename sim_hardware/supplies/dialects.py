@@ -30,7 +30,7 @@ PARSERS: Mapping[str, Callable[[str], Any]] = {
 """Numbers among the settings of a supply; all others are switches."""
 
 Argument = Callable[[wires.Arguments], str]
-"""Which argument of a command has the value: a channel may precede or follow it."""
+"""Index of the value among the arguments of a command: a channel may precede or follow it."""
 FIRST, SECOND, LAST = itemgetter(0), itemgetter(1), itemgetter(-1)
 REAL, DECIMALS_3, DECIMALS_4 = "{:+.6E}".format, "{:.3f}".format, "{:.4f}".format
 
@@ -94,7 +94,7 @@ class SimulatedScpiSupply:
 
 
 class SiglentSpdEngine(wires.ScpiEngine):
-    """An SPD takes one command a message and writes its errors without quotes (MEM: confirm on the instrument)."""
+    """An SPD accepts one command per message and writes its errors without quotes (MEM: confirm on the instrument)."""
 
     def execute(self, message: str) -> wires.ScpiResponse | None:
         if ";" in message:
@@ -150,12 +150,12 @@ def _e3632a(m: SimulatedScpiSupply) -> Sequence[wires.ScpiCommand]:
 
 
 def _e364xa(m: SimulatedScpiSupply) -> Sequence[wires.ScpiCommand]:
-    """No over-current protection; those with two outputs select one, and can track."""
-    known = [c for c in _e3632a(m) if "CURRent:PROT" not in c.pattern]
+    """No over-current protection; models with two outputs select one, and can track."""
+    supported = [c for c in _e3632a(m) if "CURRent:PROT" not in c.pattern]
     if m.identity.split(",")[1][4:5] < "6":
-        return known
+        return supported
     return [
-        *known,
+        *supported,
         wires.ScpiCommand("INSTrument:NSELect", accept_keywords("1", "2"), lambda _: "1"),
         m.setting("OUTPut:TRACk[:STATe]", "tracking", LAST, _bit),
     ]

@@ -18,9 +18,7 @@ SUPPLY_DEVIATIONS = (
         "volts of the loaded output: 6 % below the setting, which its voltmeter shows nevertheless",
     ),
     Trait(
-        "step",
-        ("between", "overshoots", "drops"),
-        "output at a change of the level: 0.3 V too high, or 0 V, for 5 ms",
+        "step", ("between", "overshoots", "drops"), "output at a change of the level: 0.3 V too high, or 0 V, for 5 ms"
     ),
     Trait(
         "series",
@@ -29,18 +27,16 @@ SUPPLY_DEVIATIONS = (
         "E3631[123]|SPD",
     ),
     Trait(
-        "fall",
-        ("as-measured", "slow"),
-        "a falling output that is above what its voltmeter shows: time constant of 2 s",
+        "fall", ("as-measured", "slow"), "a falling output that is above what its voltmeter shows: time constant of 2 s"
     ),
 )
-"""Never drawn: `supply.traits` chooses it, to try a commissioning."""
+"""Deviations, never drawn: `supply.traits` chooses them, to try a commissioning."""
 
 GLITCH_S, OVERSHOOT_V, LOW_RATIO, SLOW_FALL_TAU_S = 5e-3, 0.3, 0.94, 2.0
 
 
 def supply_deviations_of(model: str) -> tuple[Trait, ...]:
-    """Return the deviations that a model can be given."""
+    """Return the possible deviations of a model."""
     return tuple(t for t in SUPPLY_DEVIATIONS if re.match(t.models, model.upper()))
 
 
@@ -55,12 +51,12 @@ def draw_supply_traits(model: str, chosen: str = "") -> dict[str, str]:
 
 RISE_TAU_S = 1e-3
 INRUSH_A = 0.2
-"""What a step draws for a moment, into the capacitance of cable and output."""
+"""Current of a step into the capacitance of cable and output."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExponentialSegment:
-    """From `start_v` at `origin_s` to `stop_v` as a capacitor is charged: a supply's output, quick up and slow down."""
+    """Exponential from `start_v` at `origin_s` to `stop_v`: a supply's output, quick up and slow down."""
 
     origin_s: float
     start_v: float
@@ -70,7 +66,7 @@ class ExponentialSegment:
     @property
     def constant_from_s(self) -> float:
         away = abs(self.start_v - self.stop_v)
-        return self.origin_s + self.tau_s * math.log(max(away / 1e-4, 1.0))  # a tenth of a millivolt is still
+        return self.origin_s + self.tau_s * math.log(max(away / 1e-4, 1.0))  # a tenth of a millivolt counts as constant
 
     @property
     def breakpoints_s(self) -> tuple[float, ...]:
@@ -85,8 +81,8 @@ class SimulatedSupply:
     """One output.
 
     Args:
-        emit: receives the factory of the next segment and outputs it.
-        now: returns bench time.
+        emit: function that outputs the segment of the given factory.
+        now: function that returns bench time.
         parameters: level when off, fall time, over-voltage protection.
     """
 
@@ -97,7 +93,7 @@ class SimulatedSupply:
         self._deviations = draw_supply_traits(parameters.model, parameters.traits)
         self._segment: Segment = ExponentialSegment(0.0, 0.0, 0.0, RISE_TAU_S)
         self._shown: Segment = self._segment
-        """What its voltmeter shows."""
+        """Reading of its voltmeter."""
         self.level_v = 0.0
         self.current_limit_a = 1.0
         self.output_on = False
@@ -110,7 +106,7 @@ class SimulatedSupply:
         self.update_output()
 
     def update_output(self) -> None:
-        """Move the output from its present level to the one of the settings."""
+        """Move the output from its present level to the set level."""
 
         def make(t: float) -> Segment:
             start = float(self._following(self._segment).volts(np.array([t]))[0])
@@ -130,7 +126,7 @@ class SimulatedSupply:
         self._emit(make)
 
     def _deviating(self, t: float, start_v: float, target_v: float) -> Segment:
-        """Return the output that is not as its voltmeter shows."""
+        """Return the output with the deviation hidden from its voltmeter."""
         target_v *= LOW_RATIO if self._deviations.get("level") == "low" else 1.0
         target_v *= 2.0 if self._deviations.get("series") == "stays" else 1.0
         slow = self._deviations.get("fall") == "slow"
@@ -146,7 +142,7 @@ class SimulatedSupply:
 
     @staticmethod
     def _following(segment: Segment) -> Segment:
-        """Return the output without its transient, from which the next one begins."""
+        """Return the output without its transient, the begin of the next one."""
         return segment.following if isinstance(segment, RelayGlitchSegment) else segment
 
     def measured_v(self) -> float:

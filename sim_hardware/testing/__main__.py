@@ -1,8 +1,8 @@
 """Contract test command: `python -m sim_hardware.testing --source module:factory` (or `--digitizer`).
 
-The factory is a context manager without arguments. For a source it yields (source, bench, clock), for a digitizer
-(digitizer, bench), the instrument being connected to that `sim_hardware.bench.SimulatedBench`. Further arguments are
-passed to pytest. docs/how-to-write-a-driver.md has an example.
+The factory is a context manager without arguments. For a source it yields (source, bench, clock), for a digitizer (digitizer,
+bench), with the instrument connected to this `sim_hardware.bench.SimulatedBench`. Further arguments are passed to pytest.
+docs/how-to-write-a-driver.md has an example.
 """
 
 import argparse
@@ -24,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     kind.add_argument("--digitizer", metavar="MODULE:FACTORY", help="yields (digitizer, bench)")
     chosen, rest = parser.parse_known_args(arguments)
     named = chosen.source or chosen.digitizer
-    # The author's module is in the working directory; it must not replace an installed one.
+    # The author's module is in the working directory, which must not shadow installed modules.
     sys.path[:] = [*(entry for entry in sys.path if entry not in ("", str(Path.cwd()))), str(Path.cwd())]
     try:
         factory = EntryPoint("factory", named, "contract").load()

@@ -1,7 +1,7 @@
 """Digitizer contract tests: checks the blocks of any digitizer driver against the simulated bench.
 
-They need a fixture `device_under_test` that yields a digitizer of two channels (drive and displacement) and the bench it is
-connected to. `python -m sim_hardware.testing --digitizer module:factory` runs them on any driver.
+They need a fixture `device_under_test` that yields a digitizer of two channels (drive and displacement) and its bench. `python -m
+sim_hardware.testing --digitizer module:factory` runs them on any driver.
 """
 
 from collections import deque
@@ -49,7 +49,7 @@ def test_scale_converts_counts_to_true_volts(device_under_test: DigitizerUnderTe
 
 
 def test_scale_reports_conversion_skew_of_each_channel(device_under_test: DigitizerUnderTest) -> None:
-    """A card with one converter converts the channels of a scan in turn; unreported, that is a phase error."""
+    """A card with one converter converts the channels of a scan in turn; an unreported skew is a phase error."""
     card, bench = device_under_test
     for rate_hz in (5000.0, 200e3):
         with card.stream(rate_hz, 1000) as stream:

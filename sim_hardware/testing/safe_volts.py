@@ -1,9 +1,9 @@
-"""Safe-voltage assertion on the volts that left the simulated source."""
+"""Safe-voltage assertion on the volts of the simulated source."""
 
 from sim_hardware.plant import VoltageReport
 
 STEP_V = 0.05
-"""Largest step of the default drive limits; measured on the plant's grid it may be exceeded by rounding only."""
+"""Largest step of the default drive limits; on the plant's grid only rounding may exceed it."""
 
 
 def assert_safe_voltage(report: VoltageReport) -> None:
@@ -13,4 +13,4 @@ def assert_safe_voltage(report: VoltageReport) -> None:
     assert report.largest_jump_v <= STEP_V + 1e-6, report
     assert report.steepest_v_per_s <= 10_000, report
     assert report.switched_at_rest, report
-    assert report.ends_at_rest or report.live_s == 0, report  # not required of a bench that never went live
+    assert report.ends_at_rest or report.live_s == 0, report  # not required of a bench that was never live

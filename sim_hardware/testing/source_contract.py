@@ -1,7 +1,7 @@
 """Source contract tests: checks any source driver by the volts at the simulated amplifier's input.
 
-They need a fixture `device_under_test` that yields a source, the bench at whose amplifier its output arrives, and their
-clock. `python -m sim_hardware.testing --source module:factory` runs them on any driver.
+They need a fixture `device_under_test` that yields a source, the bench with its amplifier, and their clock. `python -m
+sim_hardware.testing --source module:factory` runs them on any driver.
 """
 
 import re
@@ -66,7 +66,7 @@ def test_sine_starts_and_ends_at_rest_by_itself(device_under_test: SourceUnderTe
 
 
 def largest_deviation_v(bench: SimulatedBench, drive: Drive, begin_s: float, end_s: float) -> float:
-    """Return the largest deviation of the amplifier's input from the drive, whenever it started between these times."""
+    """Return the largest deviation of the amplifier's input from the drive, for a start between these times."""
     leaves_v, grid = 0.02, np.arange(begin_s, end_s, 1e-4)
     own = np.arange(0.0, drive.duration_s, 1e-4)
     left = grid[np.argmax(np.abs(bench.history.volts(grid) - drive.end_levels_v[0]) > leaves_v)]

@@ -9,7 +9,7 @@ class InProcessLink:
     """A link to an SCPI instrument in this process. Replies queue up, so a late one is read by the next query.
 
     Args:
-        command_s: bench time each message takes.
+        command_s: bench time of each message.
         timeout_s: bench time after which `read` raises.
     """
 
@@ -34,13 +34,13 @@ class InProcessLink:
         self._check_connected()
         self._clock.sleep(self._command_s)
         messages, _ = split_received(f"{message}\n".encode("latin-1"))
-        for received in messages:  # one, unless a byte of the message ends it
+        for received in messages:  # one message, unless a byte of it ends it earlier
             reply = self._port.handle(received)
             if reply is not None:
                 self._pending.append((self._clock.now() + reply.delay_s + reply.late_s, reply.text, reply.terminated))
 
     def read(self) -> str:
-        """The next answer without its end of line. Raises LinkError if none comes in time."""
+        """Return the next reply without its end of line. Raises LinkError if none arrives in time."""
         self._check_connected()
         if not self._pending or self._pending[0][0] > self._clock.now() + self._timeout_s:
             self._raise_timeout("did not answer")
@@ -52,7 +52,7 @@ class InProcessLink:
         return text
 
     def read_bytes(self, count: int) -> bytes:
-        """That many bytes of the next answer. Raises LinkError if they do not come in time."""
+        """Return a number of bytes of the next reply. Raises LinkError if they do not arrive in time."""
         text = self.read()
         if len(text) < count:
             self._raise_timeout("sent too few bytes")
@@ -61,7 +61,7 @@ class InProcessLink:
         return text[:count].encode("latin-1")
 
     def clear(self) -> None:
-        """Drop every answer that is still on its way."""
+        """Drop all pending replies."""
         self._pending.clear()
 
     def reopen(self) -> None:
@@ -71,7 +71,7 @@ class InProcessLink:
         self._check_connected()
 
     def close(self) -> None:
-        """Close the link; the output stays as it is."""
+        """Close the link without changing the output."""
         self._open = False
         self._pending.clear()
 

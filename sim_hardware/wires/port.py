@@ -8,10 +8,10 @@ from sim_hardware.plant import FaultState
 from sim_hardware.wires.scpi_engine import ScpiEngine
 
 HOST = "127.0.0.1"
-"""Where all simulated instruments listen."""
+"""Host of all simulated instruments."""
 
 LATE_RESPONSE_S = 4.0
-"""How late a late answer is: longer than any driver waits."""
+"""Delay of a late reply: longer than any driver's wait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,9 +19,9 @@ class WireResponse:
     """Reply on the wire.
 
     Attributes:
-        text: the answer without its end of line.
-        delay_s: bench seconds the instrument needs.
-        late_s: seconds it is late beyond that, of the wire's own time.
+        text: reply without its end of line.
+        delay_s: bench seconds until the instrument replies.
+        late_s: additional delay of the connection in its own seconds.
         terminated: whether the end of line follows.
     """
 
@@ -36,7 +36,7 @@ class WireResponse:
         return self.text.encode("latin-1", errors="replace") + (b"\n" if self.terminated else b"")
 
     def wait_s(self, command_s: float, speed: float) -> float:
-        """Return the real seconds until it is sent, each message taking `command_s` of bench time."""
+        """Return the real seconds until it is sent, with `command_s` of bench time per message."""
         return (self.delay_s + command_s) / speed + self.late_s
 
 
@@ -44,9 +44,9 @@ class MessagePort:
     """Runs the messages of one instrument and applies link faults to its replies.
 
     Args:
-        engine: of the instrument.
-        faults: of the bench.
-        make_other: makes the instrument of another model that answers with the fault scpi-other-model.
+        engine: engine of the instrument.
+        faults: faults of the bench.
+        make_other: function that makes the instrument that answers with the fault scpi-other-model.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class MessagePort:
         self._lock = threading.Lock()
 
     def set_processing(self, process_command: Callable[[], None]) -> None:
-        """Call `process_command` between the commands of a message that set something."""
+        """Call `process_command` between the setting commands of a message."""
         self._engine.process_command = process_command
 
     @property
@@ -81,7 +81,7 @@ class MessagePort:
         return self._other
 
     def handle(self, message: str) -> WireResponse | None:
-        """Run one message; None if nothing comes back."""
+        """Run one message; return None without a reply."""
         if self._faults.is_active("scpi-silent") or not self.connected:
             return None
         if self._engine.hung:

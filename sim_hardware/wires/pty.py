@@ -12,7 +12,7 @@ POLL_S = 0.01
 
 
 class SerialInstrument(Protocol):
-    """What a serial line needs of an instrument."""
+    """Interface of an instrument on a serial line."""
 
     def receive(self, data: bytes) -> bytes:
         """Return the immediate reply."""
@@ -57,6 +57,6 @@ class PtyServer(Closeable):
             if not self.unresponsive and (
                 out := (self._instrument.receive(data) if data else b"") + self._instrument.unsolicited_output()
             ):
-                # Without a reader, bytes that a serial line has not carried are lost.
+                # Without a reader, bytes not yet sent on the serial line are lost.
                 with contextlib.suppress(BlockingIOError):
                     os.write(self._master, out)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 Arguments = Sequence[str]
-"""What follows a header, split at its commas."""
+"""Text after a header, split at its commas."""
 
 ERROR_MESSAGES = {
     0: "No error",
@@ -67,21 +67,21 @@ def parse_number(
             if value is None:
                 raise ScpiError(-224)
             return value
-    found = _NUMBER.match(word)
-    if not found:
+    match = _NUMBER.match(word)
+    if not match:
         raise ScpiError(-104)
     scale = 1.0
-    if suffix := found.group(2):
+    if suffix := match.group(2):
         prefixes = _PREFIXES | ({"M": 1e6} if unit in ("HZ", "OHM") else {})
         prefix = suffix[: -len(unit)] if unit and suffix.endswith(unit) else None
         if prefix is None or prefix not in prefixes:
             raise ScpiError(-131)
         scale = prefixes[prefix]
-    return float(found.group(1)) * scale
+    return float(match.group(1)) * scale
 
 
 def parse_boolean(text: str) -> bool:
-    """ON, OFF or a number. Raises ScpiError for anything else."""
+    """Return the value of ON, OFF or a number. Raises ScpiError for any other text."""
     word = text.strip().upper()
     if word in ("ON", "OFF"):
         return word == "ON"
@@ -94,7 +94,7 @@ def short_form(name: str) -> str:
 
 
 def match_keyword(text: str, *names: str) -> str:
-    """Return the short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is not one."""
+    """Return the short form of the name `text` among names in mixed case. Raises ScpiError for an unknown name."""
     for name in names:
         if text.strip().upper() in (short_form(name), name.upper()):
             return short_form(name)
@@ -102,7 +102,7 @@ def match_keyword(text: str, *names: str) -> str:
 
 
 def format_real(value: float) -> str:
-    """A float with a sign and 14 decimals; infinity is 9.9E+37."""
+    """Return a float with a sign and 14 decimals; infinity is 9.9E+37."""
     return "+9.90000000000000E+37" if math.isinf(value) else f"{value:+.14E}"
 
 
@@ -122,11 +122,11 @@ def check_argument_count(arguments: Arguments, count: int) -> None:
 _BLOCK_HEADER = re.compile(r"(?<=[ ,])#([1-9])")
 _BARE_BLOCK_HEADER = re.compile(r"WAVEDATA,")
 _PLACEHOLDER = "\x00"
-"""Replaces a block in a message; no driver sends it."""
+"""Mark in place of a block in a message; no driver sends it."""
 
 
 def split_received(received: bytes) -> tuple[list[str], bytes]:
-    """The complete messages among the received bytes, and the incomplete rest."""
+    """Return the complete messages among the received bytes, and the incomplete rest."""
     text, messages, start, look = received.decode("latin-1"), [], 0, 0
     while (end := text.find("\n", look)) >= 0:
         span = _next_block(text, look, end)
@@ -141,9 +141,9 @@ def split_received(received: bytes) -> tuple[list[str], bytes]:
 
 
 def extract_blocks(message: str) -> tuple[str, list[str]]:
-    """The message with a mark in the place of each block, and the blocks' bytes as Latin-1 text.
+    """Return the message with a mark in place of each block, and the blocks' bytes as Latin-1 text.
 
-    A block that ends with its message before its length is satisfied is empty: it is invalid (SCPI-99, error -161).
+    A block shorter than its length at the end of its message is empty: it is invalid (SCPI-99, error -161).
     """
     blocks, look = [], 0
     while (span := _next_block(message, look, len(message))) is not None:
@@ -155,22 +155,22 @@ def extract_blocks(message: str) -> tuple[str, list[str]]:
 
 
 def restore_block(argument: str, blocks: list[str]) -> str:
-    """The block for an argument that is a mark; blocks are used up in order."""
+    """Return the block of a mark among the arguments; blocks are used in order."""
     return blocks.pop(0) if argument == _PLACEHOLDER else argument
 
 
 def _next_block(text: str, start: int, end: int) -> tuple[int, int, int] | None:
-    """Begin, end and first data byte of the first block that begins in `text[look:end]`."""
-    found = []
+    """Return begin, end and first data byte of the first block that begins in `text[look:end]`."""
+    parts = []
     if block := _BLOCK_HEADER.search(text, start, end):
         digits = int(block[1])
         length = text[block.end() : block.end() + digits]
         size = int(length) if length.isdigit() and len(length) == digits else 1 << 30
         data = block.end() + digits
-        found.append((block.start(), data + size, data))
+        parts.append((block.start(), data + size, data))
     if bare := _BARE_BLOCK_HEADER.search(text, start, end):
-        found.append((bare.end(), end, bare.end()))
-    return min(found, default=None)
+        parts.append((bare.end(), end, bare.end()))
+    return min(parts, default=None)
 
 
 ERROR_QUEUE_LENGTH = 20
@@ -195,7 +195,7 @@ class ScpiCommand:
 
 
 class ScpiInstrument(Protocol):
-    """Interface of an instrument's model to the engine."""
+    """Interface of an instrument model to the engine."""
 
     identity: str
 
@@ -209,11 +209,11 @@ class ScpiInstrument(Protocol):
         """`*TRG`."""
 
     def busy_s(self) -> float:
-        """Seconds until everything started has finished (`*OPC?`)."""
+        """Return the seconds until the end of all started operations (`*OPC?`)."""
 
 
 def header_regex(pattern: str) -> re.Pattern[str]:
-    """The pattern as a regular expression over headers without leading colon.
+    """Return the pattern as a regular expression over headers without leading colon.
 
     `VOLTage` is VOLT or VOLTAGE, `[x]` may be left out, a number is a suffix, one in brackets an optional suffix.
     """
@@ -235,7 +235,7 @@ def header_regex(pattern: str) -> re.Pattern[str]:
 
 
 def split_message(message: str, separator: str) -> list[str]:
-    """Pieces of a message, separators inside quotes left alone."""
+    """Return the pieces of a message; separators inside quotes do not split."""
     pieces = re.split(separator + r"""(?=(?:[^"']*["'][^"']*["'])*[^"']*$)""", message)
     return [piece.strip() for piece in pieces]
 
@@ -246,7 +246,7 @@ class ScpiEngine:
     def __init__(self, instrument: ScpiInstrument) -> None:
         self._instrument = instrument
         self.process_command: Callable[[], None] = lambda: None
-        """Called between two setting commands of one message: an instrument executes them one after the other."""
+        """Callback between two setting commands of one message: an instrument executes them one after the other."""
         self._errors: deque[tuple[int, str]] = deque()
         self._event_status = 128  # power on
         self._delay_s = 0.0
@@ -268,7 +268,7 @@ class ScpiEngine:
         self._command_cache: dict[str, ScpiCommand | None] = {}
 
     def execute(self, message: str) -> ScpiResponse | None:
-        """Run one message (without its terminator); the joined answers of its queries, or None."""
+        """Run one message (without its terminator); return the joined replies of its queries, or None."""
         self._delay_s = 0.0
         answers, path, has_set = [], "", False
         message, blocks = extract_blocks(message)
@@ -307,7 +307,7 @@ class ScpiEngine:
 
     @property
     def silent(self) -> bool:
-        """Whether the instrument answers nothing at present."""
+        """Whether the instrument does not answer at present."""
         return bool(getattr(self._instrument, "silent", False))
 
     @property

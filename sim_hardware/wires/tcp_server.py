@@ -13,16 +13,16 @@ from sim_hardware.wires.scpi_engine import split_received
 
 _MAX_LINE_LENGTH = 1 << 24
 _MIN_WAIT_S = 2e-4
-"""The selector cannot wait for less than a millisecond; replies due much sooner are sent immediately."""
+"""Replies due within this time are sent immediately: the selector cannot wait for less than a millisecond."""
 
 
 class ScpiTcpServer(Closeable):
     """Serves a port on loopback until closed; any number of connections, one after the other or together.
 
     Args:
-        speed: bench seconds per wall second, for answers that take the instrument time.
-        command_s: bench seconds until the answer to any message is ready.
-        clock: bench time that waits for a late reader, by which messages follow each other; default is real time.
+        speed: bench seconds per wall second, for replies with an instrument delay.
+        command_s: bench seconds until the reply to any message is ready.
+        clock: bench time that waits for a late reader, for the order of messages; default: real time.
 
     Attributes:
         port: the TCP port.
@@ -62,7 +62,7 @@ class ScpiTcpServer(Closeable):
         return len(self._partial_lines)
 
     def update_from_faults(self) -> None:
-        """Apply the active faults and return when that is done; call it after a fault is injected or cleared."""
+        """Apply the active faults and return afterwards; call it after the injection or end of a fault."""
         if self._closing or threading.current_thread() is self._thread:  # it applies them itself after its reply
             return
         with self._update_condition:
@@ -150,8 +150,9 @@ class ScpiTcpServer(Closeable):
             return  # accepted, and never answered (dmm6500-serial-decode at 0465be2)
         lines, self._partial_lines[sock] = split_received(self._partial_lines[sock] + data)
         for line in lines:
-            # Messages that arrive together are carried out one after the other, as an instrument does. The time of one counts
-            # from its end: a process that is held up in the middle may find bench time waiting, and the next would have the same.
+            # Messages that arrive together are executed one after the other, as by an instrument. The time of each counts from the
+            # end
+            # of the previous one: after a delay of this process bench time may wait, and both would have the same time.
             self._clock.sleep(self._busy_until_s - self._clock.now())
             reply = self._instrument.handle(line)
             self._busy_until_s = self._clock.now() + self._command_s

@@ -25,9 +25,10 @@ from app.common import Progress
 from model import quantity_label
 from protocols.base import CheckResult, Outcome, RunStatus, Verdict
 from protocols.rejudgement import judge_file
-from protocols.runfile.open import RunReadError
+from protocols.runfile.errors import RunReadError
+from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
-from protocols.runfile.sidecar import Notes, NotesError, _digest, change_notes, listed_record, notes_path, read_notes
+from protocols.runfile.sidecar import Notes, NotesError, _digest, change_notes, listed_record, read_notes
 from tests.helpers.messages import assert_names
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
 
@@ -67,7 +68,7 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
     assert entries.keys() == {"T7", "T8"}
     one = entries["T7"]
     assert (one.state, one.protocol, one.simulated, one.points) == ("completed", "sine-dwell", 1, 2)
-    assert one.found == f"{quantity_label('natural_frequency')} 158.350 ± 0.010 Hz"
+    assert one.estimates_text == f"{quantity_label('natural_frequency')} 158.350 ± 0.010 Hz"
     assert one.started_at is not None
 
 
@@ -236,8 +237,13 @@ def long_way(path: Path) -> RunSummary | None:
 
 
 def test_a_finished_run_is_listed_from_its_sidecar_as_from_its_data(folder: Path, tmp_path: Path) -> None:
-    checks = (CheckResult("width", math.nan, "Hz", 1.0, None, "measure more", Outcome.DID_NOT_PASS),)
-    finished_run(folder, "T9", verdict=Verdict(Outcome.DID_NOT_PASS, ("a width\n of \x1b",), checks))
+    checks = (
+        CheckResult("width", math.nan, "Hz", 1.0, None, "measure more", Outcome.DID_NOT_PASS),
+        CheckResult("depth", 1.0, "m", 0.5, 2.0, ""),
+    )
+    failed = finished_run(folder, "T9", verdict=Verdict(Outcome.DID_NOT_PASS, ("a width\n of \x1b",), checks))
+    listed = json.loads(notes_path(failed).read_text("utf-8"))["listed"]["record"]["verdict"]["checks"]
+    assert [check["name"] for check in listed] == ["width"]
     judged = finished_run(folder, "T10")
     judge_file(judged, store=True)
     stopped = begun_run(folder, "T11", (100.0,), 5000.0)

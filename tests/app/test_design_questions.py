@@ -77,7 +77,7 @@ def test_the_command_answers_from_the_calibration_and_says_what_cannot_be_reache
     assert main(["model", "drive", "--amplitude", "1 mm", "--elongation", "6.35 mm", *given]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "It cannot be reached: the amplifier takes 5 V peak to peak" in said
-    assert "holds nothing of the membrane" in said
+    assert "has no parameters of the membrane" in said
     assert main(["model", "drive", "--specimen", "T8", "--folder", str(tmp_path)]) == 2
     assert "T8" in capsys.readouterr().err
     assert AmplifierMap().high_v == 5.0

@@ -230,6 +230,5 @@ def test_exported_series_come_back_with_their_own_columns(
 
 def test_a_missing_library_is_named(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    monkeypatch.delitem(__import__("sys").modules, "app.archive.exporting.parquet", raising=False)
     with Run(path) as run, pytest.raises(ExportError, match=r"pyarrow.*pip install 'tactor-bench\[formats\]'"):
         export_run(run, tmp_path, "parquet")

@@ -25,6 +25,7 @@ from app.live.latest_only import LatestOnlyWorker
 from model.identification.fit_options import FitCancelled
 from model.parameter_spec import ParameterError
 from model.response.harmonic_response import amplifier_response
+from model.series import Series
 from model.specimen import Specimen, replace_variables, variable_specs
 from model.studies.parameter_study import STUDY_PRESETS
 from protocols.runfile.reader import RunReadError
@@ -132,7 +133,7 @@ def test_what_is_not_physical_is_refused() -> None:
 def test_measured_points_come_in_order_with_their_drive(tmp_path: Path) -> None:
     run = read_measured_response(finished_run(tmp_path, frequencies=(160.0, 100.0)))
     assert run.frequency_hz.tolist() == [100.0, 160.0]
-    assert (run.simulated, run.peak_to_peak_v, run.usable.all()) == (True, 5.0, True)
+    assert (run.simulated, run.peak_to_peak_v, run.fundamental.fit_rows.all()) == (True, 5.0, True)
     assert len(read_measured_response(crashed_run(tmp_path)).frequency_hz) == 1
     (tmp_path / "x.h5").write_text("nothing")
     with pytest.raises(RunReadError, match=r"x\.h5"):
@@ -149,11 +150,14 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(
     specimen = truth.specimen
     f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
     made = amplifier_response(specimen.tactor, f, skin=specimen.skin)
-    size = np.abs(made.fundamental)
     run = MeasuredResponse(
-        tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, size, 0 * f + 1e-7,
-        np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
-    )  # fmt: skip
+        tmp_path,
+        "made",
+        True,
+        5.000001,
+        Series(f, made.peak_to_peak, 0 * f + 1e-6),
+        Series(f, made.fundamental, 0 * f + 1e-7),
+    )
     fitted = fit_runs([run], begin)
     found = fitted.setting
     for name, value in truth.values.items():
@@ -167,9 +171,13 @@ def test_the_errors_of_a_fit_contain_those_of_ruler_and_caliper(tmp_path: Path) 
     f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
     made = amplifier_response(ExploreSetting().specimen.tactor, f)
     run = MeasuredResponse(
-        tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, np.abs(made.fundamental), 0 * f + 1e-8,
-        np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
-    )  # fmt: skip
+        tmp_path,
+        "made",
+        True,
+        5.000001,
+        Series(f, made.peak_to_peak, 0 * f + 1e-6),
+        Series(f, made.fundamental, 0 * f + 1e-8),
+    )
     text = fit_runs([run], ExploreSetting()).summary
     found = re.match(r"added mass \((7\.\d+) ± (0\.\d+)\) g, by noise below 0\.01; ", text)
     assert found is not None, text
@@ -184,8 +192,12 @@ def test_a_fit_can_be_cancelled(tmp_path: Path) -> None:
 
 def test_a_fit_without_a_usable_point_is_a_sentence(tmp_path: Path) -> None:
     run = read_measured_response(finished_run(tmp_path))
+    none = np.zeros(2, bool)
+    run = replace(
+        run, peak_to_peak=replace(run.peak_to_peak, usable=none), fundamental=replace(run.fundamental, usable=none)
+    )
     with pytest.raises(ValueError, match=re.escape(run.label)):
-        fit_runs([replace(run, usable=np.zeros(2, bool))], ExploreSetting())
+        fit_runs([run], ExploreSetting())
 
 
 def test_of_many_questions_the_newest_is_answered() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive import ExportError, export_run
+from app.archive import ExportError, export_run, raw_left_out
 from app.cli.main import main
 from app.common.progress import Progress
 from protocols.runfile.reader import Run
@@ -72,7 +72,7 @@ def test_raw_samples_in_csv_lose_no_digit(
     arrow: bool, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not arrow:
-        monkeypatch.setattr("app.archive.exporting.text_files.find_spec", lambda _: None)
+        monkeypatch.setattr("app.archive.exporting.table_files.find_spec", lambda _: None)
     with Run(path) as run:
         (file,) = export_run(run, tmp_path, "csv", ("raw",))
         values = np.loadtxt(file, delimiter=",", skiprows=1)
@@ -118,10 +118,30 @@ def test_a_stopped_export_leaves_nothing_half(kind: str, path: Path, tmp_path: P
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_too_long_a_run_is_refused_with_what_to_do(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_raw_data_that_a_format_cannot_hold_are_left_out_or_refused(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("app.archive.exporting.export.MAX_SCANS", {"mat": 100})
     with Run(path) as run, pytest.raises(ExportError, match="take csv or parquet, or leave the raw data out"):
-        export_run(run, tmp_path, "mat")
+        export_run(run, tmp_path, "mat", ("points", "raw"))
+    from scipy.io import loadmat
+
+    with Run(path) as run:
+        assert raw_left_out(run, "csv") == ""
+        assert re.search(r"2000 scans.*\b100\b", raw_left_out(run, "mat"))
+        (file,) = export_run(run, tmp_path, "mat")
+    assert {"points", "raw"} & loadmat(file, simplify_cells=True).keys() == {"points"}
+    assert main(["export", str(path), "--format", "mat", "--out", str(tmp_path)]) == 0
+    assert "2000 scans" in capsys.readouterr().err
+
+
+def test_a_run_whose_name_is_not_text_is_to_be_renamed(path: Path, tmp_path: Path) -> None:
+    try:
+        named = path.rename(path.with_name("T\udce4.h5"))
+    except OSError:
+        pytest.skip("this file system has no such names")
+    with Run(named) as run, pytest.raises(ExportError, match="UTF-8"):
+        export_run(run, tmp_path, "csv")
 
 
 def test_a_folder_that_cannot_be_written_is_a_sentence(path: Path, tmp_path: Path) -> None:
@@ -158,7 +178,7 @@ def test_the_commands(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["runs", "no-such-folder"], "name the one your runs are in"),
+        (["runs", "no-such-folder"], "name the folder of your runs"),
         (["runs", ".", "--since", "soon"], "write a day"),
         (["runs", ".", "--status", "done"], "there are: completed"),
         (["export", "x.h5", "--part", "all"], "its parts are: about"),

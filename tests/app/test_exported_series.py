@@ -14,11 +14,16 @@ import pytest
 
 from app.archive import ExportError, export_run
 from app.cli.main import main
+from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, RunStatus, Series, SeriesAxis
+from protocols.measurements.sine_dwell import SinePoint
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
+from protocols.runfile.verify import FileState, verify_run
+from protocols.runfile.writer import RunFileWriter
 from tests.compare_runs import SEED, SHORT
-from tests.helpers.run_files import begun_run
+from tests.helpers.importing import brought
+from tests.helpers.run_files import begun_run, initial_record
 
 FORMATS = ("csv", "xlsx", "json", "parquet", "mat", "mat73", "uff")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}\Z")
@@ -252,3 +257,64 @@ def test_columns_of_earlier_files_are_series_of_their_own(many: Path) -> None:
     assert (drive.y_axis, drive.label) == (SeriesAxis("drive", "V", "drive"), decay.label)
     np.testing.assert_array_equal(drive.y, np.arange(40.0))
     np.testing.assert_array_equal(drive.x, decay.x)
+
+
+def test_names_that_hdf5_cannot_hold_lose_nothing(tmp_path: Path) -> None:
+    """`/` begins another group there, and a group has a name once."""
+    x, y = np.arange(3.0), np.array([1.0, 2.0, 4.0])
+    axes = [("level/rest", "moved/2"), ("moved", "moved"), ("title", "share"), ("", "..")]
+    curves = [
+        Series(x, y, 0 * y, x_axis=SeriesAxis(one, "V"), y_axis=SeriesAxis(two, "1"), name="loop/half", entry=at)
+        for at, (one, two) in enumerate(axes)
+    ]
+    names = ("loop width / stroke", "loop width / stroke", "peak_to_mean", "natural_frequency", "..")
+    file = begun_run(tmp_path, "T7", (100.0,), 5000.0)
+    file.finish(RunStatus.COMPLETED, "", [EstimatedQuantity(name, 1.5, 0.1, "1", "") for name in names], curves)
+    assert verify_run(file.path).state is FileState.GOOD
+    assert [each.name for each in estimates_of(file.path)] == [*names]
+    read = series_of(file.path)
+    assert [(one.name, one.entry) for one in read] == [("loop/half", at) for at in range(4)]
+    for one in read:
+        np.testing.assert_array_equal([one.x, one.y, one.errors], [x, y, 0 * y])
+    for kind in FORMATS:
+        assert exported(file.path, tmp_path, kind)
+
+
+def test_a_displacement_with_errors_has_total_errors_with_the_gain_of_the_sensor(tmp_path: Path) -> None:
+    record = replace(
+        initial_record("T7", (100.0,), 5000.0), sensor=LaserSensor("laser", 1e-4, gain_relative_uncertainty=0.02)
+    )
+    file = RunFileWriter.new(tmp_path, record, SinePoint)
+    x, y, errors = np.arange(3.0), np.array([1e-4, -2e-4, 4e-4j]), np.full(3, 3e-6)
+    response = Series(x, y, errors, x_axis=SeriesAxis("frequency", "Hz"), y_axis=SeriesAxis("response", "m/V"))
+    driven = Series(x, y.real, errors, x_axis=TIME, y_axis=SeriesAxis("drive", "V"))
+    file.finish(RunStatus.COMPLETED, "", series=(response, replace(driven, y_axis=MOVED, errors=None), driven))
+    measured, without, drive = (one.total_errors for one in series_of(file.path))
+    np.testing.assert_allclose(measured, np.hypot(3e-6, 0.02 * np.abs(y)))
+    assert without is drive is None
+
+
+def test_values_that_are_not_known_are_no_zeros_in_a_universal_file(tmp_path: Path) -> None:
+    import pyuff
+
+    file = begun_run(tmp_path, "T7", (100.0,), 5000.0)
+    f, nothing = np.linspace(100.0, 160.0, 7), np.full(7, np.nan)
+    fit = np.where(f > 130, 2e-4, np.nan)
+    axes = {"x_axis": SeriesAxis("frequency", "Hz"), "y_axis": SeriesAxis("response", "m/V")}
+    file.finish(RunStatus.COMPLETED, "", series=(Series(f, np.full(7, 1e-4 + 0j), nothing, fit=fit, **axes),))
+    (path,) = exported(file.path, tmp_path, "uff")
+    response, fitted = (each for each in pyuff.UFF(str(path)).read_sets() if each["type"] == 58)
+    np.testing.assert_allclose(response["x"], f, rtol=1e-5)
+    np.testing.assert_allclose(fitted["x"], f[f > 130], rtol=1e-5)
+    np.testing.assert_allclose(fitted["data"], 2e-4)
+
+
+def test_amplitudes_without_phases_are_a_series_of_a_universal_file(tmp_path: Path) -> None:
+    import pyuff
+
+    (tmp_path / "fig9.csv").write_text("f [Hz],max-min [um]\n100,760\n150,1154\n200,610\n")
+    path = brought(tmp_path / "fig9.csv", "--as", "sine-dwell", "--set", "peak_to_peak_v=5 V")
+    (file,) = exported(path, tmp_path, "uff")
+    (amplitudes,) = (each for each in pyuff.UFF(str(file)).read_sets() if each["type"] == 58)
+    np.testing.assert_allclose(amplitudes["x"], [100, 150, 200])
+    np.testing.assert_allclose(amplitudes["data"], [760e-6, 1154e-6, 610e-6])

@@ -11,7 +11,9 @@ from matplotlib.text import Text
 
 from app.cli.main import main
 from app.common.errors import ExitCode
+from app.plotting import run_picture
 from app.plotting.charts import draw_figure, typeset_symbols
+from app.plotting.panels import new_figure
 from model import Series, quantity_label
 from model.parameters import Membrane, Tactor
 from model.studies.figures_of_the_paper import PaperFigure, figure5, figure9
@@ -35,6 +37,23 @@ def sheet(path: Path) -> tuple[list[str], np.ndarray]:
     with path.open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
     return head, np.array(rows, float)
+
+
+@pytest.mark.parametrize(
+    ("lines", "layout", "beside"), [(9, "constrained", True), (2, "constrained", False), (9, "none", False)]
+)
+def test_a_long_legend_lies_beside_the_curves_where_the_layout_makes_room(
+    lines: int, layout: str, beside: bool
+) -> None:
+    figure = new_figure(figsize=(10, 5), layout=layout)
+    axes = figure.subplots()
+    for number in range(lines):
+        axes.plot([0, 1], [0, number], label=f"with {number} g")
+    run_picture._add_legend(axes, ["peak frequency 150 Hz", "dashed: model"], 8)
+    figure.draw_without_rendering()
+    legend, page = axes.get_legend().get_window_extent(), figure.bbox
+    assert (legend.x0 >= axes.bbox.x1) == beside
+    assert page.x0 <= legend.x0 < legend.x1 <= page.x1
 
 
 @pytest.mark.deep
@@ -188,4 +207,4 @@ def test_a_skin_that_the_figures_choose_themselves_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["figures", "--out", str(tmp_path), "--set", "delta=0.01"]) == ExitCode.USAGE
-    assert "--set delta: the figures choose their own skin" in capsys.readouterr().err
+    assert "--set delta: the figures define their own skin" in capsys.readouterr().err

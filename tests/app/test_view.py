@@ -290,7 +290,7 @@ def test_a_run_that_expects_no_time_is_not_divided_by() -> None:
         (STARTED, "Sine dwell: 18 points, about 27 s, into run.h5"),
         (StreamStarted(5000.0, ()), "5000 scans per second"),
         (SettlingFinished(False, 5.0), "did not settle within 5.0 s"),
-        (PointMeasured(0, point()), "160 Hz: max − min 1115.7 ± 1.0 µm"),
+        (PointMeasured(0, point()), "160.000 Hz: max - min 1115.7 ± 1.0 µm"),
         (PointMeasured(0, point(Quality.CLIPPED | Quality.UNSETTLED)), "not usable: clipped, unsettled"),
         (NOT_AT_REST, "NOT AT REST: the card sees 0.000 V"),
         (UNSAFE, "UNSAFE: switch the high voltage off by hand"),

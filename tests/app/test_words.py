@@ -1,13 +1,28 @@
 """Formatting of durations, sizes and values with errors."""
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Annotated
 
 import numpy as np
 import pytest
+from annotated_types import Unit
 
-from app.common.formatting import format_bytes, format_duration, format_outcome, format_series, typeset, typeset_unit
+from app.common.formatting import (
+    format_bytes,
+    format_duration,
+    format_outcome,
+    format_point,
+    format_series,
+    typeset,
+    typeset_unit,
+)
 from model import format_with_uncertainty
-from protocols.base import Series, SeriesAxis
+from protocols.base import Quality, Series, SeriesAxis
+from protocols.measurements.sine_dwell import SinePoint
+from protocols.runfile.schema import RESPONSE_COLUMNS, is_response
+from tests.helpers.run_files import sine_point
 
 
 @pytest.mark.parametrize(
@@ -67,3 +82,54 @@ def test_how_a_run_ended_is_told_once() -> None:
     ):
         assert format_outcome(state, reason) == shown
     assert format_outcome("crashed", "") == "crashed"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A point of a laboratory's protocol."""
+
+    held: Annotated[float, Unit("V"), "level"]
+    moved: Annotated[float, Unit("m"), "displacement"]
+    moved_errors: Annotated[float, Unit("m"), "its error"]
+    drift: Annotated[float, Unit("m/s"), "drift"]
+    quality: Annotated[int, Unit("1"), "flags"]
+
+
+class Faulty(Held):
+    """A point whose own summary fails."""
+
+    summary = property(lambda self: f"{self.volts} V")
+
+
+class Told(Held):
+    """A point with a summary of its own."""
+
+    summary = property(lambda self: f"own {self.held:g} V")
+
+
+@pytest.mark.parametrize(
+    ("kind", "quality", "message"),
+    [
+        (Held, Quality.SIMULATED, "held 3 V, moved 74.412 ± 0.011 µm"),
+        (Faulty, Quality.GOOD, "held 3 V, moved 74.412 ± 0.011 µm"),
+        (Told, Quality.GOOD, "own 3 V"),
+        (Told, Quality.CLIPPED, "own 3 V; not usable: clipped"),
+        (Told, Quality.IMPORTED, "held 3 V, moved 74.412 ± 0.011 µm; imported"),
+    ],
+)
+def test_a_point_is_a_line_whatever_its_protocol(kind: type[Held], quality: Quality, message: str) -> None:
+    assert format_point(kind(3.0, 74.412e-6, 1.1e-8, math.nan, int(quality))) == message
+
+
+def test_a_point_of_an_unknown_protocol_has_its_values() -> None:
+    point = SimpleNamespace(entry=1, held=3.0, moved=74.4e-6, quality=int(Quality.GOOD))
+    assert format_point(point, {"held": "V", "moved": "m"}) == "held 3 V, moved 74.4 µm"
+    assert not is_response(point)
+
+
+def test_a_response_has_all_columns_of_a_point_under_a_sine() -> None:
+    assert is_response(SinePoint)
+    assert is_response(sine_point(100.0))
+    assert not is_response(Held)
+    part = {name: 1.0 for name in RESPONSE_COLUMNS if name != "drive_amplitude"}
+    assert not is_response(SimpleNamespace(**part))

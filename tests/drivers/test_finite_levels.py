@@ -12,10 +12,9 @@ from app.session.bench_connection import BenchConnection, connect
 from app.session.commissioning_gate import commissioning_state
 from drivers import Identity, Sine
 from drivers.bench.amplifier import HvAmplifier
-from drivers.bench.safety_statement import safety_statement
-from drivers.drive_shapes import Hold
+from drivers.bench.armed_bench import safety_statement
+from drivers.drive_shapes import Hold, LevelPulse
 from drivers.errors import DriveRejectedError, InstrumentError
-from drivers.level_pulse import LevelPulse
 from protocols.base import LevelExceeded, RunStatus
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runner.readback import DriveReadback

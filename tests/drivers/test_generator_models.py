@@ -76,8 +76,8 @@ UNSUITABLE = {
     "Teledyne,T3AFG10,1,1": r"T3AFG10\): it has a USB port only",
     "TEKTRONIX,AFG31252,C013019,SCPI:99.0 FV:1.6.1": r"its open output ends at 5 V",
     "TEKTRONIX,AFG3252C,C010001,SCPI:99.0 FV:1.0.0": r"its open output ends at 5 V",
-    "GW INSTEK,AFG-2225,SN:1,V1.0": r"at which level its output waits",
-    "owon,XDG2035,1,V1": r"at which level its output waits",
+    "GW INSTEK,AFG-2225,SN:1,V1.0": r"states the level of its output",
+    "owon,XDG2035,1,V1": r"states the level of its output",
 }
 """Identities of generators that are advised against, and what is said of them."""
 

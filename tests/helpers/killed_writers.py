@@ -23,9 +23,10 @@ from annotated_types import Unit
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, LogMessage, RunStatus
+from protocols.runfile.names import notes_path
 from protocols.runfile.record import RunRecord
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
-from protocols.runfile.sidecar import notes_path, read_notes
+from protocols.runfile.sidecar import read_notes
 from protocols.runfile.verify import FileState, verify_run
 from protocols.runfile.writer import RunFileWriter
 

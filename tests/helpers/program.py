@@ -158,7 +158,7 @@ def store_commissioning(resource: str, level_stop_s: float = math.nan) -> None:
     link.close()
     times = MeasuredTimes(0.2, 0.0, 0.0, level_stop_s=level_stop_s)
     passed = Commissioned((CheckedOutput(OutputCheck.UNEVEN, 1.0, "1", 0.97, 1.03),), times, (), ())
-    save_record(identity, simulated=False, rate_hz=1e5, found=passed)
+    save_record(identity, simulated=False, rate_hz=1e5, result=passed)
 
 
 def safe(bench: SimulatedBench) -> VoltageReport:

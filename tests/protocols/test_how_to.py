@@ -1,6 +1,7 @@
 """The protocol of docs/how-to-write-a-protocol.md, taken from the page: form, command line, rehearsal, file, plots, fit, import, report."""
 
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -133,31 +134,37 @@ def test_its_runs_are_reported_and_charted(kind: type[Protocol], tmp_path: Path)
 
 @pytest.mark.deep
 def test_every_command_of_the_page_does_what_it_says(
-    file: Path,
-    kind: type[Protocol],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The commands are taken from the page; the ideal bench takes the place of the realistic one, a file that of one of the page's."""
     monkeypatch.chdir(tmp_path)
-    assert main(["protocols", "./holds.py"]) == ExitCode.DONE
-    assert "levels_v = 3, 4 V" in capsys.readouterr().out
-    assert (
-        main(["run", "./holds.py", "--bench", "ideal", "--speed", "max", "--set", "levels_v=3,3.5,4"]) == ExitCode.DONE
-    )
-    assert "3.500 V: +142." in capsys.readouterr().err
-    (first,) = (tmp_path / "runs").glob("*_holds.h5")
-    assert main(["show", str(first), "--picture", "holds.png"]) == ExitCode.DONE
-    assert f"{DISPLACEMENT_PER_VOLT}: 142." in capsys.readouterr().out
-    assert (tmp_path / "holds.png").stat().st_size > 10_000
-    assert (
-        main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--bench", "ideal", "--speed", "max"])
-        == ExitCode.DONE
-    )
+    monkeypatch.setenv(registry.FILES_VARIABLE, "")
+    before, told = dict(registry.PROTOCOLS), dict[str, str]()
     (tmp_path / "old.csv").write_text("level [V],displacement [um]\n1.0,-71.3664\n4.0,214.0974\n")
-    assert main(["import", "old.csv", "--as", "./holds.py", "--uncertainty", "displacement=1 %"]) == ExitCode.DONE
-    del registry.PROTOCOLS["holds"]  # a new program knows it by the option alone
-    assert (
-        main(["identify", str(first), "--protocol", "./holds.py", "--free", "mu", "--sheet", "none"]) == ExitCode.DONE
-    )
-    assert "mu" in capsys.readouterr().out
+    blocks = re.findall(r"```\n(tactor-bench .*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    for line in "".join(blocks).splitlines():
+        registry.PROTOCOLS.clear()  # a new program knows the file by the option, or by the environment
+        registry.PROTOCOLS.update(before)
+        registry.PROTOCOLS.has_searched = False
+        words = shlex.split(line.replace("$PWD", str(tmp_path)), comments=True)
+        if words[0] == "export":
+            monkeypatch.setenv(*words[1].split("=", 1))
+            continue
+        runs = {
+            word: sorted(map(str, Path().glob(word.replace("20261121T091502Z", "*"))))
+            for word in words
+            if "runs/" in word
+        }
+        paths = [run for word in words[2:] for run in runs.get(word, [word])]
+        bench = ["--bench", "ideal"] if words[1] in ("run", "resume") else []
+        assert main([words[1], *paths, *bench]) == ExitCode.DONE, line
+        told[words[1]] = "".join(capsys.readouterr())
+    registry.PROTOCOLS.clear()
+    registry.PROTOCOLS.update(before)
+    assert "levels_v = 3, 4 V" in told["protocols"]
+    assert "displacement 142.7" in told["run"]
+    assert f"{DISPLACEMENT_PER_VOLT}: 142." in told["show"]
+    assert (tmp_path / "holds.png").stat().st_size > 10_000
+    assert "mu" in told["identify"]
+    assert "T7_report.pdf" in told["report"]
+    assert "356." in told["fleet"]  # 2.5 V at 142.7 µm/V

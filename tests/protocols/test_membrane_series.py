@@ -47,7 +47,7 @@ def test_every_point_is_the_models_at_its_elongation(ran) -> None:
     for point in ran.points:
         pressed = None if math.isnan(point.elongation) else skin(Membrane(), point.elongation / Membrane().L_m)
         (truth,) = np.abs(amplifier_response(Tactor(), np.array([point.frequency]), 2.5, skin=pressed).fundamental)
-        assert abs(point.fundamental - truth) < 4 * point.fundamental_errors, point.words
+        assert abs(point.fundamental - truth) < 4 * point.fundamental_errors, point.summary
         assert Quality(point.quality).usable
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols import resume
+from protocols import resume, runfile
 from protocols.base import Quality, RunStatus
 from protocols.resume import assess_drift, find_entries, load_resumable, measured_points
-from protocols.runfile.reader import RunReadError
+from protocols.runfile.errors import RunReadError
 from protocols.runfile.record import RunRecord
 
 FILE = Path("earlier.h5")
@@ -66,7 +66,7 @@ def earlier(monkeypatch: pytest.MonkeyPatch) -> Earlier:
     def make(plan: tuple[str, ...] = ("150 Hz", "155 Hz", "2.54 mm, 155 Hz", "left"), **changes: Any) -> None:
         run = EarlierRun(**changes)
         protocol = SimpleNamespace(point_type=Point, plan=lambda _: ())
-        monkeypatch.setattr(resume, "Run", lambda _: run)
+        monkeypatch.setattr(runfile, "Run", lambda _: run)
         monkeypatch.setattr(resume, "protocol_of_run", lambda *_: protocol)
         monkeypatch.setattr(
             resume, "extend_plan", lambda *_: [SimpleNamespace(key=(label,), label=label) for label in plan]

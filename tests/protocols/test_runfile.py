@@ -245,24 +245,24 @@ def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
             Run(path)
 
 
-class Twice(SineDwell):
-    """Identifies something that no file can hold: two quantities of one name."""
+class Once(SineDwell):
+    """Identifies one quantity."""
 
     def estimates(self, points: Any) -> tuple[EstimatedQuantity, ...]:
-        return tuple(EstimatedQuantity("gain", value, 0.1, "1", "the test") for value in (1.0, 2.0))
+        return (EstimatedQuantity("gain", 1.0, 0.1, "1", "the test"),)
 
 
-class Once(Twice):
-    """Identifies one of them."""
+class Unstorable(SineDwell):
+    """Identifies something that no file can hold: a name that is not text."""
 
     def estimates(self, points: Any) -> tuple[EstimatedQuantity, ...]:
-        return super().estimates(points)[:1]
+        return (EstimatedQuantity("gain \ud800", 1.0, 0.1, "1", "the test"),)
 
 
 @pytest.mark.deep
 def test_estimates_that_cannot_be_stored_are_reported_and_file_is_closed(tmp_path: Path) -> None:
     with laboratory() as lab:
-        ran = run(Twice(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+        ran = run(Unstorable(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
     assert ran.status == RunStatus.COMPLETED
     assert "all points measured; the identified parameters could not be stored: " in ran.reason
     with Run(ran.path) as file:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from protocols.base import RunStatus, Series, SeriesAxis
-from protocols.runfile.errors import StorageError
-from protocols.runfile.open import RunReadError, translate_read_errors
+from protocols.runfile.errors import RunReadError, StorageError
+from protocols.runfile.open import translate_read_errors
 from protocols.runfile.reader import Run
 from protocols.runfile.schema import REPAIRED
 from protocols.runfile.transaction import journal_path

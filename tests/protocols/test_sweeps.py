@@ -142,6 +142,7 @@ def test_a_curve_is_told_whole_after_its_point(swept) -> None:
     (told,) = [e.series for e in swept.events if isinstance(e, SeriesReady)]
     with Run(swept.path) as file:
         (kept,) = file.series()
+        told = told.with_gain(file.record.sensor.gain_relative_uncertainty)  # which is in the total errors of the file
         assert "SeriesReady" not in {row["kind"].decode() for row in file._entry["events"][:]}
     assert (told.title, told.entry, told.x_axis, told.y_axis) == (kept.title, kept.entry, kept.x_axis, kept.y_axis)
     for (axis, sent), (_, stored) in zip(told.columns(), kept.columns(), strict=True):

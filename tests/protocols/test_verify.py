@@ -17,10 +17,10 @@ from app.common import ExitCode
 from protocols.base import EstimatedQuantity
 from protocols.runfile import transaction
 from protocols.runfile.errors import StorageError
+from protocols.runfile.names import notes_path
 from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.reader import Run
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
-from protocols.runfile.sidecar import notes_path
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.verify import FileState, verify_run
 from protocols.runfile.writer import append_estimates, append_results

@@ -80,7 +80,7 @@ def test_a_run_is_returned_opened_and_its_progress_is_shown(tmp_path: Path, caps
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"protocol": "cheese"}, "there is no protocol 'cheese'; known are: "),
+        ({"protocol": "cheese"}, "there is no protocol 'cheese'; the protocols are: "),
         ({"protocol": "sine-dwell", "volts": 3}, "sine-dwell has no parameter 'volts'; it has: "),
         ({"protocol": "sine-dwell", "peak_to_peak_v": "7 V"}, "peak_to_peak_v: must be at most 5 V, not 7 V"),
         ({"protocol": "sine-dwell", "parameters": {"record_s": "3 kg"}}, "record_s: '3 kg' is not a quantity in s"),
@@ -254,7 +254,7 @@ class Notebook:
         monkeypatch.setattr(_bench, "open_instruments", self.connect)
         monkeypatch.setattr(_bench, "front_end", NotebookFrontEnd)
         with tb.connect("sim", folder=folder, speed="max", progress=False) as bench:
-            bench._front._real = True
+            bench._front_end._real = True
             return bench.run(*given, **more)
 
 

@@ -214,7 +214,7 @@ def test_runs_are_those_of_the_command_line(
     found = tb.runs(folder, **chosen)
     assert [str(each.path) for each in found] == [each["path"] for each in listed]
     for mine, theirs in zip(found, listed, strict=True):
-        assert (mine.status, mine.specimen, mine.points, mine.duration_s, mine.found) == tuple(
+        assert (mine.status, mine.specimen, mine.points, mine.duration_s, mine.estimates_text) == tuple(
             theirs[name] for name in ("state", "specimen", "points", "duration_s", "found")
         )
 

@@ -6,7 +6,7 @@ import socket
 import threading
 import time
 
-from drivers.closing import Closeable
+from drivers.interfaces import Closeable
 
 Chunk = tuple[float, bytes]
 """When it is passed on (monotonic), and what; no bytes at the end of the stream."""

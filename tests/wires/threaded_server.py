@@ -6,7 +6,7 @@ import threading
 from abc import abstractmethod
 from collections.abc import Callable
 
-from drivers.closing import Closeable
+from drivers.interfaces import Closeable
 from sim_hardware.wires.port import HOST, MessagePort
 
 

@@ -105,10 +105,11 @@ def _record(run: Run, parts: Sequence[Part]) -> dict[str, Any]:
 
 
 def _series_structure(series: Series) -> dict[str, Any]:
-    """Return identity, columns and units of a series; `x` and `y` are the names of the drawn columns."""
+    """Return identity, columns and units of a series; `x` and `y` are the names of the fields with the drawn columns."""
     record = series_record(series)
-    columns, units = record.pop("columns"), record.pop("units")
-    return _legal(record | {"units": _legal(units)} | columns)
+    columns, units = _legal(record.pop("columns")), _legal(record.pop("units"))
+    record["x"], record["y"], *_ = columns
+    return record | {"units": units} | columns
 
 
 def _legal(fields: Mapping[str, Any]) -> dict[str, Any]:

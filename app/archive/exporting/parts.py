@@ -11,7 +11,7 @@ import numpy as np
 from app.common import Column, Progress, Table
 from model import Array
 from protocols.base import Quality, Series, SeriesAxis, usable_mask
-from protocols.runfile import Run
+from protocols.runfile import RESPONSE_COLUMNS, Run
 
 Part = Literal["about", "points", "series", "estimates", "events", "raw"]
 PARTS: tuple[Part, ...] = get_args(Part)
@@ -137,11 +137,11 @@ def _series_tables(series: Sequence[Series]) -> Iterator[Table]:
 
 
 def points_series(run: Run) -> Series:
-    """Return the usable points over the axes of their protocol; sines, whose phase is known, as displacement over drive."""
+    """Return the usable points over the axes of their protocol; sines with a phase as displacement over drive."""
     points, units = run.points(), run.units()
     x, y = run.record.axes
     usable = usable_mask(points["quality"])
-    if {"frequency", "fundamental", "phase", "drive_amplitude"} <= points.keys():
+    if points.keys() >= RESPONSE_COLUMNS and np.isfinite(points["fundamental"] * points["phase"]).any():
         x, drive = "frequency", points["drive_amplitude"]
         values: Any = points["fundamental"] / drive * np.exp(1j * points["phase"])
         errors: Array | None
@@ -179,7 +179,7 @@ def identifiers(names: Iterable[str]) -> list[str]:
 
 
 def distinct(names: Iterable[str], longest: int) -> list[str]:
-    """Return names of at most `longest` characters; one that is taken gets a number."""
+    """Return names of at most `longest` characters; a repeated one gets a number."""
     taken: dict[str, None] = {}
     for name in names:
         one, number = name[:longest], 1
@@ -212,6 +212,7 @@ def about_rows(run: Run) -> Iterator[tuple[str, Any]]:
     yield "simulated", int(run.record.simulated)
     yield "sample_rate_hz", run.trace.rate_hz
     yield "samples", run.trace.sample_count
+    yield "sensor_gain_relative_uncertainty", run.record.sensor.gain_relative_uncertainty
     for name, value in run.record.parameters.items():
         yield f"parameter_{name}", value if isinstance(value, int | float | str) else json.dumps(value)
     for name, value in run.record.software.items():

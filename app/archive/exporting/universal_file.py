@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyuff
 
 from app.archive.exporting.parts import POINTS, ExportError, Part, points_series
 from app.common import Progress
@@ -33,7 +32,7 @@ UNKNOWN_QUANTITY, GENERAL_QUANTITY, DISPLACEMENT_QUANTITY = 0, 1, 8
 """Specific data types of an axis in data set 58."""
 ABSCISSA_QUANTITIES = {"Hz": 18, "s": 17, "V": GENERAL_QUANTITY, "N": 9, "kg": GENERAL_QUANTITY}
 MIN_VALUES = 2
-"""What pyuff writes; one value is no curve."""
+"""Smallest number of values that pyuff writes; one value is no curve."""
 RESPONSE_NODE, DRIVE_NODE = 1, 2
 """The centre of the tactor, and the amplifier's input."""
 NORMAL_DIRECTION, SCALAR_DIRECTION = 3, 0
@@ -60,6 +59,8 @@ def uff_writer(run: Run, _parts: Sequence[Part]) -> Callable[[Path, Progress], N
 
 
 def _write_sets(sets: Sequence[dict[str, Any]], path: Path, progress: Progress) -> None:
+    import pyuff
+
     file = pyuff.UFF(str(path))
     for number, each in enumerate(sets):
         progress.raise_if_cancelled()
@@ -95,7 +96,7 @@ def _units() -> dict[str, Any]:
 
 
 def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, Any]]:
-    """Yield a series, its uncertainties, fit and coherence, each as a function."""
+    """Yield a series, its uncertainties, fit and coherence, each as a function of the finite values."""
     x, y, axis = series.x, series.y_axis, series.x_axis
     response = "Frequency response: displacement of the centre / amplifier input voltage"
     common = {
@@ -113,11 +114,7 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
         "ref_ent_name": "INPUT",
         "ref_node": DRIVE_NODE,
         "ref_dir": SCALAR_DIRECTION,
-        "x": x,
-        "num_pts": x.size,
-        "abscissa_spacing": int(_evenly_spaced(x)),
-        "abscissa_min": float(x[0]),
-        "abscissa_inc": float(x[1] - x[0]),
+        **_abscissa(x),
         "abscissa_spec_data_type": ABSCISSA_QUANTITIES.get(axis.unit, UNKNOWN_QUANTITY),
         "abscissa_axis_lab": _line(axis.name.capitalize(), AXIS_CHARACTERS),
         "abscissa_axis_units_lab": _line(axis.unit, AXIS_CHARACTERS),
@@ -132,9 +129,10 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
         ("Standard uncertainty (total)", series.total_errors),
         (f"Fit ({series.fit_description})", series.fit),
     ):
-        if values is not None and np.isfinite(values).any():
-            filled = np.nan_to_num(values, nan=0.0)
-            yield quantity | {"func_type": GENERAL, "id1": _line(f"{label} of the {name}"), "data": filled}
+        finite = np.zeros(0, int) if values is None else np.flatnonzero(np.isfinite(values))
+        if values is not None and finite.size >= MIN_VALUES:
+            text = _line(f"{label} of the {name}")
+            yield quantity | _abscissa(x[finite]) | {"func_type": GENERAL, "id1": text, "data": values[finite]}
     if series.coherence is not None:
         yield common | {
             "func_type": COHERENCE,
@@ -146,8 +144,18 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
         }
 
 
+def _abscissa(x: Array) -> dict[str, Any]:
+    return {
+        "x": x,
+        "num_pts": x.size,
+        "abscissa_spacing": int(_evenly_spaced(x)),
+        "abscissa_min": float(x[0]),
+        "abscissa_inc": float(x[1] - x[0]),
+    }
+
+
 def _ordinate(axis: SeriesAxis) -> dict[str, Any]:
-    """Return what a function says of its values: displacement, displacement over drive, or name and unit."""
+    """Return the description of a function's values: displacement, displacement over drive, or name and unit."""
     if axis.unit not in ("m", "m/V"):
         return {
             "ordinate_spec_data_type": GENERAL_QUANTITY if axis.unit == "V" else UNKNOWN_QUANTITY,

@@ -1,6 +1,6 @@
 """Column mapping of imported tables: quantities of each protocol, their names, units and usual ranges.
 
-Ambiguous columns that change a number are not guessed: an `amplitude` may be max - min or half of it, so the user is asked.
+Ambiguous columns that change a number are not guessed: an `amplitude` may be max - min or half of it, so the user must choose.
 """
 
 import re
@@ -33,7 +33,7 @@ class TableKind:
     measured_columns: tuple[str, ...]
     """Measured quantities; a column named only `error` belongs to the first one in the table."""
     described: bool
-    """Whether the protocol describes its columns for import; such a kind is preferred where a table fits several."""
+    """Whether the protocol describes its columns for import; such a kind is preferred for a table that fits several."""
 
     def column(self, name: str) -> ImportColumn | None:
         """Return the specification of a quantity by name."""
@@ -108,8 +108,8 @@ def match_columns(
     of: dict[str, TableColumn] = {}
     for name, head in named.items():
         if kind.column(name) is None:
-            known = ", ".join(slot.name for slot in kind.columns if not slot.name.endswith("_errors"))
-            raise TableImportError(f"--column {name}={head}: {kind.name} has no '{name}'; it has: {known}")
+            names = ", ".join(slot.name for slot in kind.columns if not slot.name.endswith("_errors"))
+            raise TableImportError(f"--column {name}={head}: {kind.name} has no '{name}'; it has: {names}")
         of[name] = _column_by_heading(table, head, f"--column {name}={head}")
     there = {slot.name for cells in table.columns if (slot := _find_spec(kind, cells, named)) is not None}
     values = (
@@ -167,10 +167,10 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
 
 def _unknown_columns(table: ImportTable, kind: TableKind, named_columns: Iterable[str]) -> int | None:
     """Return how many columns are no quantity of a kind; None if the table lacks a required one."""
-    found = [_find_spec(kind, cells, {}) for cells in table.columns]
-    names = {slot.name for slot in found if slot is not None} | {name for name in named_columns if kind.column(name)}
+    specs = [_find_spec(kind, cells, {}) for cells in table.columns]
+    names = {slot.name for slot in specs if slot is not None} | {name for name in named_columns if kind.column(name)}
     names.update(*(kind.ambiguous.get(normalize_name(cells.name), ()) for cells in table.columns))
-    return found.count(None) if all(names.intersection(group) for group in kind.required) else None
+    return specs.count(None) if all(names.intersection(group) for group in kind.required) else None
 
 
 MIN_SERIES_ROWS = 30
@@ -197,7 +197,7 @@ def _is_sampled(table: ImportTable, series: TableKind) -> bool:
 
 
 def uneven_steps(time: Array) -> NDArray[np.intp]:
-    """Return the rows at which a step of time begins that is not the median one."""
+    """Return the rows at the begin of a step of time that differs from the median."""
     steps = np.diff(time)
     middle = np.median(steps)
     return np.flatnonzero(~(np.abs(steps - middle) <= TIME_STEP_TOLERANCE * middle + 2 * np.spacing(abs(time[-1]))))
@@ -243,8 +243,8 @@ def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> Im
     fitting += [slot for slot in kind.columns if name in slot.aliases]
     if fitting:
         return _of_dimension(fitting, column)[0]  # a load in grams is a mass
-    if found := UNCERTAINTY_PATTERN.fullmatch(column.name.casefold().replace(" ", "_").replace("±", "error_")):
-        of, _ = split_heading(found[1] or found[2] or "")
+    if match := UNCERTAINTY_PATTERN.fullmatch(column.name.casefold().replace(" ", "_").replace("±", "error_")):
+        of, _ = split_heading(match[1] or match[2] or "")
         if not normalize_name(of):
             value = next(
                 (v for v in (*named, *kind.measured_columns) if v in kind.measured_columns), kind.measured_columns[0]
@@ -280,9 +280,9 @@ def _column_by_heading(table: ImportTable, heading: str, option: str) -> TableCo
         lambda c: c.name == heading,
         lambda c: normalize_name(c.name) == normalize_name(heading),
     ):
-        found = [cells for cells in table.columns if same(cells)]
-        if len(found) == 1:
-            return found[0]
+        columns = [cells for cells in table.columns if same(cells)]
+        if len(columns) == 1:
+            return columns[0]
     raise TableImportError(f"{option}: {table.path} has no such column; it has: {table.headings}")
 
 
@@ -299,7 +299,7 @@ def _check_required(
             )
     for group in kind.required:
         if not any(name in columns for name in group):
-            wanted = " or ".join(group)
+            names = " or ".join(group)
             raise TableImportError(
-                f"{table.path} has no column {wanted}, which {kind.name} needs; it has: {table.headings}. Name it: --column {group[0]}=NAME"
+                f"{table.path} has no column {names}, which {kind.name} needs; it has: {table.headings}. Name it: --column {group[0]}=NAME"
             )

@@ -45,7 +45,7 @@ def _decode(path: Path, data: bytes) -> str:
         raise TableImportError(f"{path} is neither text nor a MAT file; save the table as CSV")
     try:
         return data.decode("utf-8")
-    except UnicodeDecodeError:  # what a spreadsheet on Windows writes
+    except UnicodeDecodeError:  # written by spreadsheets on Windows
         return data.decode("cp1252", errors="replace")
 
 
@@ -94,12 +94,12 @@ def _delimited_lines(path: Path, text: str, progress: Progress) -> tuple[str, li
 
 
 def _read_plain_numbers(path: Path, data: bytes, text: str, progress: Progress) -> ImportTable | None:
-    """Read a table of plain numbers in consecutive lines below its header; None if it is anything else.
+    """Read a table of plain numbers in consecutive lines below its header; None for any other content.
 
-    The faults of a table and their places are found by reading it cell by cell.
+    Reading a table cell by cell finds its faults and their places.
     """
-    found, end = FIRST_NUMBER.search(text), len(text)
-    begin = found.start() if found else -1
+    match, end = FIRST_NUMBER.search(text), len(text)
+    begin = match.start() if match else -1
     while end > 0 and text[end - 1].isspace():
         end -= 1
     first_end, last = text.find("\n", begin), text.rfind("\n", 0, end) + 1
@@ -174,8 +174,8 @@ def _is_number(cell: str) -> bool:
 def _units(cells: Sequence[str]) -> list[str | None]:
     """Return the units in a line, None for an empty cell; nothing for a line that holds anything else."""
     texts = [cell.strip("[]() ") or None for cell in cells]
-    known = (text.casefold() in UNIT_SUFFIXES or text in ("°", "%", "1") for text in texts if text)
-    return texts if any(texts) and all(known) else []
+    is_unit = (text.casefold() in UNIT_SUFFIXES or text in ("°", "%", "1") for text in texts if text)
+    return texts if any(texts) and all(is_unit) else []
 
 
 def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -> bool:

@@ -114,10 +114,10 @@ class ImportTable:
 def split_heading(heading: str) -> tuple[str, str | None]:
     """Parse name and unit of a heading: `frequency [Hz]`, `Load (g)`, `f / Hz`, `amplitude_um`."""
     heading = heading.strip()
-    if found := HEADING_PATTERN.fullmatch(heading):
-        unit = next(part for part in found.group("a", "b", "c", "d", "e") if part is not None).strip()
-        if found["name"].strip() and unit and (found["d"] is None or unit.casefold() in UNIT_SUFFIXES):
-            return found["name"].strip(), unit
+    if match := HEADING_PATTERN.fullmatch(heading):
+        unit = next(part for part in match.group("a", "b", "c", "d", "e") if part is not None).strip()
+        if match["name"].strip() and unit and (match["d"] is None or unit.casefold() in UNIT_SUFFIXES):
+            return match["name"].strip(), unit
     name, _, suffix = heading.rpartition("_")
     if name and suffix.casefold() in UNIT_SUFFIXES:
         return name, UNIT_SUFFIXES[suffix.casefold()]

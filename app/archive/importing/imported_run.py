@@ -143,11 +143,11 @@ def _plotted_axes(run: ImportedPoints) -> tuple[str, str]:
 
 def _with_input_errors(protocol: type[Protocol], values: Mapping[str, Array]) -> type:
     """Return the protocol's point type, with columns for the uncertainties of inputs that this table states."""
-    known = point_columns(protocol.point_type)
+    columns = point_columns(protocol.point_type)
     more = [
         (f"{name}_errors", Annotated[float, Unit(unit), f"standard uncertainty of the {name}"])
         for name, unit in protocol.aspects.import_form.input_uncertainties.items()
-        if f"{name}_errors" in values and f"{name}_errors" not in known
+        if f"{name}_errors" in values and f"{name}_errors" not in columns
     ]
     base = protocol.point_type
     return make_dataclass(base.__name__, more, bases=(base,), frozen=True, slots=True) if more else base

@@ -13,14 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.archive.importing import tdms
-from app.archive.importing.columns import (
-    TIME_SERIES,
-    ColumnMapping,
-    TableKind,
-    detect_kind,
-    match_columns,
-    table_kinds,
-)
+from app.archive.importing.columns import TIME_SERIES, ColumnMapping, TableKind, detect_kind, match_columns, table_kinds
 from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.import_table import ImportTable
 from app.archive.importing.imported_run import ImportedPoints, build_points, write_imported_run
@@ -45,7 +38,7 @@ POINTS_SUFFIX, ABOUT_SUFFIX, SERIES_MARK = "_points.csv", "_about.csv", "_series
 def import_files(
     options: ImportOptions, amplifier: AmplifierTable, progress: Progress = NO_PROGRESS
 ) -> tuple[list[ImportedPoints], list[Path]]:
-    """Return what was read from the files, and the run files that were written.
+    """Return the imported runs, and the written run files.
 
     Args:
         options: what the user specifies about the files.
@@ -53,17 +46,17 @@ def import_files(
         progress: an exception that it raises ends the import before anything is written.
 
     Raises:
-        UsageError: names the file that is wrong, where, and the remedy.
+        UsageError: a file is invalid; the message names file, place and remedy.
     """
     if options.kind and options.kind.endswith(".py"):
         options = replace(options, kind=load_protocol_class(options.kind).name)
-    known_kinds = table_kinds()
-    if options.kind and options.kind not in known_kinds:
-        raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(known_kinds)}")
+    by_name = table_kinds()
+    if options.kind and options.kind not in by_name:
+        raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(by_name)}")
     with usage_errors(TableImportError, StorageError):
         parts = progress.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
-        kinds = [known_kinds[options.kind] if options.kind else _kind_of(sheet, options) for sheet in sheets]
+        kinds = [by_name[options.kind] if options.kind else _kind_of(sheet, options) for sheet in sheets]
         taken = _import_tables(sheets, kinds, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
         written = (
             []
@@ -81,8 +74,8 @@ def _kind_of(table: ImportTable, options: ImportOptions) -> TableKind:
     Raises:
         TableImportError: it is none, several, or a table of series.
     """
-    if known := table_kinds().get(str(table.metadata.get("protocol"))):
-        return known
+    if kind := table_kinds().get(str(table.metadata.get("protocol"))):
+        return kind
     stem, exported, _ = table.path.name.rpartition(SERIES_MARK)
     if exported and [column.name for column in table.columns[:2]] == ["entry", "label"]:
         raise TableImportError(
@@ -153,7 +146,8 @@ def _read_content(path: Path, data: bytes, progress: Progress) -> ImportTable:
     if data.startswith(b"PK\x03\x04"):
         raise TableImportError(f"{path} is a workbook or an archive; save its sheet as CSV")
     if data.startswith(b"MATLAB 5.0 MAT-file") or path.suffix.lower() == ".mat":
-        from app.archive.importing.mat_table import read_mat_table  # scipy.io takes a while, and CSV needs none of it
+        # scipy.io is slow to import, and CSV does not need it.
+        from app.archive.importing.mat_table import read_mat_table
 
         return read_mat_table(path)
     return read_text_table(path, data, progress)
@@ -200,21 +194,17 @@ def _import_tables(
 
 
 def _import_options(
-    table: ImportTable,
-    kind: TableKind,
-    options: ImportOptions,
-    amplifier: AmplifierTable,
-    kinds: Sequence[TableKind],
+    table: ImportTable, kind: TableKind, options: ImportOptions, amplifier: AmplifierTable, kinds: Sequence[TableKind]
 ) -> ImportOptions:
     """Complete the options with the metadata of an exported file."""
     about = table.metadata
     if options.elongation_m is not None and kind.name != TIME_SERIES and kind.column("elongation") is None:
         raise UsageError(f"--membrane-elongation is for a response on a membrane; {table.path} is a {kind.name}")
     settings = _settings(kind, options.settings, kinds)
-    known = PROTOCOLS[kind.protocol].model_fields
+    names = PROTOCOLS[kind.protocol].model_fields
     prefix = "parameter_"
-    stored = {current_parameter(n.removeprefix(prefix), known): about[n] for n in about if n.startswith(prefix)}
-    settings |= {name: stored[name] for name in known if name in stored and name not in settings}
+    stored = {current_parameter(n.removeprefix(prefix), names): about[n] for n in about if n.startswith(prefix)}
+    settings |= {name: stored[name] for name in names if name in stored and name not in settings}
     start = about.get("start_time")
     return replace(
         options,
@@ -227,7 +217,7 @@ def _import_options(
 
 
 def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKind]) -> dict[str, Any]:
-    """Return the settings that are a kind's; those that only other tables of the same import have are left to them."""
+    """Return the settings of a kind; settings of other tables of the import are left to these."""
     protocol = PROTOCOLS[kind.protocol]
     others = {name for each in kinds for name in PROTOCOLS[each.protocol].model_fields}
     given: dict[str, Any] = {}
@@ -235,10 +225,10 @@ def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKi
         if name not in protocol.model_fields:
             if name in others:
                 continue
-            known = ", ".join(protocol.model_fields)
+            names = ", ".join(protocol.model_fields)
             raise UsageError(
-                f"{protocol.name} has no parameter '{name}'; leave --set {name} away for this table, or import it together with those "
-                f"that have it. It has: {known}"
+                f"{protocol.name} has no parameter '{name}'; omit --set {name} for this table, or import it together with tables "
+                f"that have it. It has: {names}"
             )
         try:
             given[name] = read_value(protocol, name, text)

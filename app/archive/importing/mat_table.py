@@ -111,7 +111,7 @@ def _load_mat(path: Path, script: str) -> dict[str, Any]:
         )
         if done.returncode == 0:
             return dict(pickle.loads(done.stdout))  # noqa: S301 - from the text above
-        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader died of it"
+        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader crashed"
     except (subprocess.TimeoutExpired, pickle.UnpicklingError, EOFError):
         reason = "it cannot be read to its end"
     raise TableImportError(

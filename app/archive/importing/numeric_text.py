@@ -17,12 +17,12 @@ WHOLE_BYTES = 64_000_000
 def numeric_columns(
     path: Path, data: bytes, text: str, span: tuple[int, int], delimiter: str | None, progress: Progress
 ) -> Sequence[Array] | None:
-    """Return the columns of numbers in the lines of a part of a text, (rows,) each; None if it holds anything else.
+    """Return the columns of numbers in the lines of a part of a text, (rows,) each; None for any other content.
 
     Args:
         path: the file.
         data: its bytes.
-        text: what they say; lines end with a line feed.
+        text: their text; lines end with a line feed.
         span: first character of the first line, and the end of the last one.
         delimiter: one character; None for blanks.
         progress: updated after each chunk.

@@ -21,7 +21,7 @@ from protocols.runfile import ENTRY_COLUMN
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """Options of an import; each of them may be left to the files themselves.
+    """Options of an import; each may be left to the files.
 
     Attributes:
         kind: name of the kind of measurement, None to recognise each table by its columns.
@@ -30,10 +30,10 @@ class ImportOptions:
         units: quantity, name or head of a column -> its unit.
         uncertainties: quantity -> `2 um` or `1 %`, standard, for every value.
         settings: parameter of the protocol -> its value; as text, with or without a unit, until it is checked.
-        elongation_m: of the membrane; None if the tactor is free, or where the table states it.
+        elongation_m: elongation of the membrane; None if the tactor is free, or the table states it.
         sensor: name and serial number of the displacement sensor.
         gain_error: relative standard uncertainty of the sensor's gain, common to all values; 0 if unknown.
-        delay_s: delay of the sensor's output, taken out of phases of a time series; None if it is not told.
+        delay_s: delay of the sensor's output, removed from phases of a time series; None if not given.
         amplifier: the amplifier that drove the specimen.
         simulated: whether the values come from a simulation.
         measured: time of the measurement, None if unknown.
@@ -225,7 +225,7 @@ def add_stated_uncertainties(
             left[name] = text
             continue
         if f"{name}_errors" in values:
-            raise TableImportError(f"{option}: the table has a column for it; leave one of them away")
+            raise TableImportError(f"{option}: the table has a column for it; omit one of them")
         try:
             relative = text.strip().endswith("%")
             size = to_number(text.strip().removesuffix("%"), "1") / 100 if relative else to_number(text, slot.unit)

@@ -36,7 +36,7 @@ def read_tdms(path: Path) -> ImportTable:
             raise TableImportError(f"{path} is a TDMS file that is cut off; copy it again, or save the table as CSV")
         groups = {group.name: group.channels() for group in file.groups() if group.channels()}
         if not groups:
-            raise TableImportError(f"{path} is a TDMS file without channels, or one that is cut off; copy it again")
+            raise TableImportError(f"{path} is a TDMS file without channels, or cut off; copy it again")
         if len(groups) != 1:
             names = ", ".join(map(repr, groups))
             raise TableImportError(f"{path} has the groups {names}; give a file with one group of channels")
@@ -44,7 +44,7 @@ def read_tdms(path: Path) -> ImportTable:
         columns = tuple(_columns(channels))
     except TableImportError:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a damaged file leads npTDMS to
+    except Exception as error:  # noqa: BLE001 - any error of npTDMS by a damaged file
         raise TableImportError(
             f"{path} is not a readable TDMS file ({truncate_text(str(error) or type(error).__name__)}); copy it again, or save the table as CSV"
         ) from None

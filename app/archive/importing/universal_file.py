@@ -14,7 +14,7 @@ from protocols.base import TableImportError
 START = re.compile(rb"\s{0,4}-1\s*\r?\n\s{0,5}\d{1,4}b?[\s\d]*\r?\n")
 """Delimiter and number of the first data set."""
 BINARY_SET = re.compile(rb"^\s{0,4}58b", re.MULTILINE)
-"""Whose bytes may contain what looks like a delimiter."""
+"""Data sets whose bytes may contain a delimiter by chance."""
 GENERAL, FREQUENCY_RESPONSE = 0, 4
 """Function types of data set 58. This program's exports have the standard uncertainty as a general function."""
 DERIVATIVES = {8: 0, 11: 1, 12: 2}
@@ -30,10 +30,10 @@ def is_universal_file(data: bytes) -> bool:
 
 
 def read_universal_file(path: Path, data: bytes) -> ImportTable:
-    """Read the one frequency response of a Universal File.
+    """Read the only frequency response of a Universal File.
 
     Raises:
-        TableImportError: it cannot be read, has no or several responses, or one of other quantities.
+        TableImportError: it cannot be read, has no or several responses, or a response of other quantities.
     """
     delimiters = [line.strip() for line in data.splitlines()].count(b"-1")
     if not data.rstrip().endswith(b"-1") or (delimiters % 2 and BINARY_SET.search(data) is None):
@@ -55,8 +55,8 @@ def read_universal_file(path: Path, data: bytes) -> ImportTable:
         _column("phase", "rad", np.angle(receptance)),
     ]
     text = " ".join(str(response.get(f"id{i}", "")) for i in range(1, 6))
-    if found := DRIVE_AMPLITUDE.search(text):
-        columns.append(_column("drive_amplitude", "V", np.full(frequency_hz.size, float(found[1]))))
+    if match := DRIVE_AMPLITUDE.search(text):
+        columns.append(_column("drive_amplitude", "V", np.full(frequency_hz.size, float(match[1]))))
     about: dict[str, Any] = {"simulated": 1} if "SIMULATED" in text else {}
     for each in sets:
         if each.get("type") == 151 and (name := str(each.get("model_name", "")).strip()) not in ("", "NONE"):
@@ -68,29 +68,32 @@ def read_universal_file(path: Path, data: bytes) -> ImportTable:
 
 
 def _only_response(path: Path, sets: list[dict[str, Any]]) -> dict[str, Any]:
-    found = [each for each in sets if each.get("type") == 58 and each.get("func_type") == FREQUENCY_RESPONSE]
-    if len(found) == 1:
-        return found[0]
-    count = f"{len(found)} frequency responses" if found else "no frequency response (data set 58, function type 4)"
+    responses = [each for each in sets if each.get("type") == 58 and each.get("func_type") == FREQUENCY_RESPONSE]
+    if len(responses) == 1:
+        return responses[0]
+    count = (
+        f"{len(responses)} frequency responses" if responses else "no frequency response (data set 58, function type 4)"
+    )
     raise TableImportError(f"{path} has {count}; give a file with one")
 
 
 def _is_uncertainty(one: dict[str, Any], response: dict[str, Any]) -> bool:
-    """Whether a data set is the standard uncertainty of a response."""
+    """Whether a data set is the statistical standard uncertainty of all values of a response."""
     same = one.get("type") == 58 and one.get("func_id") == response.get("func_id")
-    return same and one.get("func_type") == GENERAL and "uncertainty" in str(one.get("id1", ""))
+    title = str(one.get("id1", "")) if same and one.get("func_type") == GENERAL else ""
+    return "uncertainty" in title and "(total)" not in title and np.size(one["data"]) == np.size(response["data"])
 
 
 def _read_sets(path: Path) -> list[dict[str, Any]]:
     import pyuff
 
     try:
-        found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # noqa: BLE001 - pyuff raises bare exceptions, and whatever a damaged file leads to
+        sets = pyuff.UFF(str(path)).read_sets()
+    except Exception as error:  # noqa: BLE001 - pyuff raises bare exceptions, and any error by a damaged file
         raise TableImportError(
             f"{path} is not a readable Universal File ({truncate_text(str(error))}); export it again, or save a table as CSV"
         ) from None
-    return [found] if isinstance(found, dict) else list(found)
+    return [sets] if isinstance(sets, dict) else list(sets)
 
 
 def _differentiation(path: Path, response: dict[str, Any], frequency_hz: Array) -> Any:

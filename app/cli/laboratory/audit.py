@@ -15,7 +15,7 @@ SHOWN_LINES = 40
 
 @options
 class _AuditOptions:
-    folder: Path = argument("of the runs (default: runs)", Path("runs"), nargs="?")
+    folder: Path = argument("folder of the runs (default: runs)", Path("runs"), nargs="?")
     json: bool = JSON_OBJECT
 
 
@@ -36,7 +36,7 @@ class StartAuditCommand(_AuditOptions):
 class VerifyAuditCommand(_AuditOptions):
     """Verify all lines and files; exit code 1 if something was changed."""
 
-    head: str = option("a head hash that was printed or copied elsewhere", metavar="HASH")
+    head: str = option("head hash that was printed or copied elsewhere", metavar="HASH")
 
     @usage_errors(AuditError)
     def execute(self) -> int:
@@ -58,23 +58,23 @@ class VerifyAuditCommand(_AuditOptions):
 class ShowAuditCommand(_AuditOptions):
     """Print the entries of the trail."""
 
-    subject: str = option("entries with this in subject or files", metavar="TEXT")
+    subject: str = option("entries with this text in subject or files", metavar="TEXT")
     action: str = option("run, calibration, campaign, notes, delete ...", metavar="WORD")
     all: bool = option(f"all of them, not only the newest {SHOWN_LINES}")
 
     @usage_errors(AuditError)
     def execute(self) -> int:
         entries, problems = read_entries(self.folder)
-        found = [
+        entries = [
             entry
             for entry in entries
             if (not self.action or entry.action == self.action)
             and (not self.subject or any(self.subject in text for text in (entry.subject, *entry.files)))
         ]
-        lines = [_line(entry) for entry in (found if self.all else found[-SHOWN_LINES:])]
+        lines = [_line(entry) for entry in (entries if self.all else entries[-SHOWN_LINES:])]
         lines += [f"✕ {problem}" for problem in problems]
         print_answer(
-            {"entries": [asdict(each) for each in found], "problems": problems}, map(visible_text, lines), self.json
+            {"entries": [asdict(each) for each in entries], "problems": problems}, map(visible_text, lines), self.json
         )
         return ExitCode.FAILED if problems else ExitCode.DONE
 
@@ -101,10 +101,5 @@ VERBS = CommandGroup(
     "and the hashes of the files; each line has the hash of the one before it. A hash that is kept elsewhere, such as on a report, proves "
     "everything up to it.",
     "example: tactor-bench audit verify runs --head 3f1c0a77b2d4",
-    {
-        "start": StartAuditCommand,
-        "verify": VerifyAuditCommand,
-        "show": ShowAuditCommand,
-        "head": HeadAuditCommand,
-    },
+    {"start": StartAuditCommand, "verify": VerifyAuditCommand, "show": ShowAuditCommand, "head": HeadAuditCommand},
 )

@@ -12,7 +12,7 @@ from protocols.base import visible_text
 
 @command("example: tactor-bench backup /mnt/share/tactors --folder runs")
 class BackupCommand:
-    """Copy what is new or changed in a folder of runs into a second folder; nothing there is deleted."""
+    """Copy new and changed files of a folder of runs into a second folder; nothing there is deleted."""
 
     target: Path = argument("the second folder, best on another disk")
     folder: Path = FOLDER

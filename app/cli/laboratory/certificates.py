@@ -25,15 +25,15 @@ class AddCertificateCommand:
 
     dcc: Path | None = argument("digital calibration certificate, version 3", nargs="?", metavar="DCC.xml")
     role: str = option(", ".join(ROLES), metavar="INSTRUMENT")
-    number: str = option("number of the certificate (default: from the DCC, as for the following options)")
+    number: str = option("number of the certificate (default: from the DCC; so are the following options)")
     laboratory: str = option("that calibrated", metavar="NAME")
-    date: str = option("of the calibration", metavar="YYYY-MM-DD")
-    due: str = option("last day on which the calibration holds", metavar="YYYY-MM-DD")
-    months: int = option("due so many months after its date, instead of --due", 0, metavar="N")
+    date: str = option("date of the calibration", metavar="YYYY-MM-DD")
+    due: str = option("last day of the calibration's validity", metavar="YYYY-MM-DD")
+    months: int = option("interval from the calibration to the due date, months; instead of --due", 0, metavar="N")
     item: str = option("maker and model", metavar="TEXT")
-    serial: str = option("serial number, by which the instruments of a run are matched")
+    serial: str = option("serial number; identifies the instrument in a run")
     table: Path | None = option("points: 'name [unit]' columns; a column 'u(name) [unit]' has k = 1", metavar="CSV")
-    pdf: Path | None = option("the certificate as a PDF, copied beside it", metavar="FILE")
+    pdf: Path | None = option("certificate as a PDF, copied into the folder", metavar="FILE")
     folder: Path = FOLDER
 
     @usage_errors(CertificateError)
@@ -58,9 +58,9 @@ class AddCertificateCommand:
         path = store_certificate(self.folder, certificate, [each for each in (self.dcc, self.pdf) if each])
         print_line(str(path))
         if not certificate.due:
-            print_message("It has no due date, so nothing will warn: add it with --due or --months")
+            print_message("It has no due date and gives no warnings: add --due or --months")
         if not certificate.serial and certificate.role != "weights":
-            print_message("It has no serial number, so no run is matched with it: add it with --serial")
+            print_message("It has no serial number and applies to no run: add --serial")
         return ExitCode.DONE
 
 
@@ -78,61 +78,65 @@ def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
         raise CertificateError(
             f"{path} is no table of points ({error}); write a header such as 'displacement [mm],u(displacement) [mm]' and numbers"
         ) from None
-    found = []
+    table = []
     for heading, values in columns.items():
         name, _, unit = heading.removesuffix("]").partition(" [")
         if not name.startswith("u("):
             errors = columns.get(f"u({name}) [{unit}]", columns.get(f"u({name})", []))
-            found.append(CertificateColumn(name, unit or "1", tuple(values), tuple(errors)))
-    return tuple(found)
+            table.append(CertificateColumn(name, unit or "1", tuple(values), tuple(errors)))
+    return tuple(table)
 
 
 @command()
 class ListCertificatesCommand:
-    """Certificates by due date; exit code 1 if one has expired."""
+    """List the certificates by due date; exit code 1 if one has expired."""
 
     folder: Path = FOLDER
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
-        found, problems = read_certificates(self.folder)
+        certificates, problems = read_certificates(self.folder)
         today = datetime.now(UTC).date()
-        left = [each.days_left(today) for each in found]
+        left = [each.days_left(today) for each in certificates]
         table = Table(
             "certificates",
             f"Calibration certificates in {self.folder}",
             (
-                Column("due", None, [each.due or "not stated" for each in found]),
-                Column("state", None, [each.state(today) for each in found]),
+                Column("due", None, [each.due or "not stated" for each in certificates]),
+                Column("state", None, [each.state(today) for each in certificates]),
                 Column("days_left", None, ["" if days is None else str(days) for days in left], "days left"),
-                Column("role", None, [each.role for each in found], "instrument"),
-                Column("item", None, [each.item for each in found]),
-                Column("serial", None, [each.serial for each in found]),
-                Column("number", None, [each.number for each in found], "certificate"),
-                Column("laboratory", None, [each.laboratory for each in found]),
-                Column("date", None, [each.date for each in found]),
+                Column("role", None, [each.role for each in certificates], "instrument"),
+                Column("item", None, [each.item for each in certificates]),
+                Column("serial", None, [each.serial for each in certificates]),
+                Column("number", None, [each.number for each in certificates], "certificate"),
+                Column("laboratory", None, [each.laboratory for each in certificates]),
+                Column("date", None, [each.date for each in certificates]),
             ),
         )
         render(CommandResult("certificate list", {}, (table,), tuple(problems)), self.json)
-        return ExitCode.FAILED if problems or any(each.state(today) == "expired" for each in found) else ExitCode.DONE
+        return (
+            ExitCode.FAILED
+            if problems or any(each.state(today) == "expired" for each in certificates)
+            else ExitCode.DONE
+        )
 
 
 @command("D-K-1234")
 class ShowCertificateCommand:
-    """A certificate with its table."""
+    """Show a certificate with its table."""
 
-    number: str = argument("of the certificate, or its beginning")
+    number: str = argument("number of the certificate, or its beginning")
     folder: Path = FOLDER
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
-        found, _ = read_certificates(self.folder)
-        chosen = [each for each in found if each.number == self.number] or [
-            each for each in found if each.number.startswith(self.number)
+        certificates, _ = read_certificates(self.folder)
+        chosen = [each for each in certificates if each.number == self.number] or [
+            each for each in certificates if each.number.startswith(self.number)
         ]
         if len(chosen) != 1:
-            known = ", ".join(each.number for each in found) or "none"
-            raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {known}")
+            numbers = ", ".join(each.number for each in certificates) or "none"
+            raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {numbers}")
         (one,) = chosen
         lines = [
             f"Certificate {one.number} of {one.laboratory}, {one.date}: {one.name}",
@@ -152,12 +156,9 @@ def one_line(values: tuple[float, ...]) -> str:
 
 
 VERBS = CommandGroup(
-    "Calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside the runs. A run warns from 30 days before the due "
-    "date of an instrument that it uses, by serial number, and flags every point after it.",
+    "Manage calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside "
+    "the runs. A run warns from 30 days before the due date of each of its instruments, found by serial number, and flags "
+    "every point after that date.",
     "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
-    {
-        "add": AddCertificateCommand,
-        "list": ListCertificatesCommand,
-        "show": ShowCertificateCommand,
-    },
+    {"add": AddCertificateCommand, "list": ListCertificatesCommand, "show": ShowCertificateCommand},
 )

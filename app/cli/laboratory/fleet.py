@@ -23,12 +23,12 @@ MAX_QUANTITIES = 5
 @options
 class _FleetOptions:
     folder: Path = argument("(default: runs)", Path("runs"), nargs="?")
-    specimens: Sequence[str] = option("only this specimen; may be repeated", flag="--specimen", metavar="NAME")
-    batch: str = option("only this batch of the specimen sheets", metavar="NAME")
-    bench: str = option("only runs of this bench", flag="--bench-name", metavar="NAME")
-    protocol: str = option("only runs of this protocol; 'calibration': accepted parameters")
+    specimens: Sequence[str] = option("include only this specimen; may be repeated", flag="--specimen", metavar="NAME")
+    batch: str = option("include only this batch of the specimen sheets", metavar="NAME")
+    bench: str = option("include only runs of this bench", flag="--bench-name", metavar="NAME")
+    protocol: str = option("include only runs of this protocol; 'calibration': accepted parameters")
     since: str = option("begun since 2026-11-21, 2026-11, today, 12h or 7d", metavar="WHEN")
-    simulated: bool = option("the simulated runs of a folder that has real ones")
+    simulated: bool = option("use the simulated runs of a folder that has real ones")
     threshold: str | None = THRESHOLD
     json: bool = JSON_OBJECT
 
@@ -48,24 +48,25 @@ class _FleetOptions:
         with scanned_catalogue(self.folder, self.json) as catalogue, usage_errors(FleetError, ParameterError):
             threshold = chosen_threshold(self.folder, self.threshold)
             fleet = read_fleet(self.folder, catalogue, True if self.simulated else None, threshold)
-        found = fleet.filtered(self.specimens, self.batch, self.bench, self.protocol, since)
-        if not found.values:
-            raise UsageError("no value has all of these properties; give fewer options")
-        return found
+        selection = fleet.filtered(self.specimens, self.batch, self.bench, self.protocol, since)
+        if not selection.values:
+            raise UsageError("no value matches all options; give fewer options")
+        return selection
 
 
 @command("example: tactor-bench fleet runs --quantity natural_frequency --group-by month --picture fleet.png")
 class FleetCommand(_FleetOptions):
-    """Many specimens in one table: for each quantity of runs and accepted calibrations the newest value of every
-    specimen with its total standard uncertainty, their mean, spread, possible outliers, and Cpk against the limits of
-    limits.toml; trends, and groups by batch, bench, sensor, operator or month. Real and simulated runs are never
-    mixed.
+    """Compare many specimens: for each quantity of runs and accepted calibrations the newest value of every specimen
+    with its total standard uncertainty, mean, spread, possible outliers, and Cpk against the limits of limits.toml;
+    trends, and groups by batch, bench, sensor, operator or month. Real and simulated runs are never mixed.
     """
 
     quantities: Sequence[str] = option(
-        "e.g. natural_frequency or k2; may be repeated", flag="--quantity", metavar="NAME"
+        "quantity, e.g. natural_frequency or k2; may be repeated", flag="--quantity", metavar="NAME"
     )
-    group_by: str = option("batch (default), bench, sensor, operator, month or protocol", "batch")
+    group_by: str = option(
+        "property that defines the groups: batch (default), bench, sensor, operator, month or protocol", "batch"
+    )
     limits: Path | None = option("limits for Cpk (default: limits.toml beside the runs, if any)", metavar="FILE")
     files: FileOptions = group(FileOptions, "the specimens")
 
@@ -100,14 +101,14 @@ class FleetCommand(_FleetOptions):
 
 @command("example: tactor-bench control-chart runs --golden T0 --quantity amplitude_at_resonance --picture chart.png")
 class ControlChartCommand(_FleetOptions):
-    """A golden specimen that is measured again and again: Shewhart chart with the rules of Western Electric and
-    Nelson, and EWMA, for each displacement sensor. A drift is the bench's if other specimens changed alike there, or
-    the golden one did not on other sensors. The exit code is 1 if something changed to stay.
+    """Chart a golden specimen that is measured repeatedly: Shewhart chart with the rules of Western Electric and Nelson,
+    and EWMA, for each displacement sensor. A drift is attributed to the bench if other specimens changed alike on it,
+    or if the golden specimen did not change on other sensors. The exit code is 1 after a lasting change.
     """
 
-    golden: str = option("the golden specimen (default: the one in limits.toml)", metavar="NAME")
+    golden: str = option("golden specimen (default: from limits.toml)", metavar="NAME")
     quantity: str = option("(default: amplitude_at_resonance)", "amplitude_at_resonance")
-    baseline: int = option("first values that set centre and limits (default: 20)", 20, metavar="N")
+    baseline: int = option("number of first values that define centre and limits (default: 20)", 20, metavar="N")
     files: FileOptions = group(FileOptions, "the chart")
 
     def execute(self) -> int:
@@ -149,7 +150,7 @@ class ControlChartCommand(_FleetOptions):
 
 
 def _read_limits(folder: Path, path: Path | None = None) -> "Limits | None":
-    """Return the limits of a file, or of the one in the folder of the runs; None where there is none."""
+    """Return the limits of a file, or of the file in the folder of the runs; None without one."""
     from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
 
     chosen = path or folder / LIMITS_FILE_NAME

@@ -22,14 +22,14 @@ from protocols.runfile import NotesError, RunReadError
 
 @command("example: tactor-bench operator 'Anna Muster' --temperature '23.4 °C' --humidity '45 %'")
 class OperatorCommand:
-    """Who measures, and temperature and humidity of the air: stored in every run, and remembered until midnight.
-    Where nobody is named, a run stores the login of the computer; on a real bench the terminal asks once a day. A
-    sensor of the bench file ([environment]) takes precedence over typed values.
+    """Set operator, air temperature and air humidity: stored in every run, and remembered until midnight. Without a name
+    a run stores the login of the computer; on a real bench the terminal asks once a day. A sensor of the bench file
+    ([environment]) takes precedence over typed values.
     """
 
-    name: str | None = argument("who measures, until midnight; '' forgets the name", nargs="?")
-    temperature: str | None = option("of the air, e.g. '23.4 °C'", metavar="T")
-    humidity: str | None = option("of the air, e.g. '45 %%'", metavar="RH")
+    name: str | None = argument("name of the operator, until midnight; '' deletes it", nargs="?")
+    temperature: str | None = option("air temperature, e.g. '23.4 °C'", metavar="T")
+    humidity: str | None = option("air humidity, e.g. '45 %%'", metavar="RH")
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
@@ -42,13 +42,13 @@ class OperatorCommand:
 
 @command("example: tactor-bench checked runs/20261121T091502Z_T7_sine-dwell.h5 --by 'Ben Beispiel'")
 class CheckedCommand:
-    """A second person states that they checked runs. Name, time and the hash of the file are stored in the notes
-    beside it; 'runs --checked-by' finds them. Who measured a run cannot check it.
+    """Record that a second person checked runs. Name, time and the hash of the file are stored in the notes beside it;
+    'runs --checked-by' lists such runs. The operator of a run cannot check it.
     """
 
     runs: Sequence[Path] = RUN_FILES
-    by: str = option("who checked them; not who measured", metavar="NAME")
-    remark: str = option("what was found", metavar="TEXT")
+    by: str = option("name of the person who checked; not the operator", metavar="NAME")
+    remark: str = option("remark of the person who checked", metavar="TEXT")
 
     @usage_errors(NotesError)
     def execute(self) -> int:

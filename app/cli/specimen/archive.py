@@ -27,7 +27,7 @@ RUNS_SHARE = 0.7
 
 @command("example: tactor-bench archive T7 --out T7.eln")
 class ArchiveCommand:
-    """Every run of a specimen with notes, specimen sheet, calibrations, campaign and report in one .eln file (a
+    """Archive every run of a specimen with notes, specimen sheet, calibrations, campaign and report in one .eln file (a
     zipped RO-Crate), with SHA-256 of each file. Electronic lab notebooks such as eLabFTW, Kadi4Mat, NOMAD, PASTA,
     RSpace and SampleDB import such files; 'restore' brings the files back.
     """
@@ -35,7 +35,7 @@ class ArchiveCommand:
     specimen: str = argument()
     folder: Path = FOLDER
     out: Path | None = option(f"the archive (default: SPECIMEN{SUFFIX} in the working directory)", metavar="FILE")
-    licence: str = option("address of the licence of the data, e.g. of CC BY 4.0", metavar="URL")
+    licence: str = option("web address of the licence of the data, e.g. CC BY 4.0", metavar="URL")
     no_report: bool = option("leave the report out")
 
     @usage_errors(ArchiveError)
@@ -44,7 +44,7 @@ class ArchiveCommand:
         archive = self.out or Path(f"{safe_name(self.specimen)}{SUFFIX}")
         if archive.suffix != SUFFIX:
             raise UsageError(
-                f"--out {archive}: write a name that ends in {SUFFIX}, by which lab notebooks know the format"
+                f"--out {archive}: write a name that ends in {SUFFIX}, the suffix by which lab notebooks recognise the format"
             )
         catalogue = Catalogue(self.folder)
         with terminal_progress("archive") as progress, TemporaryDirectory() as scratch:
@@ -84,7 +84,7 @@ def _report_damaged(folder: Path, runs: list[RunSummary]) -> None:
 
 @command("example: tactor-bench restore T7.eln --folder runs")
 class RestoreCommand:
-    """The files of an archive go into a folder of runs, each after its hash was found right; no file is replaced."""
+    """Restore the files of an archive into a folder of runs, each after its hash was verified; no file is replaced."""
 
     archive: Path = argument(f"an {SUFFIX} file that `archive` wrote", metavar="ARCHIVE")
     folder: Path = FOLDER
@@ -93,13 +93,13 @@ class RestoreCommand:
     def execute(self) -> int:
         try:
             with terminal_progress("restore") as progress:
-                found = restore_archive(self.archive, self.folder, progress)
+                restored = restore_archive(self.archive, self.folder, progress)
         except OperationCancelled:
             print_message("cancelled; the files that were complete are kept")
             return ExitCode.FAILED
-        if found.already_present:
+        if restored.already_present:
             print_message(
-                f"{pluralize(len(found.already_present), 'file')} were in {self.folder} already, with the same content"
+                f"{pluralize(len(restored.already_present), 'file')} were in {self.folder} already, with the same content"
             )
-        print_line(f"{pluralize(len(found.copied), 'file')} restored to {self.folder}; every hash is right")
+        print_line(f"{pluralize(len(restored.copied), 'file')} restored to {self.folder}; every hash is right")
         return ExitCode.DONE

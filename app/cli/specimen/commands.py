@@ -36,7 +36,7 @@ TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 
 @command("T7")
 class ShowSheetCommand:
-    """The prior values for the fits of a specimen."""
+    """Show the prior values for the fits of a specimen."""
 
     specimen: str = argument()
     folder: Path = FOLDER
@@ -139,7 +139,7 @@ class SetSheetCommand:
 
 @command("T7")
 class CheckSheetCommand:
-    """Question implausible and missing values; exit code 1 if there are any."""
+    """List implausible and missing values; exit code 1 if there are any."""
 
     specimen: str = argument()
     folder: Path = FOLDER
@@ -154,19 +154,16 @@ class CheckSheetCommand:
         questions = list(question_sheet(sheet))
         for question in questions:
             print_line(question)
-        print_line(f"{sheet.description}." if questions else f"{sheet.description}; nothing to question.")
+        print_line(
+            f"{sheet.description}." if questions else f"{sheet.description}; no implausible and no missing value."
+        )
         return ExitCode.FAILED if questions else ExitCode.DONE
 
 
 VERBS = CommandGroup(
-    "Specimen sheets: dimensions and masses of a specimen, each with standard uncertainty, instrument and date, in a commented TOML "
-    "file beside its runs. They enter every fit with their uncertainties; what a sheet does not have is the paper's Table I with the "
+    "Edit specimen sheets: dimensions and masses of a specimen, each with standard uncertainty, instrument and date, in a commented TOML "
+    "file beside its runs. They enter every fit with their uncertainties; a missing value is taken from the paper's Table I with the "
     "uncertainties of ruler and caliper.",
     "example: tactor-bench specimen set T7 'L=22.1 mm +- 0.05 mm' --instrument caliper",
-    {
-        "new": NewSheetCommand,
-        "set": SetSheetCommand,
-        "show": ShowSheetCommand,
-        "check": CheckSheetCommand,
-    },
+    {"new": NewSheetCommand, "set": SetSheetCommand, "show": ShowSheetCommand, "check": CheckSheetCommand},
 )

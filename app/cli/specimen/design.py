@@ -47,15 +47,15 @@ class DesignTopic(Topic):
     def compute(self) -> CommandResult:
         active = self._active_model()
         specimen = read_specimen(self, base=active)
-        known = active.estimates_for(specimen)
-        estimates = None if known is None else known.without(read_settings(self.settings))
+        estimates = active.estimates_for(specimen)
+        estimates = None if estimates is None else estimates.without(read_settings(self.settings))
         choice = self.shapes.choose(specimen)
         tables, notes = self.answer(specimen, estimates, choice.n)
         source = f"From {active.description}, {describe_specimen(specimen)}."
         notes = [source if estimates is not None else WITHOUT_ERRORS, *notes]
         if estimates is not None and specimen.membrane is not None and not set(estimates.names) & MEMBRANE_NAMES:
             notes.append(
-                "The calibration holds nothing of the membrane: its values are the paper's, and their uncertainties are missing."
+                "The calibration has no parameters of the membrane: the paper's values are used, without uncertainties."
             )
         return CommandResult(f"model {tables[0].name}", specimen_record(specimen), tables, tuple(notes))
 
@@ -74,10 +74,10 @@ class DesignTopic(Topic):
 
 @command("--frequency '160 Hz' --specimen T7")
 class AddedMassTopic(DesignTopic):
-    """Which added mass brings the resonance to a frequency, with the uncertainty of a calibration."""
+    """Compute the added mass for a resonance at a frequency, with the uncertainty of a calibration."""
 
-    frequency: str = option("of the resonance (default: %(default)s)", "160 Hz")
-    specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
+    frequency: str = option("frequency of the resonance (default: %(default)s)", "160 Hz")
+    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
@@ -94,25 +94,25 @@ class AddedMassTopic(DesignTopic):
         table = _answer_table("added-mass", f"Added mass for {hz:g} Hz", names, answers, ("g", "kg"))
         present = (
             f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: only a share of "
-            "the mass in the cylinder does (the paper's 11 g moved as 7.73 g)."
+            "the mass in the cylinder moves (the paper's 11 g moved as 7.73 g)."
         )
         return (table,), [present]
 
 
 @command("--amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7")
 class DriveTopic(DesignTopic):
-    """Which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration."""
+    """Compute the drive for an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration."""
 
     amplitude: str = option("max - min of the displacement (default: %(default)s)", "100 um")
-    frequency: str = option("of the sine (default: %(default)s)", "200 Hz")
-    specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
+    frequency: str = option("frequency of the sine (default: %(default)s)", "200 Hz")
+    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
     def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:
-        hz, wanted_m = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC), read_number(self.amplitude, AMPLITUDE)
-        drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
-        names = (f"sine of {hz:g} Hz for {1e6 * wanted_m:g} µm, peak to peak",)
+        hz, amplitude_m = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC), read_number(self.amplitude, AMPLITUDE)
+        drive = required_drive(specimen, hz, amplitude_m, estimates, n=n)
+        names = (f"sine of {hz:g} Hz for {1e6 * amplitude_m:g} µm, peak to peak",)
         table = _answer_table("drive", "Drive at the amplifier's input", names, (drive,), ("V", "V"))
         reach = describe_reach(specimen, drive, hz, n)
         if drive.value > 2 * FULL_AMPLITUDE_V:
@@ -135,13 +135,13 @@ def _answer_table(
     if None in errors:
         columns.append(Column("value", si, values, "needed", shown, ".4g"))
     else:
-        factor, known = SCALES.get(shown, 1), np.array(errors, float)
-        pairs = zip(values, known, strict=True)
+        factor, standard_errors = SCALES.get(shown, 1), np.array(errors, float)
+        pairs = zip(values, standard_errors, strict=True)
         columns += [
             Column("needed", "", [format_with_uncertainty(factor * v, factor * e, shown) for v, e in pairs]),
             Column("value", si, values, displayed=False),
-            Column("standard_error", si, known, displayed=False),
-            Column("low", si, values - COVERAGE_FACTOR_95 * known, "95 % from", shown, ".4g"),
-            Column("high", si, values + COVERAGE_FACTOR_95 * known, "to", shown, ".4g"),
+            Column("standard_error", si, standard_errors, displayed=False),
+            Column("low", si, values - COVERAGE_FACTOR_95 * standard_errors, "95 % from", shown, ".4g"),
+            Column("high", si, values + COVERAGE_FACTOR_95 * standard_errors, "to", shown, ".4g"),
         ]
     return Table(name, title, tuple(columns))

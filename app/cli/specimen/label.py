@@ -16,14 +16,14 @@ MAX_LIST_BYTES, MOST_PLACES = 1_000_000, 1000
 
 @command("example: tactor-bench label --list specimens.txt --sheet --size 63.5x38.1 --gap 2.5x0 --out labels.pdf")
 class LabelCommand:
-    """Labels to print: name, batch and serial number of the specimen, the first digits of the SHA-256 of its sheet,
-    and a QR code of name and hash. A scanner types it into the field Specimen of the window, which says whether the
-    sheet has changed since.
+    """Make labels to print: name, batch and serial number of the specimen, the first digits of the SHA-256 of its sheet,
+    and a QR code of name and hash. A scanner types the code into the field Specimen of the window, which reports a
+    sheet that has changed since.
     """
 
     specimens: Sequence[str] = argument("names of specimens", nargs="*", metavar="SPECIMEN")
     names: Path | None = option(
-        "further names: one per line, or the first column of a CSV file", flag="--list", metavar="FILE"
+        "file of further names: one per line, or the first column of a CSV file", flag="--list", metavar="FILE"
     )
     folder: Path = FOLDER
     out: Path | None = option(
@@ -32,9 +32,9 @@ class LabelCommand:
     )
     size: str = option("width and height in mm (default: 50x25)", "50x25", metavar="WxH")
 
-    sheet: bool = option("many labels on each A4 page, as many as fit, in its middle")
-    gap: str = option("between the labels of a sheet, mm (default: 0x0)", "0x0", metavar="WxH")
-    used: int = option("first places of the sheet that have no label any more", 0, metavar="N")
+    sheet: bool = option("print as many labels as fit on each A4 page, centred")
+    gap: str = option("gap between the labels of a sheet, mm (default: 0x0)", "0x0", metavar="WxH")
+    used: int = option("number of first places of the sheet without a label", 0, metavar="N")
 
     @usage_errors(SheetError)
     def execute(self) -> int:

@@ -169,14 +169,14 @@ class CalibrationPanel(QWidget):
         )
         self.message_label.show_message("The values are in the sensor's tile; Save writes them into the bench file.")
 
-    def _typed_m(self, edit: QLineEdit, what: str) -> float | None:
+    def _typed_m(self, edit: QLineEdit, quantity: str) -> float | None:
         text = edit.text().strip()
         try:
             if not text:
                 raise UnitError("give a value in µm")
             return to_number(f"{text} µm" if text.lstrip("+-−").replace(".", "", 1).isdigit() else text, "m")
         except UnitError as error:
-            self._complain(f"{what[:1].upper()}{what[1:]}: {error}")
+            self._complain(f"{quantity[:1].upper()}{quantity[1:]}: {error}")
             edit.setFocus()
             return None
 
@@ -226,16 +226,17 @@ class CalibrationPanel(QWidget):
             STRETCH,
         )
         panel = make_panel(
-            make_label("Calibrate the sensor", "heading", wrap=False),
-            row((left, 3), (self.table, 2), (self.plot, 3)),
+            make_label("Calibrate the sensor", "heading", wrap=False), row((left, 3), (self.table, 2), (self.plot, 3))
         )
         column(panel, parent=self)
 
 
-def _describe(found: SensorCalibration, count: int) -> str:
-    gain = 1e3 * found.gain_m_per_v
-    text = f"gain {format_with_uncertainty(gain, abs(gain) * found.gain_relative_uncertainty, 'mm/V')}"
-    text += f" ({1e2 * found.gain_relative_uncertainty:.2g} %, standard uncertainty), zero {found.zero_v:.4f} V"
+def _describe(calibration: SensorCalibration, count: int) -> str:
+    gain = 1e3 * calibration.gain_m_per_v
+    text = f"gain {format_with_uncertainty(gain, abs(gain) * calibration.gain_relative_uncertainty, 'mm/V')}"
+    text += (
+        f" ({1e2 * calibration.gain_relative_uncertainty:.2g} %, standard uncertainty), zero {calibration.zero_v:.4f} V"
+    )
     if count > 2:
-        return f"{text}, largest residual {1e6 * max(map(abs, found.residuals_m)):.2g} µm"
+        return f"{text}, largest residual {1e6 * max(map(abs, calibration.residuals_m)):.2g} µm"
     return f"{text}; two points show no deviation from a line: a third one would"

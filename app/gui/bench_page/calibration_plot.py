@@ -51,7 +51,7 @@ class CalibrationPlot(PlotBase):
             item.setBrush(pg.mkBrush(theme.measured))
             item.setPen(pg.mkPen(theme.measured))
 
-    def show_points(self, points: Sequence[CalibrationPoint], found: SensorCalibration | None) -> None:
+    def show_points(self, points: Sequence[CalibrationPoint], calibration: SensorCalibration | None) -> None:
         """Draw the points, and the line if there is one."""
         volts = np.array([point.volts for point in points])
         positions_um = np.array([1e6 * point.position_m for point in points])
@@ -59,13 +59,13 @@ class CalibrationPlot(PlotBase):
         if len(points) > 1:
             self._plots[0].setXRange(volts.min(), volts.max(), padding=0.08)
             self._plots[0].setYRange(positions_um.min(), positions_um.max(), padding=0.12)
-        if found is None:
+        if calibration is None:
             self._line.setData([], [])
             self._residuals.clear()
             return
         ends = np.array([volts.min(), volts.max()])
-        self._line.setData(ends, 1e6 * found.gain_m_per_v * (ends - found.zero_v))
-        residuals_um = 1e6 * np.array(found.residuals_m)
+        self._line.setData(ends, 1e6 * calibration.gain_m_per_v * (ends - calibration.zero_v))
+        residuals_um = 1e6 * np.array(calibration.residuals_m)
         self._residuals.setData(volts, residuals_um)
         largest_um = max(float(np.abs(residuals_um).max()), LEAST_RANGE_UM)
         self._plots[1].setYRange(-largest_um, largest_um, padding=0.15)

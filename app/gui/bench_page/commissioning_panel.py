@@ -27,8 +27,8 @@ from protocols.base import DISABLE_HIGH_VOLTAGE
 from protocols.commissioning import CheckedOutput, OutputVerdict, worst_verdict
 
 ABOUT_TEXT = (
-    "With high voltage off, the source plays what the driver assumes of it, and the card measures it at the amplifier's input: levels, "
-    "polarity, amplitudes, transients, Stop, a lost connection. A minute. Without it no high voltage on a real bench."
+    "With high voltage off, the source exercises the driver's assumptions, and the card measures them at the amplifier's input: levels, "
+    "polarity, amplitudes, transients, Stop, a lost connection. Takes a minute. Required for high voltage on a real bench."
 )
 PROGRESS_STEPS = 1000
 COLUMNS = ("", "measured at the output", "figure", "limits", "unit", "worst")

@@ -97,7 +97,7 @@ class BenchEditor(QWidget):
         self.name_edit.setText(draft.config.name)
         self.server_edit.setText(draft.config.card.server)
         for tile in self.tiles:
-            tile.found_box.hide()
+            tile.instrument_box.hide()
             tile.set_config(draft.config)
         self.further.set_config(draft.config)
         self.simulation.set_config(draft.config, is_open)
@@ -110,7 +110,7 @@ class BenchEditor(QWidget):
         self.scan_button.setEnabled(False)
         self.message_label.show_message("Scanning: USB, LAN, serial ports and cards …", persistent=True)
         self._worker.submit(
-            lambda: find_devices(hosts, server), lambda found: self._show_found(*found), self._on_scan_error
+            lambda: find_devices(hosts, server), lambda scan: self._show_scan(*scan), self._on_scan_error
         )
 
     def show_problem(self, text: str) -> None:
@@ -122,14 +122,14 @@ class BenchEditor(QWidget):
         self.sensor.form.update_record(**values)
         self._on_edited()
 
-    def _show_found(self, devices: list[FoundDevice], notes: list[str]) -> None:
+    def _show_scan(self, devices: list[FoundDevice], notes: list[str]) -> None:
         self.scan_button.setEnabled(True)
-        self.source.show_found([device for device in devices if device.role in ("generator", "supply")])
-        self.card.show_found([device for device in devices if device.role == "card"])
-        found = [device for device in devices if device.role in ("generator", "supply", "card")]
-        have = ", ".join(f"{device.role} {device.identity}" for device in found) or "nothing was found"
+        self.source.show_instruments([device for device in devices if device.role in ("generator", "supply")])
+        self.card.show_instruments([device for device in devices if device.role == "card"])
+        instruments = [device for device in devices if device.role in ("generator", "supply", "card")]
+        have = ", ".join(f"{device.role} {device.identity}" for device in instruments) or "nothing was found"
         text = "\n".join((f"Scan: {have}.", *notes))
-        self.message_label.show_message(text, is_error=not found, persistent=True)
+        self.message_label.show_message(text, is_error=not instruments, persistent=True)
 
     def _on_scan_error(self, error: Exception) -> None:
         self.scan_button.setEnabled(True)

@@ -219,7 +219,7 @@ class BenchPage(QSplitter):
 
     @property
     def is_open(self) -> bool:
-        """Whether the bench that is shown is the one that the window has opened."""
+        """Whether the displayed bench is the open one."""
         return self.draft is not None and self.draft.name == self._open_bench
 
     # -- commands --------------------------------------------------------------------------------------------------------

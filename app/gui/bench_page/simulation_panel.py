@@ -32,10 +32,10 @@ TITLES = {
 
 
 class SimulationPanel(QWidget):
-    """What only a simulated bench has; hidden for a real one.
+    """Settings of a simulated bench; hidden for a real one.
 
     Args:
-        controls: speed and who answers prompts; None where the open bench has none.
+        controls: speed and operator of the simulated bench; None for a real bench.
     """
 
     changed = Signal()
@@ -51,7 +51,7 @@ class SimulationPanel(QWidget):
         self.open_button = configure(
             make_choice(
                 "True parameters: specimen, instruments, operator",
-                "What a measurement on the simulated bench should find",
+                "True values that a measurement on the simulated bench should find",
                 checkable=True,
             ),
             "bench.simulation.open",

@@ -21,13 +21,13 @@ NOT_CONNECTED = "Save and connect to see its identity and live values"
 
 
 class Tile(QFrame):
-    """One instrument: title and state, live value, identity, the instruments that a scan found, and its tables.
+    """One instrument: title and state, live value, identity, the discovered instruments, and its tables.
 
     Args:
         role: of the instrument.
         title: of the tile.
         number: in the order of the wires.
-        tables: names of the tables of the bench file, each with its fields that are always visible.
+        tables: names of the tables of the bench file, each with its permanently visible fields.
         items: shown below them.
     """
 
@@ -43,7 +43,7 @@ class Tile(QFrame):
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
         self.live_label = make_label(kind="value", name=f"bench.{role}.live")
-        self.found_box = make_combo(
+        self.instrument_box = make_combo(
             f"bench.{role}.found",
             f"{title}: instruments that were found",
             toolTip="Instruments of the scan; a choice fills in address, driver and serial number",
@@ -51,14 +51,14 @@ class Tile(QFrame):
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
             minimumContentsLength=10,
         )
-        self._found: tuple[FoundDevice, ...] = ()
-        self.found_box.activated.connect(self._on_found_chosen)
+        self._instruments: tuple[FoundDevice, ...] = ()
+        self.instrument_box.activated.connect(self._on_instrument_chosen)
 
         column(
             row(self.title_label, STRETCH, self.state_label),
             self.live_label,
             self.identity_label,
-            self.found_box,
+            self.instrument_box,
             *self.forms.values(),
             *items,
             STRETCH,
@@ -93,15 +93,15 @@ class Tile(QFrame):
         remedy = f"\n{problem}" if problem and status.lamp in (Lamp.SUSPECT, Lamp.MISSING) else ""
         self.identity_label.setText(f"{status.identity}{remedy}")
 
-    def show_found(self, devices: Sequence[FoundDevice]) -> None:
-        """List the instruments that a scan found for this tile; a single one is filled in."""
-        self._found = tuple(devices)
-        self.found_box.clear()
-        self.found_box.addItem(f"found: {len(devices)}, choose one" if devices else "nothing was found")
-        self.found_box.addItems([f"{device.identity or device.role} at {device.where}" for device in devices])
-        self.found_box.show()
+    def show_instruments(self, devices: Sequence[FoundDevice]) -> None:
+        """List the discovered instruments of this tile; a single one is filled in."""
+        self._instruments = tuple(devices)
+        self.instrument_box.clear()
+        self.instrument_box.addItem(f"found: {len(devices)}, choose one" if devices else "nothing was found")
+        self.instrument_box.addItems([f"{device.identity or device.role} at {device.where}" for device in devices])
+        self.instrument_box.show()
         if len(devices) == 1:
-            self.found_box.setCurrentIndex(1)
+            self.instrument_box.setCurrentIndex(1)
             self.use(devices[0])
 
     def _live_text(self, reading: LiveValues) -> str:
@@ -116,9 +116,9 @@ class Tile(QFrame):
         self._show_tables()
         self.changed.emit()
 
-    def _on_found_chosen(self, index: int) -> None:
+    def _on_instrument_chosen(self, index: int) -> None:
         if index > 0:
-            self.use(self._found[index - 1])
+            self.use(self._instruments[index - 1])
 
 
 class TileGrid(QWidget):

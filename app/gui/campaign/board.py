@@ -86,13 +86,13 @@ class NextStepPane(QFrame):
         for label in (self.reason, self.detail):
             label.setVisible(bool(label.text()))
             label.setToolTip(label.text())
-        for what, button in self.buttons.items():
-            button.setVisible(what in step.actions)
-            first = bool(step.actions) and what == step.actions[0]
+        for action, button in self.buttons.items():
+            button.setVisible(action in step.actions)
+            first = bool(step.actions) and action == step.actions[0]
             set_style_kind(button, "go" if first else "")
-            runs = what.startswith("run")
-            if what == "run":
-                button.setText(ACTION_BUTTON_LABELS[what] if first else shortcut_label("Run the next", "run"))
+            runs = action.startswith("run")
+            if action == "run":
+                button.setText(ACTION_BUTTON_LABELS[action] if first else shortcut_label("Run the next", "run"))
             button.setEnabled(not (runs and blocked_reason))
             button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
 
@@ -124,7 +124,7 @@ class CampaignHeader(QWidget):
             "simulated-mark",
             wrap=False,
             name="campaign.simulated",
-            toolTip="The results of this campaign come from a simulated bench, whatever bench is open",
+            toolTip="The results of this campaign come from a simulated bench, independent of the open bench",
         )
         self.sheet_button = SheetButton("campaign")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "campaign.identify")
@@ -241,7 +241,7 @@ class CampaignBoard(QWidget):
         return self.summary.item(self.item_list.selected_item) if self.summary is not None else None
 
     def run_to_accept(self, row: ItemSummary) -> str:
-        """Return the run that is accepted: the one that the user sees of the selected item, or the new result of another."""
+        """Return the run to accept: the visible run of the selected item, or the new result of another."""
         seen = self.details.reviewed_path if self.item_list.selected_item == row.name else None
         state = row.state
         if seen is not None and not (state.accepted and seen == state.run):

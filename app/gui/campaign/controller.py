@@ -53,7 +53,7 @@ class CampaignController(QObject):
         self._runner: CampaignRunner | None = None
         self._stamp = 0
         self._fitted_runs: tuple[Path, ...] | None = None
-        """The runs from which `estimates` was computed."""
+        """The runs of `estimates`."""
         self.summary: CampaignSummary | None = None
         self.estimates: CampaignEstimates | None = None
         self.available: tuple[Path, ...] = ()
@@ -80,11 +80,11 @@ class CampaignController(QObject):
     # -- which campaign ------------------------------------------------------------------------------------------------
 
     def find_campaigns(self, folder: Path) -> None:
-        """List recent campaigns and those in the folder."""
+        """List recent campaigns and the campaigns of the folder."""
 
         def find() -> tuple[Path, ...]:
-            found = [path for path in self.recent if path.is_file()] + campaigns.list_campaigns(folder)
-            return tuple(dict.fromkeys(path.absolute() for path in found))
+            paths = [path for path in self.recent if path.is_file()] + campaigns.list_campaigns(folder)
+            return tuple(dict.fromkeys(path.absolute() for path in paths))
 
         self._file_worker.submit(find, self._on_campaigns_found, self._on_error)
 
@@ -129,7 +129,7 @@ class CampaignController(QObject):
         self._file_worker.submit(work, show, self._on_error)
 
     def undo(self, forward: bool = False) -> None:
-        """Undo the last change of the plan, or redo the one that was undone."""
+        """Undo the last change of the plan, or redo an undone one."""
         self.modify(
             lambda campaign: campaign.redo() if forward else campaign.undo(), "Done again" if forward else "Undone"
         )

@@ -74,7 +74,7 @@ class ItemDetailsPane(QWidget):
 
     @property
     def reviewed_path(self) -> Path | None:
-        """The run under review: the selected one, or else the one that is to be accepted or counts."""
+        """The run under review: the selected run, or else the candidate or valid run."""
         if self._item is None or not self._item.state.results or self._item.state.run is None:
             return None
         reviewed = self._item.state.reviewed_run
@@ -85,7 +85,7 @@ class ItemDetailsPane(QWidget):
 
     @property
     def earlier_path(self) -> Path | None:
-        """The result that the reviewed one is compared with: the one that counts, or else the one before."""
+        """The result for comparison with the reviewed one: the valid one, or else the previous one."""
         path = self.reviewed_path
         if path is None or self._item is None:
             return None

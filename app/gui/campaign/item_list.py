@@ -41,7 +41,7 @@ class CampaignList(QListWidget):
     """Shows the items of a campaign in their order; they can be dragged to another place."""
 
     item_moved = Signal(str, str)
-    """Name of an item and of the one to place it before ("" for the end)."""
+    """Name of an item and of its successor ("" for the end)."""
     selected_item_changed = Signal()
     enter_pressed = Signal()
 

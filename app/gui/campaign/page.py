@@ -84,7 +84,7 @@ class CampaignPage(QStackedWidget):
         self._show_part(self.currentWidget() or self.board)
 
     def tick(self) -> None:
-        """Refresh what changes between events; called at every tick while the page is visible."""
+        """Refresh values that change between events; called at every tick while the page is visible."""
         folder, _ = self._location()
         if folder != self._searched_folder:
             self._searched_folder = folder
@@ -159,8 +159,8 @@ class CampaignPage(QStackedWidget):
             case "halt the queue":
                 self.controller.halt_queue()
             case "open" | "explore" if row is not None and row.state.run is not None:
-                wanted = self.run_open_requested if action == "open" else self.explore_requested
-                wanted.emit(self.board.details.reviewed_path or row.state.run)
+                signal = self.run_open_requested if action == "open" else self.explore_requested
+                signal.emit(self.board.details.reviewed_path or row.state.run)
             case _ if row is not None and not self._busy:
                 self._change_item(action, row)
 

@@ -1,4 +1,4 @@
-"""Review pane of a campaign item: plot with model and residual, quality indicators, and its values beside what they are compared with."""
+"""Review pane of a campaign item: plot with model and residual, quality indicators, and its values beside the compared ones."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COLUMNS = ("", "quantity", "this run (± noise)", "limits", "before", "paper's m
 TOOLTIPS = {
     "this run (± noise)": "± one standard error of this run's noise; the uncertainties of calibration and dimensions come with Identify …",
     "limits": "Limits of the protocol's own checks",
-    "before": "The result that counts now, or the one before it, and the change since then",
+    "before": "The valid result, or the previous one, and the change since then",
     "paper's model": "The model with the paper's Table I and this bench's amplifier: free tactor with 7.73 g; and the deviation from it",
     "other specimens": "Their newest results by the same protocol in this folder",
 }
@@ -58,7 +58,7 @@ class ReviewPane(QWidget):
         self.review: ResultReview | None = None
         theme.changed.connect(self._show_review)
         self._series: tuple[Series, ...] = ()
-        """Figures of a series over its parameter; the one that is drawn is the last."""
+        """Figures of a series over its parameter; the last one is drawn."""
         self.figure_box = make_combo(
             "review.figure",
             "figure over the varied parameter",
@@ -102,10 +102,10 @@ class ReviewPane(QWidget):
         column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
-        """List the results of an item, newest first, and select the one that is shown."""
+        """List the results of an item, newest first, and select the displayed one."""
         state = item.state
         label = campaigns.varied_label(state.item) if state.steps else ""
-        self._series = tuple(_with_x_in_words(curve, label) for curve in campaigns.series_curves(state))
+        self._series = tuple(_with_x_label(curve, label) for curve in campaigns.series_curves(state))
         chosen = self.figure_box.currentText()
         self.figure_box.clear()
         self.figure_box.addItems([curve.y_axis.name for curve in reversed(self._series)])
@@ -156,9 +156,9 @@ class ReviewPane(QWidget):
         series = tuple(sorted(self._series, key=lambda curve: curve.y_axis.name == chosen))
         kind = PROTOCOLS.get(run.record.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
-        found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.record.estimates)
+        ended = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.record.estimates)
         curves = series or run.series
-        self.plots.show_results(kind, run.points, curves, found, run.record.simulated, curves_first=bool(series))
+        self.plots.show_results(kind, run.points, curves, ended, run.record.simulated, curves_first=bool(series))
 
     def _fill_table(self, review: ResultReview) -> None:
         marks = ["" if not line.limits else "✓" if line.passed else "✕" for line in review.rows]
@@ -180,7 +180,7 @@ class ReviewPane(QWidget):
             self.table.setColumnHidden(place, not any(texts))
 
 
-def _with_x_in_words(curve: Series, label: str) -> Series:
+def _with_x_label(curve: Series, label: str) -> Series:
     """Return a curve whose x column has another name, as the axis is called."""
     return replace(curve, x_axis=replace(curve.x_axis, name=label))
 

@@ -30,7 +30,7 @@ class DesignPanel(QWidget):
     def __init__(self, page: "ExplorePage") -> None:
         super().__init__(page)
         self._page = page
-        self._asked: DesignQuestion | None = None
+        self._question: DesignQuestion | None = None
         self._worker = LatestOnlyWorker(answer_design, self._answered.emit, "explore design")
         self.answers: DesignAnswers | None = None
         self.resonance, self.amplitude, self.frequency = (
@@ -63,7 +63,7 @@ class DesignPanel(QWidget):
         self.hide()
 
     def ask(self) -> None:
-        """Ask what the fields say, if the panel is visible and something has changed."""
+        """Compute the answer to the fields, if the panel is visible and a value has changed."""
         if self.isHidden():
             return
         name = self._page.specimen()[1]
@@ -77,17 +77,17 @@ class DesignPanel(QWidget):
                 self._page.specimen() if self.source_box.currentIndex() > 0 else None,
             )
         except UnitError as error:
-            self._say(str(error))
+            self._show_message(str(error))
             return
-        if question != self._asked:
-            self._asked = question
+        if question != self._question:
+            self._question = question
             self.source_label.setText("computing …")
             self._worker.submit(question)
 
     def toggle(self, shown: bool) -> None:
         """Show or hide the panel; the calibration is read anew when it is shown."""
         self.setVisible(shown)
-        self._asked = None
+        self._question = None
         self.ask()
 
     def shutdown(self) -> None:
@@ -106,17 +106,17 @@ class DesignPanel(QWidget):
             self.source_box.removeItem(1)
 
     def _show(self, question: DesignQuestion, answers: DesignAnswers | Exception) -> None:
-        if question != self._asked:
+        if question != self._question:
             return
         if isinstance(answers, Exception):
-            self._say(str(answers))
+            self._show_message(str(answers))
             return
         self.answers = answers
         self.mass_label.setText(answers.mass)
         self.drive_label.setText(answers.drive)
         self.source_label.setText(answers.source)
 
-    def _say(self, text: str) -> None:
+    def _show_message(self, text: str) -> None:
         self.answers = None
         self.mass_label.setText("")
         self.drive_label.setText("")

@@ -47,7 +47,7 @@ class OverlaidRuns(QObject):
         self._set_runs(tuple(run for run in self.runs if run.path not in removed))
 
     def read_result(self, path: Path, show: Callable[[ResultSummary], object]) -> None:
-        """Read what the result card shows of a run; only the newest request is answered."""
+        """Read the contents of a run's result card; only the newest request is answered."""
         self._file_worker.submit(
             lambda: load_run(path, with_traces=False).result, show, self._on_error, latest_only="result"
         )

@@ -53,7 +53,7 @@ class ExplorePage(QSplitter):
     """
 
     title = "Explore"
-    runs_wanted = Signal()
+    runs_requested = Signal()
     """The user wants to choose runs from the list of the page Runs."""
 
     def __init__(self, theme: WindowTheme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
@@ -197,7 +197,7 @@ class ExplorePage(QSplitter):
         self.model.compute()
 
     def show_threshold(self, threshold: "PerceptionThreshold | None") -> None:
-        """Take the threshold of the laboratory as that which is felt; None: there is none."""
+        """Use the laboratory's threshold of perception; None: no threshold."""
         self.model.session.own_threshold = threshold
         self.toolbar.offer_laboratory(threshold is not None)
         self.model.compute()
@@ -284,7 +284,7 @@ class ExplorePage(QSplitter):
             (bar.redo_button.clicked, self.model.redo),
             (bar.keep_button.clicked, self.model.keep_curve),
             (bar.clear_button.clicked, self.clear_overlays),
-            (bar.overlay_button.clicked, self.runs_wanted.emit),
+            (bar.overlay_button.clicked, self.runs_requested.emit),
             (bar.file_button.clicked, self._choose_files),
             (bar.fit_button.clicked, lambda: self.overlaid.fit(self.model.setting)),
             (bar.study_button.clicked, self._choose_study_file),

@@ -56,7 +56,7 @@ class ExplorePlot(PlotBase):
             plot.setLabel("left", label)
             plot.setLabel("bottom", "frequency (Hz)")
         self.phase.setXLink(self.plot)
-        self.phase.setMouseEnabled(x=False, y=False)  # it follows the one above
+        self.phase.setMouseEnabled(x=False, y=False)  # it follows the upper plot
         self._felt = self._add_threshold(labelled=True, width=1.5)
         self.band = CurveItem(connect="finite")
         self.curves = [CurveItem(antialias=True) for _ in SERIES]
@@ -207,7 +207,7 @@ class ExplorePlot(PlotBase):
         for at, run in enumerate(self._runs):
             color = curve_color(len(CURVE_COLORS) - 1 - at, self._theme.colors)
             pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(self._theme.colors.panel)
-            fills = [solid if good else hollow for good in run.usable]
+            fills = [solid if good else hollow for good in run.peak_to_peak.fit_rows]
             amplitudes = [(series.values_of(run), series.symbol) for series in SERIES]
             upper, second, lower = (
                 _point_item(run.frequency_hz, y, symbol=symbol, pen=pen, fills=fills)

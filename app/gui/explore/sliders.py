@@ -96,10 +96,10 @@ class SliderPanel(QWidget):
         super().__init__(parent)
         self.rows: dict[str, SliderRow] = {}
         layout = column(parent=self, margins=(0, 0, 8, 0), spacing=4)
-        known = variable_specs()
+        specs = variable_specs()
         for title, sliders in GROUPS.items():
             layout.addWidget(caption_label(title))
-            layout.addLayout(self._group_layout((s, known[s.name]) for s in sliders))
+            layout.addLayout(self._group_layout((s, specs[s.name]) for s in sliders))
             if title == "Tactor":
                 layout.addWidget(caption_label("Drive"))
                 layout.addLayout(self._group_layout([(DRIVE_SLIDER, PEAK_TO_PEAK)]))

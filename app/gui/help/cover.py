@@ -7,13 +7,13 @@ from app.gui.widgets import Item, column, make_button, make_label, make_line_edi
 
 
 class SearchCover(QWidget):
-    """Subclasses implement `_fill`, which is called after every change of the search.
+    """Base of searchable pages. Subclasses implement `_fill`, which is called after every change of the search.
 
     Args:
-        name: of the action that shows and closes the page, and beginning of the object names.
-        heading: at the top.
-        hint: what can be searched.
-        accessible_name: of the search field.
+        name: name of the action that shows and closes the page, and prefix of the object names.
+        heading: heading of the page.
+        hint: hint in the search field.
+        accessible_name: accessible name of the search field.
     """
 
     closed = Signal()
@@ -25,7 +25,7 @@ class SearchCover(QWidget):
         self.search.textChanged.connect(self._fill)
 
     def search_for(self, text: str = "") -> None:
-        """Show what matches a text, and give the search field the keyboard."""
+        """Show the matches of a text, and give the search field the keyboard focus."""
         self.search.setText(text)
         self._fill()
         self.search.setFocus()

@@ -24,17 +24,17 @@ class PaletteEntry:
     text: str
     choose: Callable[[], object]
     hint: str = ""
-    """Shortcut, or what distinguishes entries of the same text."""
+    """Shortcut, or distinction of entries with equal text."""
 
 
 class CommandPalette(SearchCover):
-    """Lists what matches the search; up and down select while the keyboard stays in the search."""
+    """Lists the matches of the search; up and down select while the search keeps the keyboard focus."""
 
     def __init__(self) -> None:
         super().__init__(
             "palette",
             "Go to",
-            "What to do: words of a command, protocol, run or setting",
+            "Words of a command, protocol, run or setting",
             "search commands, protocols, runs and settings",
         )
         self._entries: tuple[PaletteEntry, ...] = ()
@@ -45,7 +45,7 @@ class CommandPalette(SearchCover):
         self._lay_out(self.list)
 
     def show_entries(self, entries: Sequence[PaletteEntry]) -> None:
-        """Show what can be chosen now, and clear the search."""
+        """Show the present choices, and clear the search."""
         self._entries = tuple(entries)
         self.search_for()
 
@@ -73,8 +73,8 @@ class CommandPalette(SearchCover):
 
     def _fill(self) -> None:
         self.list.clear()
-        found = (entry for entry in self._entries if self._matches(f"{entry.kind} {entry.text} {entry.hint}"))
-        for entry in islice(found, MAX_SHOWN):
+        entries = (entry for entry in self._entries if self._matches(f"{entry.kind} {entry.text} {entry.hint}"))
+        for entry in islice(entries, MAX_SHOWN):
             item = QListWidgetItem(f"{entry.text}    {entry.hint}" if entry.hint else entry.text)
             item.setData(ENTRY_ROLE, entry)
             item.setToolTip(entry.kind)

@@ -1,4 +1,4 @@
-"""Problem report page (Ctrl+F1): says what a report has, and saves it as one file."""
+"""Problem report page (Ctrl+F1): lists the contents of a report, and saves it as one file."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +30,7 @@ class ProblemPage(QWidget):
     """Saves a problem report.
 
     Args:
-        facts: returns what the window knows, and the recent errors.
+        facts: function that returns the facts of the window, and the recent errors.
     """
 
     title = "Problem report"
@@ -44,7 +44,7 @@ class ProblemPage(QWidget):
             QPlainTextEdit(),
             "problem.comment",
             placeholderText="What did you do, what happened, and what did you expect?",
-            accessibleName="what happened",
+            accessibleName="description of the problem",
             tabChangesFocus=True,
         )
         self.comment_edit.setFixedHeight(5 * self.fontMetrics().lineSpacing())

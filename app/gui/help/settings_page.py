@@ -21,7 +21,7 @@ class Setting:
 
 
 class SettingsPage(SearchCover):
-    """Settings apply immediately; the search hides those that do not match."""
+    """Settings that apply immediately; the search hides settings without a match."""
 
     def __init__(self, settings: Sequence[Setting]) -> None:
         super().__init__("settings", "Settings", "Search", "search the settings")

@@ -36,8 +36,7 @@ class ShortcutSheet(SearchCover):
         """The displayed explanations by group and name."""
         self._scroll = make_scroll_area(accessibleName="keys by group")
         self._lay_out(
-            self._scroll,
-            make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps"),
+            self._scroll, make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps")
         )
 
     def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:
@@ -46,12 +45,12 @@ class ShortcutSheet(SearchCover):
         self.search_for()
 
     def _fill(self) -> None:
-        found = {
+        sections = {
             title: [info for info in group if self._matches(f"{info.text} {' '.join(info.shortcuts)}")]
             for title, group in self._groups.items()
         }
-        self.rows = [(title, info) for title, group in found.items() for info in group]
-        frames = [_group_frame(title, group) for title, group in found.items() if group]
+        self.rows = [(title, info) for title, group in sections.items() for info in group]
+        frames = [_group_frame(title, group) for title, group in sections.items() if group]
         self.concepts = {
             title: {name: text for name, text in group.items() if self._matches(f"{title} {name} {text}")}
             for title, group in CONCEPTS.items()

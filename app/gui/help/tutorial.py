@@ -15,7 +15,7 @@ IsDone = Callable[[WindowState, str], bool]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step: what to do, and what shows that it was done."""
+    """One step: instruction, and test of its completion."""
 
     text: str
     is_done: IsDone | None = None

@@ -23,7 +23,7 @@ from app.gui.widgets import (
 )
 
 SHOWN_PROBLEMS, SHOWN_FILES = 12, 3
-COLUMNS = ("no.", "time", "who", "what", "subject", "hash", "details")
+COLUMNS = ("no.", "time", "who", "action", "subject", "hash", "details")
 UNPROVEN = "; a change that rewrites the whole trail shows only against a head hash kept elsewhere"
 NO_TRAIL = (
     "This folder has no audit trail. Once begun, every run, acceptance, rejection, note, edit and deletion appends a line with who, "

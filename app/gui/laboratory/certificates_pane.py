@@ -34,9 +34,9 @@ class CertificatesPane(QWidget):
             spacing=4,
         )
 
-    def show_certificates(self, found: Sequence[Certificate], problems: Sequence[str], today: date) -> None:
+    def show_certificates(self, certificates: Sequence[Certificate], problems: Sequence[str], today: date) -> None:
         """Show certificates, and the numbers of expired and soon due ones."""
-        states = [each.state(today) for each in found]
+        states = [each.state(today) for each in certificates]
         self.state_label.setText("\n".join((_summary(states), *problems)))
         kind = "danger" if "expired" in states or problems else "caution" if "due soon" in states else "caption"
         set_style_kind(self.state_label, kind)
@@ -50,7 +50,7 @@ class CertificatesPane(QWidget):
                 each.date,
                 each.laboratory,
             )
-            for each, state in zip(found, states, strict=True)
+            for each, state in zip(certificates, states, strict=True)
         ]
         table = Table.of_rows("Calibration certificates", COLUMNS, rows)
         self.table.set_table(table, [SEVERITIES.get(state, Severity.INFO) for state in states])
@@ -60,8 +60,8 @@ def _summary(states: Sequence[str]) -> str:
     """Return the numbers of certificates that are expired or due soon as text."""
     if not states:
         return "There are no certificates beside the runs."
-    words = [f"{states.count(state)} {state}" for state in SEVERITIES if state in states]
-    return ", ".join(words) or f"{pluralize(len(states), 'certificate')}: none is due within {WARNING_DAYS} days."
+    texts = [f"{states.count(state)} {state}" for state in SEVERITIES if state in states]
+    return ", ".join(texts) or f"{pluralize(len(states), 'certificate')}: none is due within {WARNING_DAYS} days."
 
 
 def _days_left(certificate: Certificate, today: date) -> str:

@@ -1,4 +1,4 @@
-"""Pane of control charts: a golden specimen over time on each displacement sensor, and what drifted."""
+"""Pane of control charts: a golden specimen over time on each displacement sensor, and causes of drifts."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -45,8 +45,10 @@ class ChartPane(ViewPane):
     BUTTON_NAME, PROBLEM = "laboratory.chart.export", "No control chart: {}"
     view: ChartView | None
 
-    def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
-        super().__init__(worker, say)
+    def __init__(
+        self, theme: WindowTheme, worker: BackgroundWorker, show_message: Callable[[str, bool], object]
+    ) -> None:
+        super().__init__(worker, show_message)
         self.golden, self.quantity, self.sensor = (
             make_filter_combo(f"laboratory.chart.{name}", name)
             for name in ("golden specimen", "quantity of the chart", "sensor")
@@ -120,13 +122,13 @@ class ChartPane(ViewPane):
             for at, chart in enumerate(charts):
                 self.sensor.addItem(chart.sensor or "unknown sensor", at)
             drifted = next((at for at, chart in enumerate(charts) if chart.cause.is_drift), 0)
-            self.sensor.setCurrentIndex(found if (found := self.sensor.findText(chosen)) >= 0 else drifted)
+            self.sensor.setCurrentIndex(index if (index := self.sensor.findText(chosen)) >= 0 else drifted)
         self.export_button.setEnabled(view is not None)
         for widget in (self.sensor, self.plot, self.broken):
             widget.setVisible(view is not None)
         self._show_chart()
         if view is not None:
-            self._say("", False)
+            self._show_message("", False)
 
     def _show_chart(self) -> None:
         view, at = self.view, self.sensor.currentData()

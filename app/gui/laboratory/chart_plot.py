@@ -19,7 +19,7 @@ EWMA = "EWMA"
 
 
 class ControlChartPlot(PlotBase):
-    """Values by their number; those that break a rule are filled squares with the rule in their text."""
+    """Values by their number; values that break a rule are filled squares with the rule in their text."""
 
     ACCESSIBLE_NAME = "plot: control chart, single values above their weighted average"
     LOG_AXES = (False, False)
@@ -30,7 +30,7 @@ class ControlChartPlot(PlotBase):
         plots = [canvas.addPlot(row=at, col=0, enableMenu=False, viewBox=ZoomBox()) for at in (0, 1)]
         super().__init__(theme, parent, canvas=canvas, plots=plots)
         plots[1].setXLink(plots[0])
-        plots[1].setMouseEnabled(x=False, y=False)  # it follows the one above
+        plots[1].setMouseEnabled(x=False, y=False)  # it follows the upper plot
         plots[0].getAxis("bottom").setStyle(showValues=False)
         plots[1].setLabel("bottom", "number of the value, oldest first")
         for at, stretch in enumerate((3, 2)):
@@ -151,6 +151,6 @@ def _label_at(position: float, upright: bool = False) -> dict[str, Any]:
 
 def _describe(chart: GoldenChart, at: int, rules: Sequence[str]) -> str:
     value = chart.values[at]
-    found = format_quantity(value.value, value.total, value.unit, value.name)
+    figure = format_quantity(value.value, value.total, value.unit, value.name)
     broken = f"\nbreaks: {', '.join(rules)}" if rules else ""
-    return f"no. {at + 1}, {value.start_time[:10]}: {found}{broken}"
+    return f"no. {at + 1}, {value.start_time[:10]}: {figure}{broken}"

@@ -33,8 +33,10 @@ class FleetPane(ViewPane):
     FILE_STEM, EXPORTED, BUTTON_NAME = "specimens", "the table of the specimens", "laboratory.export"
     view: FleetView | None
 
-    def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
-        super().__init__(worker, say)
+    def __init__(
+        self, theme: WindowTheme, worker: BackgroundWorker, show_message: Callable[[str, bool], object]
+    ) -> None:
+        super().__init__(worker, show_message)
         self._limits: Mapping[str, Bounds] = {}
         self.quantity = make_filter_combo("laboratory.quantity", "quantity")
         self.batch = make_filter_combo("laboratory.batch", "batch", ("any batch", ""))
@@ -85,7 +87,7 @@ class FleetPane(ViewPane):
         self.update_view()
 
     def update_view(self) -> None:
-        """Compute in the background what the filter selects, and show it."""
+        """Compute the selection of the filter in the background, and show it."""
         fleet, limits = self._fleet, self._limits
         if fleet is None:
             return
@@ -113,7 +115,7 @@ class FleetPane(ViewPane):
         for shown, table in zip((self.summary, self.groups, self.specimens), tables, strict=True):
             shown.set_table(table)
         if view is not None:
-            self._say("", False)
+            self._show_message("", False)
 
     def _specimen_at(self, row: int) -> str:
         return "" if row < 0 or self.view is None else str(self.view.specimens.columns[0].values[row])

@@ -24,7 +24,7 @@ from app.gui.widgets import Theme, WindowTheme
 from model import Series, format_quantity, shown_unit
 
 MAX_BARS = 400
-"""Values up to which each has its error bar: more of them hide the points."""
+"""Largest number of values with error bars: more bars hide the points."""
 
 
 class FleetPlot(PlotBase):
@@ -172,7 +172,7 @@ class FleetPlot(PlotBase):
 
 
 def _describe(x: float, y: float, data: FleetValue) -> str:  # noqa: ARG001 - as pyqtgraph calls it
-    """Return the text of a point; only of the one at the pointer, because there may be ten thousand."""
+    """Return the text of a point, only for the point at the pointer, because there may be ten thousand."""
     value = data
-    found = format_quantity(value.value, value.total, value.unit, value.name)
-    return f"{value.specimen}, {value.start_time[:10]}: {found}\n{value.batch}, {value.sensor or value.protocol}"
+    figure = format_quantity(value.value, value.total, value.unit, value.name)
+    return f"{value.specimen}, {value.start_time[:10]}: {figure}\n{value.batch}, {value.sensor or value.protocol}"

@@ -37,14 +37,14 @@ class FolderThreshold:
 
     Args:
         worker: reads the file.
-        pages: returns the pages that exist.
-        say: shows a message.
+        pages: function that returns the existing pages.
+        show_message: shows a message.
     """
 
     def __init__(
-        self, worker: BackgroundWorker, pages: Callable[[], Iterable[object]], say: Callable[[str], object]
+        self, worker: BackgroundWorker, pages: Callable[[], Iterable[object]], show_message: Callable[[str], object]
     ) -> None:
-        self._worker, self._pages, self._say = worker, pages, say
+        self._worker, self._pages, self._show_message = worker, pages, show_message
         self._problem = ""
         self.threshold: PerceptionThreshold | None = None
 
@@ -77,4 +77,4 @@ class FolderThreshold:
     def _on_error(self, error: Exception) -> None:
         if str(error) != self._problem:  # once, and not at each change of the page
             self._problem = str(error)
-            self._say(self._problem)
+            self._show_message(self._problem)

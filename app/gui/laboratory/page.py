@@ -47,12 +47,12 @@ P = TypeVar("P", bound=QWidget)
 
 @dataclass(frozen=True)
 class FolderRecords:
-    """What the page shows of a folder of runs.
+    """Contents of the page for a folder of runs.
 
     Attributes:
         fleet: values of its specimens; None if no run has a result.
-        problem: why there is no fleet, or no limits.
-        audit_problems: what is wrong with lines of the audit trail, as sentences.
+        problem: reason why there is no fleet, or no limits.
+        audit_problems: faults of lines of the audit trail, as sentences.
     """
 
     folder: Path
@@ -155,7 +155,7 @@ class LaboratoryPage(QWidget):
         self._due_timer.timeout.connect(self._request_reading)
         self._messages = dict[int, tuple[str, bool]]()
         self._shown = dict[int, tuple[FolderRecords, date]]()
-        """What each view shows."""
+        """Contents of each view."""
         self.buttons = QButtonGroup(self)
         choices = []
         for at, text in enumerate(VIEWS):
@@ -190,12 +190,12 @@ class LaboratoryPage(QWidget):
     @cached_property
     def fleet(self) -> FleetPane:
         """The specimens, created if necessary."""
-        return self._add(FleetPane(self._theme, self._worker, partial(self._say, SPECIMENS)))
+        return self._add(FleetPane(self._theme, self._worker, partial(self._show_message, SPECIMENS)))
 
     @cached_property
     def chart(self) -> ChartPane:
         """The control charts, created if necessary."""
-        return self._add(ChartPane(self._theme, self._worker, partial(self._say, CHART)))
+        return self._add(ChartPane(self._theme, self._worker, partial(self._show_message, CHART)))
 
     @cached_property
     def certificates(self) -> CertificatesPane:
@@ -217,7 +217,7 @@ class LaboratoryPage(QWidget):
         self._excluded = () if path is None else (path,)
 
     def activate(self) -> None:
-        """Take the keyboard focus; what other programs wrote meanwhile is read."""
+        """Take the keyboard focus; read changes by other programs."""
         if self._records is not None:
             self._due_timer.start()
         self.show_view(self.view)
@@ -267,8 +267,8 @@ class LaboratoryPage(QWidget):
         progress, before = self.progress_row.progress, self._records
 
         def work() -> FolderRecords:
-            found = read_records(folder, index, simulated, progress, excluded)
-            return before if before is not None and found == before else found
+            records = read_records(folder, index, simulated, progress, excluded)
+            return before if before is not None and records == before else records
 
         self._worker.submit(work, self._on_read, self._on_error)
 
@@ -308,7 +308,7 @@ class LaboratoryPage(QWidget):
         if records is None or (shown is records and day == today):
             return
         self._shown[view] = (records, today)
-        self._say(view, "", is_error=False)
+        self._show_message(view, "", is_error=False)
         match view:
             case 0:
                 self.fleet.show_fleet(records.folder, records.fleet, records.limits)
@@ -321,9 +321,9 @@ class LaboratoryPage(QWidget):
 
     def _on_error(self, error: Exception) -> None:
         self.progress_row.finish()
-        self._say(self.view, str(error), is_error=True)
+        self._show_message(self.view, str(error), is_error=True)
 
-    def _say(self, view: int, text: str, is_error: bool) -> None:
+    def _show_message(self, view: int, text: str, is_error: bool) -> None:
         """Show a message of a view while that is visible; an empty one shows again why nothing could be read."""
         if not text and self._records is not None and self._records.problem and view in (SPECIMENS, CHART):
             text, is_error = self._records.problem, True

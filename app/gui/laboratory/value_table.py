@@ -25,8 +25,8 @@ class ValueTableModel(QAbstractTableModel):
     """The displayed columns of a table.
 
     Attributes:
-        order: row of the table for each row that is shown.
-        longest: text of each column by which its width is chosen: a size hint of each cell would take longer than everything else.
+        order: row of the table for each displayed row.
+        longest: text of each column that defines its width: a size hint of each cell would take longer than all other work.
     """
 
     def __init__(self, theme: WindowTheme) -> None:
@@ -100,15 +100,15 @@ class ValueTableModel(QAbstractTableModel):
             self.order = [row for row in self.order if keys[row] is not None] + missing
 
 
-def share_width(wanted: Sequence[int], free: int) -> list[int]:
-    """Return the widths of columns in a free width: as wanted, except that the widest are cut to one width where it is too little."""
-    limit, left = max(wanted, default=0), free
-    for rank, width in enumerate(sorted(wanted)):
-        if width * (len(wanted) - rank) > left:
-            limit = max(left, 0) // (len(wanted) - rank)
+def share_width(needed: Sequence[int], free: int) -> list[int]:
+    """Return the widths of columns in a free width: as requested, with the widest cut to one width if it is too small."""
+    limit, left = max(needed, default=0), free
+    for rank, width in enumerate(sorted(needed)):
+        if width * (len(needed) - rank) > left:
+            limit = max(left, 0) // (len(needed) - rank)
             break
         left -= width
-    return [min(width, limit) for width in wanted]
+    return [min(width, limit) for width in needed]
 
 
 def _sort_key(value: CellValue) -> tuple[int, float, str]:
@@ -123,7 +123,7 @@ class ValueTable(QTableView):
     row_selected = Signal(int)
     """Row of the shown table; -1 for none."""
     row_opened = Signal(int)
-    """Row on which Enter was pressed, or that was double-clicked."""
+    """Row activated by Enter or a double click."""
 
     def __init__(self, theme: WindowTheme, name: str, accessible_name: str, sortable: bool = True) -> None:
         super().__init__()
@@ -177,10 +177,10 @@ class ValueTable(QTableView):
             )
         width_of = self.fontMetrics().horizontalAdvance
         contents = [round(BOLD_SHARE * width_of(text)) + CELL_MARGIN for text in self._values.longest]
-        wanted = [max(contents[at], header.sectionSizeHint(at) + 6) for at in range(count)]
-        least_last = min(wanted[-1], LAST_COLUMN) if wanted else 0
+        needed = [max(contents[at], header.sectionSizeHint(at) + 6) for at in range(count)]
+        least_last = min(needed[-1], LAST_COLUMN) if needed else 0
         free = self.viewport().width() - least_last
-        for at, width in enumerate(share_width(wanted[:-1], free)):
+        for at, width in enumerate(share_width(needed[:-1], free)):
             self.setColumnWidth(at, max(width, LEAST_COLUMN))
 
     def resizeEvent(self, event: Any) -> None:

@@ -13,11 +13,11 @@ from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, m
 
 
 class ViewPane(QWidget):
-    """Shows a view of the folder that was read.
+    """Shows a view of a folder.
 
     Args:
         worker: computes the view, in the background.
-        say: shows a message; the second argument marks an error.
+        show_message: shows a message; the second argument marks an error.
 
     Attributes:
         FILE_STEM: proposed name of an exported file.
@@ -32,9 +32,9 @@ class ViewPane(QWidget):
     run_open_requested = Signal(str)
     """Path of a run, from the folder."""
 
-    def __init__(self, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
+    def __init__(self, worker: BackgroundWorker, show_message: Callable[[str, bool], object]) -> None:
         super().__init__()
-        self._worker, self._say = worker, say
+        self._worker, self._show_message = worker, show_message
         self._fleet: Fleet | None = None
         self._folder = Path()
         self.view: Any = None
@@ -52,8 +52,8 @@ class ViewPane(QWidget):
             table = self.exported_table
             self._worker.submit(
                 lambda: table.to_csv(path),
-                lambda _: self._say(f"Written: {path}", False),
-                lambda error: self._say(f"{path} cannot be written: {error}", True),
+                lambda _: self._show_message(f"Written: {path}", False),
+                lambda error: self._show_message(f"{path} cannot be written: {error}", True),
             )
 
     def _show_view(self, view: Any) -> None:
@@ -62,7 +62,7 @@ class ViewPane(QWidget):
 
     def _on_error(self, error: Exception) -> None:
         self._show_view(None)
-        self._say(self.PROBLEM.format(error), True)
+        self._show_message(self.PROBLEM.format(error), True)
 
     def _choose_export(self) -> None:
         mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""

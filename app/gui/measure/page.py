@@ -80,7 +80,7 @@ class MeasurePage(QSplitter):
         self.setFocus()
 
     def tick(self) -> None:
-        """Refresh what changes between events; called at every tick."""
+        """Refresh values that change between events; called at every tick."""
         self.live_pane.tick()
         self.run_panel.estimates_panel.show_update(self._estimator.latest)
         if self._curve_started and self._request is not None:

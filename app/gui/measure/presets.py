@@ -60,9 +60,9 @@ class PresetStore:
         Raises:
             PresetError: the file cannot be written.
         """
-        known = self._read()
-        known.setdefault(protocol.name, {})[name] = protocol.model_dump(mode="json")
-        self._write(known)
+        presets = self._read()
+        presets.setdefault(protocol.name, {})[name] = protocol.model_dump(mode="json")
+        self._write(presets)
 
     def delete(self, protocol: str, name: str) -> None:
         """Remove a preset.
@@ -70,22 +70,22 @@ class PresetStore:
         Raises:
             PresetError: the file cannot be written.
         """
-        known = self._read()
-        if known.get(protocol, {}).pop(name, None) is not None:
-            self._write(known)
+        presets = self._read()
+        if presets.get(protocol, {}).pop(name, None) is not None:
+            self._write(presets)
 
     def _read(self) -> dict[str, dict[str, dict[str, Any]]]:
         try:
-            known = json.loads(self.path.read_text("utf-8"))
+            presets = json.loads(self.path.read_text("utf-8"))
         except FileNotFoundError:
             return {}
         except (OSError, ValueError) as error:
             raise PresetError(
                 f"the presets {self.path} cannot be read: {error}; correct or remove that file"
             ) from error
-        if not isinstance(known, dict) or not all(isinstance(v, dict) for v in known.values()):
+        if not isinstance(presets, dict) or not all(isinstance(v, dict) for v in presets.values()):
             raise PresetError(f"the presets {self.path} are not presets of this program; correct or remove that file")
-        return known
+        return presets
 
     def _write(self, presets: dict[str, dict[str, dict[str, Any]]]) -> None:
         try:

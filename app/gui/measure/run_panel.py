@@ -42,7 +42,7 @@ MIN_CONTENT_HEIGHT = 90
 """Least height of the scroll area between the protocol's name and the button Run."""
 
 OPERATOR_POLL_MS = 30_000
-"""Interval at which the operator is read again: another program may set it, and it expires at midnight."""
+"""Interval between readings of the operator: another program may set it, and it expires at midnight."""
 
 ABOUT_LINES = 3
 """Height of the description of the protocol, or of the field with the keyboard."""
@@ -297,7 +297,7 @@ def protocol_summary(kind: type[Protocol]) -> str:
 
 
 class OperatorOfToday(QObject):
-    """Shows the operator of today and stores another one that is typed."""
+    """Shows today's operator and stores a typed one."""
 
     def __init__(self, panel: RunPanel, worker: BackgroundWorker, parent: QObject) -> None:
         super().__init__(parent)

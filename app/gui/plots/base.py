@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from model.response import PerceptionThreshold
 
 THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
-"""Frequencies at which the curve of a perception threshold is drawn."""
+"""Number of frequencies of the curve of a perception threshold."""
 
 AXIS_WIDTH = 62
 """Width of the left axis in pixels, so that plots above each other share their left edge."""
@@ -67,7 +67,7 @@ def curve_color(index: int, theme: Theme) -> QColor:
 
 
 def curve_symbol(index: int) -> str:
-    """Return the symbol of the n-th of several curves: shapes are told apart without colours."""
+    """Return the symbol of the n-th of several curves: shapes are distinguishable without colours."""
     return CURVE_SYMBOLS[index % len(CURVE_SYMBOLS)]
 
 
@@ -238,7 +238,7 @@ def needed_axis_width(plot: Any, metrics: QFontMetrics) -> int:
 
 
 def limit_ticks(plot: Any, font: QFont) -> None:
-    """Keep the number of ticks on the left axis to what its height has space for, also after a resize or a new range."""
+    """Limit the number of ticks on the left axis to the space of its height, also after a resize or a new range."""
     box, line = plot.getViewBox(), TICK_LINES * QFontMetricsF(font).height()
 
     def space(*_: object) -> None:
@@ -300,7 +300,7 @@ class PlotBase(QWidget):
     """Number of identified quantities that are named above the plot; None for all."""
 
     ACCESSIBLE_NAME = "plot"
-    """What a screen reader calls it."""
+    """Accessible name for a screen reader."""
 
     LOG_AXES = (True, True)
     """Whether x and y can be logarithmic: not where values are below zero by nature, such as a trace's."""
@@ -486,7 +486,7 @@ class TracePlotBase(PlotBase):
         plots = [canvas.addPlot(row=row, col=0, enableMenu=False, **box) for row, box in enumerate(boxes)]
         super().__init__(theme, parent, canvas=canvas, plots=plots, axis_width=TRACE_AXIS_WIDTH)
         plots[1].setXLink(plots[0])
-        plots[1].setMouseEnabled(x=False, y=False)  # it follows the one above
+        plots[1].setMouseEnabled(x=False, y=False)  # it follows the upper plot
         plots[0].getAxis("bottom").setStyle(showValues=False)
         self.tools[0].units = ("µm", "V")
         # One-pixel pens, no grid, no antialiasing, never raw samples: docs/decisions/0006-live-plot.md.

@@ -7,12 +7,12 @@ from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity
 from app.gui.widgets import WindowTheme, column, fill_table, make_label, make_read_only_table
 from protocols.base import Outcome, Verdict
 
-COLUMNS = ("", "what", "figure", "limits", "unit", "what to do")
+COLUMNS = ("", "check", "figure", "limits", "unit", "remedy")
 RIGHT_ALIGNED = ("figure", "limits")
 
 
 class CheckTable(QWidget):
-    """The checks of a run with the remedies of those that did not pass."""
+    """The checks of a run with the remedies of failed ones."""
 
     def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class CheckTable(QWidget):
         color = self._theme.colors.severity_color(outcome_severity(outcome))
         self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {text[:1].upper()}{text[1:]}")
         self.caption.setStyleSheet(f"color: {color}")
-        rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # what to remedy comes first
+        rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # failed checks come first
         fill_table(
             self.table,
             [("✓ pass" if row.passed else "✕ FAIL", *map(str, row[1:])) for row in rows],

@@ -12,11 +12,11 @@ from app.gui.widgets import add_actions, make_button, row, set_style_kind, toolt
 class PlotCopyButtons(QWidget):
     """Two buttons in the lower corner of a canvas, shown while it has the mouse or the keyboard focus: Ctrl+P, Ctrl+D.
 
-    What else can be done with a plot is in its context menu (`app.gui.plots.tools`).
+    Further actions on a plot are in its context menu (`app.gui.plots.tools`).
 
     Args:
-        canvas: the widget that is copied.
-        text: returns its numbers as a table.
+        canvas: copied widget.
+        text: function that returns its numbers as a table.
     """
 
     def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:

@@ -20,7 +20,7 @@ ISOLATED_FACTOR, NEIGHBOURS = 4.0, 4
 
 
 def layers_of(curves: Sequence[Series]) -> tuple[str, ...]:
-    """Return the layers that curves have, the one to begin with first."""
+    """Return the layers of curves, the initial one first."""
     if not curves:
         return (NOTHING,)
     if any(curve.is_loop for curve in curves):

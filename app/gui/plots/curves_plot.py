@@ -101,7 +101,7 @@ class CurvesPlot(PlotBase):
         return [c for c in self._curves if last is not None and _axis_names(c) == _axis_names(last)]
 
     def _series(self) -> Iterable[Series]:
-        """Return every point of the curves, also of those that are drawn decimated."""
+        """Return every point of the curves, including points left out of the drawing."""
         for curve in self._visible_curves:
             yield displayed(curve)
         yield from series_of(self.source.text(), self.model)
@@ -161,7 +161,7 @@ class CurvesPlot(PlotBase):
         self._scale()
 
     def _replace_legend(self, columns: int) -> None:
-        """Lay the legend out anew: one of pyqtgraph's from which an entry was removed puts others on top of each other."""
+        """Lay out the legend anew: after the removal of an entry pyqtgraph's legend would overlap others."""
         drawn = [line for line, _ in self.drawn_curves]
         entries = [(sample.item, label.text) for sample, label in self.legend.items if sample.item in drawn]
         offset = self.legend.offset
@@ -185,7 +185,7 @@ class CurvesPlot(PlotBase):
 
     @property
     def layer(self) -> str:
-        """What the lower plot shows."""
+        """Contents of the lower plot."""
         shown = self._visible_curves
         offered = layers_of(shown)
         chosen = self._chosen_layers.get(shown[-1].y_axis.name, "") if shown else ""

@@ -18,7 +18,7 @@ def place(values: Any, log: bool) -> Array:
 
 
 def place_end(values: Array, log: bool) -> Array:
-    """Return the ends of bands or error bars as coordinates; one that is not above zero lies below every range."""
+    """Return the ends of bands or error bars as coordinates; an end not above zero lies below every range."""
     return (
         place(np.where(np.asarray(values) > SMALLEST, values, np.where(np.isfinite(values), SMALLEST, np.nan)), log)
         if log
@@ -76,7 +76,7 @@ class CurveItem(LogPlaced, pg.PlotCurveItem):  # type: ignore[misc]  # pyqtgraph
 
 
 class ScatterItem(LogPlaced, pg.ScatterPlotItem):  # type: ignore[misc]  # pyqtgraph has no types
-    """Symbols; those that a logarithmic axis cannot show are hidden."""
+    """Symbols, hidden if a logarithmic axis cannot show them."""
 
     _given: dict[str, Any] | None = None
 

@@ -87,7 +87,7 @@ class LivePane(QSplitter):
             self._draw(view, otherwise)
 
     def prepare(self) -> None:
-        """Make the plots and draw what has changed, as when the pane is shown."""
+        """Make the plots and draw changes, as when the pane is shown."""
         if self._outdated and self._state is not None:
             self._outdated = False
             self._draw(*self._state)

@@ -15,11 +15,11 @@ from model import Mask, Series
 
 MIN_HEIGHT = 60
 MIN_HEIGHT_OF_BOTH = 250
-"""Height of a page's plot from which there is space for a lower one."""
+"""Smallest height of a page's plot with space for a lower one."""
 
 
 def make_layer_box(tip: str = "") -> QComboBox:
-    """Return an empty list of what a lower plot can show."""
+    """Return an empty list of the choices of a lower plot."""
     return make_combo(
         "",
         "lower plot",
@@ -42,7 +42,7 @@ class StripBase(PlotBase):
         limit_ticks(self.plot, self.font())
         self.plot.getAxis("bottom").setStyle(showValues=False)
         self.plot.setXLink(main_plot)
-        self.plot.setMouseEnabled(x=False, y=False)  # it follows the one above
+        self.plot.setMouseEnabled(x=False, y=False)  # it follows the upper plot
         self._add_head()
         self.hide()
 

@@ -11,7 +11,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 
-from app.common import axis_name
+from app.common import axis_name, format_point
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
@@ -20,7 +20,6 @@ from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
 from app.live import ModelCurves
-from app.session import describe_point
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
 from protocols.runfile import RunReadError, point_columns
@@ -29,10 +28,10 @@ HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"
 
 MODEL_PLACES = 40
-"""Places at which the model's curve is computed."""
+"""Number of abscissae of the model's curve."""
 
 MAX_WIDENING = 3.0
-"""Up to which the range of the points is widened for their error bars."""
+"""Largest widening of the range of the points for their error bars."""
 
 
 class PointsPlot(PlotBase):
@@ -146,11 +145,11 @@ class PointsPlot(PlotBase):
             self._show_strip()
 
     def _show_strip(self) -> None:
-        wanted = bool(self._lines) and self.strip_box.currentIndex() == 0
-        self.strip.setVisible(wanted and self.height() >= MIN_HEIGHT_OF_BOTH)
+        is_visible = bool(self._lines) and self.strip_box.currentIndex() == 0
+        self.strip.setVisible(is_visible and self.height() >= MIN_HEIGHT_OF_BOTH)
 
     def _draw_lines(self, points: Sequence[Any]) -> None:
-        """Draw the fit lines through the points, and what the points leave."""
+        """Draw the fit lines through the points, and the residuals."""
         assert self._kind is not None
         for item in self.line_items:
             self.plot.removeItem(item)
@@ -213,7 +212,7 @@ class PointsPlot(PlotBase):
             pg.mkPen(QColor(self._theme.colors.accent if taken else ink), width=4 if taken else 2) for taken in chosen
         ]
         fills = [pg.mkBrush(ink if good else self._theme.colors.panel) for good in usable]
-        texts = [describe_point(p) for p in points]
+        texts = [format_point(p) for p in points]
         self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=texts)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))
         self.hint_label.setVisible(not all(usable))
@@ -227,8 +226,8 @@ class PointsPlot(PlotBase):
 
 def _shown_units(kind: type[Protocol]) -> list[tuple[float, str]]:
     """Return factor and name of the units in which x and y of a protocol are displayed."""
-    known = point_columns(kind.point_type)
-    return [shown_unit(known[name][0])[:2] for name in kind.axes]
+    columns = point_columns(kind.point_type)
+    return [shown_unit(columns[name][0])[:2] for name in kind.axes]
 
 
 def _has_position(point: Any, *names: str) -> bool:

@@ -11,6 +11,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton
 
+from app.common import format_point
 from app.gui.plots.base import PlotBase, caption_label, finite_max, legend_share, stable_range
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
@@ -18,9 +19,9 @@ from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTIT
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, legend_icon, series_of
 from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import ModelCurves, elongations_of
-from app.session import describe_point
 from model import Series
 from protocols.base import Quality
+from protocols.runfile import is_response
 
 
 class EntrySelection:
@@ -65,7 +66,7 @@ STRIP_LABELS = {NOTHING: "no lower plot", RESIDUAL: "lower plot: residual", PHAS
 HEAD_SPACING, TICK_BOX_WIDTH = 10, 36
 
 HOLLOW_HINT = "hollow: not usable"
-HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the reason"
+HOLLOW_TOOLTIP = "Fits ignore hollow points; point at one for the reason"
 
 
 class ResponsePlot(PlotBase):
@@ -134,13 +135,13 @@ class ResponsePlot(PlotBase):
         self.selection.retain(entries)
         self._last_points = points
         # Points of other protocols, such as the wiring check, appear in the log only.
-        self._points = tuple(point for point in points if hasattr(point, SERIES[0].column))
+        self._points = tuple(filter(is_response, points))
         self._draw_points()
 
     def _draw_points(self) -> None:
         x = np.array([p.frequency for p in self._points])
         usable = [Quality(p.quality).usable for p in self._points]
-        texts = [describe_point(p) for p in self._points]
+        texts = [format_point(p) for p in self._points]
         for at, series in enumerate(SERIES):
             y = np.array([series.values_of(p) for p in self._points])
             errors = np.array([series.errors_of(p) for p in self._points])

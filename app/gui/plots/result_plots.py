@@ -12,11 +12,10 @@ from PySide6.QtWidgets import QStackedWidget
 from app.gui.plots.base import PlotBase
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
-from app.gui.plots.series import is_response_protocol
 from app.gui.widgets import WindowTheme
 from app.live import ModelCurves
 from protocols.base import Protocol, RunEnded, Series
-from protocols.runfile import point_columns
+from protocols.runfile import is_response, point_columns
 
 if TYPE_CHECKING:
     from app.gui.plots.check_table import CheckTable
@@ -37,7 +36,7 @@ class ResultPlots(QStackedWidget):
         self._plot_of_points: ResponsePlot | PointsPlot = self.response
         self._model_curve: ModelCurves | None = None
         self._points_selected: bool | None = None
-        """None until the operator chooses: what the protocol states."""
+        """Chosen plot; None before a choice: the protocol's default."""
 
     @cached_property
     def points(self) -> PointsPlot:
@@ -90,7 +89,7 @@ class ResultPlots(QStackedWidget):
         curves_first: bool = False,
     ) -> None:
         """Show the points, curves and estimates of a run so far; `curves_first` also where the protocol states its points."""
-        self._plot_of_points = plot = self.response if is_response_protocol(kind) else self.points
+        self._plot_of_points = plot = self.response if is_response(kind.point_type) else self.points
         plot.curves_button.setVisible(bool(curves))
         if isinstance(plot, PointsPlot):
             plot.set_protocol(kind)

@@ -9,8 +9,7 @@ from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
 
 from app.gui.plots.items import linear_data
-from model import Array, Series
-from protocols.base import Protocol
+from model import ERRORS, Array, Series
 
 LEGEND_ICON_SIZE = QSize(46, 14)
 
@@ -28,12 +27,14 @@ class AmplitudeSeries:
 
     def values_of(self, source: Any) -> Array:
         """Return the amplitudes of a curve or run, (N,), µm."""
-        values = np.asarray(getattr(source, self.column))
+        values = getattr(source, self.column)
+        values = values.plotted if isinstance(values, Series) else np.asarray(values)
         return self.factor * (np.abs(values) if np.iscomplexobj(values) else values)
 
     def errors_of(self, source: Any) -> Array | None:
         """Return their standard errors, µm; None for a curve of the model."""
-        errors = getattr(source, f"{self.column}_errors", None)
+        values = getattr(source, self.column)
+        errors = values.errors if isinstance(values, Series) else getattr(source, self.column + ERRORS, None)
         return None if errors is None else self.factor * np.asarray(errors)
 
 
@@ -41,11 +42,6 @@ SERIES = (
     AmplitudeSeries("max − min", "o", Qt.PenStyle.SolidLine, 11, "peak_to_peak", 1e6),
     AmplitudeSeries("2 × fundamental", "s", Qt.PenStyle.DashLine, 6, "fundamental", 2e6),
 )
-
-
-def is_response_protocol(kind: type[Protocol]) -> bool:
-    """Return whether a protocol's points are amplitudes over frequency."""
-    return all(hasattr(kind.point_type, series.column) for series in SERIES)
 
 
 def legend_icon(series: AmplitudeSeries, line: str, color: str, ratio: float) -> QIcon:
@@ -80,8 +76,8 @@ def series_as_text(series: Iterable[Series], x_label: str, y_label: str, simulat
     lines = ["SIMULATED"] if simulated else []
     lines.append(f"series\t{x_label}\t{y_label}\tstandard error")
     for one in series:
-        known = one.total_errors if one.errors is None else one.errors
-        errors = np.full(one.x.size, np.nan) if known is None else known
+        errors = one.total_errors if one.errors is None else one.errors
+        errors = np.full(one.x.size, np.nan) if errors is None else errors
         lines += [
             f"{one.title}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
             for x, y, error in zip(one.x, one.y, errors, strict=True)

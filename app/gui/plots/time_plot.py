@@ -23,7 +23,7 @@ from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
 
 SMOOTHING_S = 0.03
-"""Time constant by which the display follows `LiveFeed.displayed_s`, whose rate changes a little with every block."""
+"""Time constant with which the display follows `LiveFeed.displayed_s`, whose rate changes slightly with every block."""
 
 LEAST_MOTION = 1e-4
 """Of the span: less is no motion on the screen."""
@@ -35,7 +35,7 @@ HELD_AFTER_S = 1.0
 
 
 class TimePlot(TracePlotBase):
-    """The live traces. `tick` is called at every tick of the window and draws only what moves.
+    """The live traces. `tick` is called at every tick of the window and draws only changes.
 
     The shortest span is triggered by the drive, like an oscilloscope; the longer ones scroll. Both follow the clock between
     two blocks of samples, about a block behind the newest (docs/decisions/0006-live-plot.md).

@@ -41,8 +41,8 @@ class PlotTools(QObject):
         canvas: a pyqtgraph view.
         plots: its plots, the first of which has the marker.
         copying: copies picture and numbers.
-        fill_menu: adds entries to the context menu.
-        log_axes: the plot whose axes can be logarithmic; None for none.
+        fill_menu: function that adds entries to the context menu.
+        log_axes: plot with optional logarithmic axes; None without one.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class PlotTools(QObject):
 
     def _visible_series(self) -> list[tuple[Array, Array]]:
         """Return the finite points of every visible curve and scatter of the first plot, in view coordinates, rising in x."""
-        found = []
+        series = []
         for item in self._plots[0].items:
             if not isinstance(item, pg.PlotCurveItem | pg.ScatterPlotItem | pg.PlotDataItem) or not item.isVisible():
                 continue
@@ -174,8 +174,8 @@ class PlotTools(QObject):
             there = np.isfinite(x) & np.isfinite(y)
             order = np.argsort(x[there], kind="stable")
             if there.any():
-                found.append((x[there][order], y[there][order]))
-        return found
+                series.append((x[there][order], y[there][order]))
+        return series
 
     @staticmethod
     def describe(plot: Any, x: float, y: float) -> str:
@@ -271,8 +271,8 @@ class PlotTools(QObject):
             action.setChecked(self._log.log_axes[axis])
             action.setEnabled(self._log.LOG_AXES[axis])
 
-    def _choose_file(self, what: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
-        choose_files(self._canvas, f"Save the {what} of this plot", write, kinds, name, Mode.AnyFile)
+    def _choose_file(self, content: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
+        choose_files(self._canvas, f"Save the {content} of this plot", write, kinds, name, Mode.AnyFile)
 
     def _write_picture(self, paths: list[Path]) -> None:
         path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")

@@ -75,13 +75,13 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
 
     def _extent(self, axis: int) -> tuple[float, float]:
         """Return the logarithms of the smallest and largest value above zero that is drawn."""
-        found = []
+        ends = []
         for item in self.addedItems:
             if item.isVisible() and isinstance(item, CurveItem | ScatterItem | pg.PlotDataItem):
                 values = linear_data(item)[axis]
                 if values is not None and len(above := values[values > 0]):
-                    found += [float(np.log10(above.min())), float(np.log10(above.max()))]
-        low, high = min(found, default=0.0), max(found, default=1.0)
+                    ends += [float(np.log10(above.min())), float(np.log10(above.max()))]
+        low, high = min(ends, default=0.0), max(ends, default=1.0)
         return (low, high) if low < high else (high - 0.5, high + 0.5)
 
     def show_whole(self) -> None:

@@ -1,4 +1,4 @@
-"""Controller of the read-only web page: starts and stops its server in the background, and gives it what the window shows."""
+"""Controller of the read-only web page: starts and stops its server in the background, and sends it snapshots of the window."""
 
 import time
 from collections.abc import Callable

@@ -51,6 +51,6 @@ def qr_pixmap(text: str) -> QPixmap:
     """Return a text as a QR code with its quiet zone, black on white in both themes."""
     data = io.BytesIO()
     segno.make(text, micro=False).save(data, kind="png", scale=MODULE_PIXELS, border=4)
-    found = QPixmap()
-    found.loadFromData(data.getvalue())
-    return found
+    pixmap = QPixmap()
+    pixmap.loadFromData(data.getvalue())
+    return pixmap

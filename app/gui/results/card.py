@@ -1,4 +1,4 @@
-"""Result card of a run: verdict, identified quantities or points, hints, file, and what can be done next."""
+"""Result card of a run: verdict, identified quantities or points, hints, file, and next actions."""
 
 from functools import partial
 from html import escape
@@ -34,7 +34,7 @@ BUTTONS = {
     "again": ("Again", tooltip("run", "Measure with the parameters of the form")),
     "explore": ("Use in Explore", "Lay the run over the model on the page Explore"),
     "continue": ("Continue", "Measure the missing points, into a file beside this one"),
-    "next": ("Next", "Show on the page Campaign what to measure next, and why"),
+    "next": ("Next", "Show the next measurement and its reason on the page Campaign"),
     "report": ("Report", "Write the report of this specimen, with all its runs in the folder, as PDF and HTML"),
 }
 """Captions and tool tips."""

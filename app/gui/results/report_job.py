@@ -13,21 +13,21 @@ PROGRAM = ("-c", "from app.cli.main import entry; entry()", "report")
 
 
 class ReportJob(QObject):
-    """Writes one report at a time, as the command `report` does, and opens it.
+    """Writes one report at a time, like the command `report`, and opens it.
 
     Args:
-        say: shows a message.
+        show_message: shows a message.
         open_file: opens the PDF.
     """
 
     def __init__(
         self,
-        say: Callable[[str], object],
+        show_message: Callable[[str], object],
         parent: QObject,
         open_file: Callable[[QUrl], object] = QDesktopServices.openUrl,
     ) -> None:
         super().__init__(parent)
-        self._say, self._open_file = say, open_file
+        self._show_message, self._open_file = show_message, open_file
         self._process: QProcess | None = None
         self._worker = BackgroundWorker("report", self)
 
@@ -40,15 +40,15 @@ class ReportJob(QObject):
             return load_run(run, with_traces=False).record.specimen
 
         self._worker.submit(
-            read, lambda specimen: self.start(run.parent, specimen), lambda error: self._say(str(error))
+            read, lambda specimen: self.start(run.parent, specimen), lambda error: self._show_message(str(error))
         )
 
     def start(self, folder: Path, specimen: str) -> None:
         """Write the report of a specimen into the folder of its runs."""
         if self._process is not None:
-            self._say("A report is being written; wait until it is done.")
+            self._show_message("A report is being written; wait until it is done.")
             return
-        self._say(f"Writing the report of {specimen} …")
+        self._show_message(f"Writing the report of {specimen} …")
         self._process = process = QProcess(self)
         process.finished.connect(lambda: self._on_finished(specimen))
         process.errorOccurred.connect(lambda _: self._on_failed(process.errorString()))
@@ -70,13 +70,15 @@ class ReportJob(QObject):
         written = [Path(line.removeprefix("wrote ")) for line in lines if line.startswith("wrote ")]
         process.deleteLater()
         if not written:
-            self._say(f"No report of {specimen}: {lines[-1] if lines else 'the program ended without a message'}")
+            self._show_message(
+                f"No report of {specimen}: {lines[-1] if lines else 'the program ended without a message'}"
+            )
             return
-        self._say(f"Report of {specimen}: {written[0]}")
+        self._show_message(f"Report of {specimen}: {written[0]}")
         self._open_file(QUrl.fromLocalFile(str(written[0].resolve())))
 
     def _on_failed(self, why: str) -> None:
         process, self._process = self._process, None
         if process is not None:
             process.deleteLater()
-            self._say(f"The report cannot be written: {why}")
+            self._show_message(f"The report cannot be written: {why}")

@@ -60,10 +60,12 @@ class ComparePlot(PlotBase):
         self.items = []
         for at, run in enumerate(self._runs):
             colour = curve_color(at, self._theme.colors)
-            there = np.isfinite(run.peak_to_peak)  # an imported table may have the fundamental only
-            fills = [pg.mkBrush(colour if good else self._theme.colors.panel) for good in run.usable[there]]
+            shown = run.peak_to_peak.at(
+                np.isfinite(run.peak_to_peak.y)
+            )  # an imported table may have the fundamental only
+            fills = [pg.mkBrush(colour if good else self._theme.colors.panel) for good in shown.fit_rows]
             item = pg.PlotDataItem(
-                run.frequency_hz[there], 1e6 * run.peak_to_peak[there], pen=pg.mkPen(colour, width=1), symbol=curve_symbol(at), symbolSize=7,
+                shown.x, 1e6 * shown.y, pen=pg.mkPen(colour, width=1), symbol=curve_symbol(at), symbolSize=7,
                 symbolPen=pg.mkPen(colour, width=1.5), symbolBrush=fills,
             )  # fmt: skip
             self.plot.addItem(item)
@@ -74,7 +76,7 @@ class ComparePlot(PlotBase):
 
     def _scale(self, *_: object) -> None:
         """Fit the axes to all points, with space for the legend above them."""
-        top = max([self._felt.top_um * 1.5, *(1e6 * finite_max(run.peak_to_peak) for run in self._runs)])
+        top = max([self._felt.top_um * 1.5, *(1e6 * finite_max(run.peak_to_peak.y) for run in self._runs)])
         right = max([100.0, *(float(run.frequency_hz.max()) for run in self._runs)])
         top *= 1.1 / (1 - legend_share(self.legend, self.plot))
         step = round_step(top, 6)

@@ -34,7 +34,7 @@ from app.gui.widgets import (
 from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
 
-EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
+EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
 MIN_PLOT_HEIGHT = 160
 MAX_REASON_LENGTH = 280
 """Characters of the reasons of a run's verdict that are shown next to the list."""
@@ -164,13 +164,13 @@ class RunDetailsPane(QWidget):
         if one is not None:
             self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.symbol} {one.verdict_text}")
             self._people = _people_text(one)
-            lines = [_shorten_reason(one.explanation), *typeset(one.found).split("; "), self._people, one.path]
+            lines = [_shorten_reason(one.explanation), *typeset(one.estimates_text).split("; "), self._people, one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
-            found = [f"{e.specimen}: {typeset(e.found)}" for e in selected if e.found]
-            more = f"\n… and {len(found) - 6} more" if len(found) > 6 else ""
-            self.facts_label.setText("\n".join(found[:6]) + more)
+            results = [f"{e.specimen}: {typeset(e.estimates_text)}" for e in selected if e.estimates_text]
+            more = f"\n… and {len(results) - 6} more" if len(results) > 6 else ""
+            self.facts_label.setText("\n".join(results[:6]) + more)
         texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")
         # A list read before the last note was saved must not overwrite it, nor text that is being typed.
         if of != self._run_path or not (self.tags_edit.hasFocus() or self.note_edit.hasFocus()):
@@ -202,12 +202,12 @@ class RunDetailsPane(QWidget):
         self.facts_label.setVisible(bool(self._people))
         if kind is None or not (run.points or run.series) or self.plot.isVisibleTo(self):
             return
-        found = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)
-        self.result_plots.show_results(kind, run.points, run.series, found, run.record.simulated)
+        ended = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)
+        self.result_plots.show_results(kind, run.points, run.series, ended, run.record.simulated)
         self.result_plots.show()
         self.empty_label.hide()
         if self.isVisible() and self._content_layout is not None:
-            self._content_layout.activate()  # now: the plot takes the place of what was shown before
+            self._content_layout.activate()  # now: the plot replaces the previous contents
 
     def _save_notes(self) -> None:
         texts = (self.tags_edit.text().strip(), self.note_edit.toPlainText().strip())

@@ -13,7 +13,7 @@ SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30
 
 
 class _Search(QLineEdit):
-    """Search field from which Down and Enter move to the list."""
+    """Search field; Down and Enter move to the list."""
 
     focus_list_requested = Signal()
 

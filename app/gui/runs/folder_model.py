@@ -11,7 +11,7 @@ from app.common import Progress
 from app.gui.widgets import BackgroundWorker
 
 LOOK_INTERVAL_S = 1.0
-"""Time between two looks at the folders; notifications of the system do not report what other computers write."""
+"""Interval between scans of the folders; notifications of the system do not report files of other computers."""
 
 
 class ScanProgress(Progress):

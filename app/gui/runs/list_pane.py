@@ -95,12 +95,12 @@ class RunListPane(QWidget):
 
     def _update_table(self) -> None:
         chosen = [entry.path for entry in self.selected]
-        found = self.filter_bar.selected_filter.apply(self.folder_model.summaries)
-        self.model.set_summaries(self.folder_model.path, found)
+        summaries = self.filter_bar.selected_filter.apply(self.folder_model.summaries)
+        self.model.set_summaries(self.folder_model.path, summaries)
         self.select_paths(chosen)
-        if not self.selected and found:
+        if not self.selected and summaries:
             self.table.setCurrentIndex(self.model.index(0, 0))
-        self.filter_bar.show_count(len(found), len(self.folder_model.summaries))
+        self.filter_bar.show_count(len(summaries), len(self.folder_model.summaries))
         self._on_selection_changed()
 
     def _on_selection_changed(self) -> None:

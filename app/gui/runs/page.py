@@ -43,9 +43,9 @@ class RunsPage(QStackedWidget):
     """The list of runs, or in its place an opened run.
 
     Args:
-        folder: returns the folder of the runs.
-        specimen: returns the specimen of imported tables.
-        amplifier: through which the specimen of imported tables was driven.
+        folder: function that returns the folder of the runs.
+        specimen: function that returns the specimen of imported tables.
+        amplifier: amplifier of imported tables.
     """
 
     title = "Runs"
@@ -93,7 +93,7 @@ class RunsPage(QStackedWidget):
         (self.viewer.back_button if self.currentWidget() is self.viewer else self.list.table).setFocus()
 
     def tick(self) -> None:
-        """Refresh what changes between events; called at every tick while the page is visible."""
+        """Refresh values that change between events; called at every tick while the page is visible."""
         self.list.folder_model.refresh_if_changed()
         if self.currentWidget() is self.viewer and (curve := self._overlay.result()) is not None:
             self.viewer.plots.show_model_curve(curve)
@@ -149,7 +149,7 @@ class RunsPage(QStackedWidget):
             self.details.show_message(f"Cannot continue: {why}.", is_error=True)
 
     def move_selected_to_trash(self) -> None:
-        """Move the selected runs to the trash; the one that is being written stays."""
+        """Move the selected runs to the trash, except a run being written."""
         if self.currentWidget() is self.viewer:
             return
         if paths := [self.list.path_of(e) for e in self.list.selected if e.state != RunState.RUNNING]:
@@ -175,10 +175,10 @@ class RunsPage(QStackedWidget):
             runs = measured_responses(paths)
             return runs, load_run(paths[0], with_traces=False) if len(paths) == 1 else None
 
-        def show(found: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
-            self.details.show_runs(found[0], len(chosen))
-            if found[1] is not None:
-                self.details.show_result(found[1])
+        def show(loaded: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
+            self.details.show_runs(loaded[0], len(chosen))
+            if loaded[1] is not None:
+                self.details.show_result(loaded[1])
 
         self._worker.submit(read, show, self._on_error, latest_only="responses")
 
@@ -255,11 +255,7 @@ class RunsPage(QStackedWidget):
         self.list.table.customContextMenuRequested.connect(
             lambda at: self.list.make_menu(self).popup(self.list.table.viewport().mapToGlobal(at))
         )
-        FileDrops(
-            self,
-            {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables},
-            own=False,
-        )
+        FileDrops(self, {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables}, own=False)
         self.details.continue_button.clicked.connect(self.continue_selected)
         self.transfers.finished.connect(self.list.folder_model.rescan)
         self.transfers.message.connect(self.details.show_message)

@@ -4,15 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QMimeData,
-    QModelIndex,
-    QPersistentModelIndex,
-    Qt,
-    QUrl,
-    Signal,
-)
+from PySide6.QtCore import QAbstractTableModel, QMimeData, QModelIndex, QPersistentModelIndex, Qt, QUrl, Signal
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
@@ -30,7 +22,7 @@ SORT_KEYS = {
     "verdict": lambda e: e.verdict_text,
     "points": lambda e: e.points,
     "length": lambda e: e.seconds,
-    "found": lambda e: e.found,
+    "found": lambda e: e.estimates_text,
     "tags": lambda e: e.tags.casefold(),
 }
 COLUMNS = tuple(SORT_KEYS)
@@ -105,7 +97,7 @@ def _cell_text(summary: RunSummary, column: str) -> str:
         case "found":
             if summary.outcome is not Outcome.NOT_JUDGED and not summary.outcome.has_result:
                 return summary.explanation
-            return typeset(summary.found) or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
+            return typeset(summary.estimates_text) or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
         case _:
             return str(getattr(summary, column))
 

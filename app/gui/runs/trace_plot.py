@@ -117,8 +117,8 @@ class TracePlot(TracePlotBase):
         self._label_axes(traces.raw)
 
     def _label_axes(self, raw: bool) -> None:
-        what = "every sample" if raw else "lowest and highest of each column; closer: wheel, Ctrl++"
-        self._plots[1].setLabel("bottom", f"{TIME_LABEL}: {what}")
+        contents = "every sample" if raw else "lowest and highest of each column; closer: wheel, Ctrl++"
+        self._plots[1].setLabel("bottom", f"{TIME_LABEL}: {contents}")
 
     def _column_names(self) -> tuple[str, str]:
         return TIME_LABEL, "value"

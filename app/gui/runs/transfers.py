@@ -29,14 +29,14 @@ def folder_link(folder: Path) -> str:
 
 
 class RunTransfers(QObject):
-    """Exports runs, takes run files in, imports tables, and moves runs to the trash and back.
+    """Exports runs, copies run files in, imports tables, and moves runs to the trash and back.
 
     Args:
         progress_row: shows the progress and cancels.
-        toast: tells of deletions, and offers to undo the last one.
-        folder: returns the folder of the runs.
-        specimen: returns the specimen of imported tables.
-        amplifier: through which the specimen of imported tables was driven.
+        toast: message about deletions, with undo of the last one.
+        folder: function that returns the folder of the runs.
+        specimen: function that returns the specimen of imported tables.
+        amplifier: amplifier of imported tables.
     """
 
     finished = Signal()
@@ -63,14 +63,17 @@ class RunTransfers(QObject):
     def export_runs(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
         """Export runs as files for other programs."""
         progress = self._progress_row.progress
-        self._start(
-            f"exporting {pluralize(len(paths), 'run')} …",
-            lambda: export_runs(paths, folder, kind, progress),
-            lambda count: f"{count} files written to {folder_link(folder)}",
-        )
+
+        def describe(exported: tuple[int, list[str]]) -> str:
+            count, left_out = exported
+            written = [f"{pluralize(count, 'file')} written to {folder_link(folder)}"]
+            return "\n".join([*written, *(f"Without raw data: {reason}." for reason in left_out)])
+
+        work = partial(export_runs, paths, folder, kind, progress)
+        self._start(f"exporting {pluralize(len(paths), 'run')} …", work, describe)
 
     def copy_in(self, paths: Sequence[Path]) -> None:
-        """Copy run files into the folder; what has the same name is never replaced."""
+        """Copy run files into the folder; a file of the same name is never replaced."""
         folder, progress = self._folder(), self._progress_row.progress
 
         def describe(taken: CopyResult) -> str:

@@ -69,8 +69,8 @@ class RunViewer(QWidget):
         self.facts_label.setText("\n".join(line for line in (how, begun, parameters) if line))
         # Points of an unknown protocol are drawn if they are amplitudes over frequency.
         kind = PROTOCOLS.get(run.record.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
-        found = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)
-        self.plots.show_results(kind, run.points, run.series, found, run.record.simulated)
+        ended = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)
+        self.plots.show_results(kind, run.points, run.series, ended, run.record.simulated)
         self.trace_plot.show_traces(run.traces, run.record.simulated)
         self.log.show_messages(run.messages)
 

@@ -71,11 +71,11 @@ NOTIFICATIONS = (
 
 @dataclass(frozen=True)
 class InitialForm:
-    """Contents of the Measure page when the window opens.
+    """Initial contents of the Measure page.
 
     Attributes:
-        folder: for run files; None for the one used last.
-        specimen: its name; None for the one used last.
+        folder: folder of run files; None for the last used one.
+        specimen: name of the specimen; None for the last used one.
         autostart: begin a run as soon as the bench is connected.
     """
 
@@ -213,7 +213,7 @@ class MainWindow(QMainWindow):
     # -- events --------------------------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """Process the events since the last tick and refresh what moves."""
+        """Process the events since the last tick and refresh moving displays."""
         self.controller.process_events()
         view = self.state
         self.remote.beat()

@@ -35,8 +35,8 @@ class MainMenus:
 
     Args:
         window: the main window, whose actions are listed.
-        central: the pages and what covers them.
-        set_appearance: applies `system`, `light` or `dark`.
+        central: the pages and their covers.
+        set_appearance: function that applies `system`, `light` or `dark`.
     """
 
     def __init__(self, window: QMainWindow, central: CentralStack, set_appearance: Callable[[str], object]) -> None:
@@ -71,7 +71,7 @@ class MainMenus:
                 menu.addAction(f"Appearance: {text}", partial(self._set_appearance, name))
 
     def palette_entries(self) -> Iterator[PaletteEntry]:
-        """Return what the command palette offers now."""
+        """Return the present entries of the command palette."""
         from app.gui.help import PaletteEntry
 
         listed = set[str]()

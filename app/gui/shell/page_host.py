@@ -88,7 +88,7 @@ class PageHost(QTabWidget):
             self.page_created.emit(page)
             while (placeholder := self._layouts[index].takeAt(0)) is not None:
                 cast("QWidget", placeholder.widget()).deleteLater()
-            # A page keeps its least size, and scrolls in a window that is too small for it. It is put into an area that has
+            # A page keeps its smallest size, and scrolls in a window that is too small for it. It is put into an area that has
             # its size, which would otherwise divide the page's splitters anew, and is visible, so that the page takes the focus.
             area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
             self._layouts[index].addWidget(area)
@@ -115,7 +115,7 @@ class PageHost(QTabWidget):
             page.set_state(view)
 
     def set_active_file(self, path: object) -> None:
-        """Tell the pages which run file this program is writing."""
+        """Inform the pages about the run file that this program is writing."""
         for page in self._pages_with("set_active_file"):
             page.set_active_file(path)
 
@@ -168,7 +168,7 @@ class PageHost(QTabWidget):
         self._worker.submit(load, make)
 
     def _preload_page(self, index: int, on_made: Callable[[], object]) -> None:
-        """Create a page, and later the next one that is missing: in between, the window paints and answers."""
+        """Create a page, and later the next missing one: in between, the window paints and responds."""
         if self._worker.closed:  # a page created after shutdown would not be shut down
             return
         awaited = index == self.currentIndex() and index not in self._created

@@ -50,11 +50,11 @@ class CentralStack(QWidget):
         self.welcome.setup_button.clicked.connect(lambda: self._select_page(BENCH))
         self.welcome.browse_button.clicked.connect(self._choose_bench_file)
         self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple
-        """Returns what the command palette offers."""
+        """Returns the entries of the command palette."""
         self.settings: Callable[[], Sequence[help_pages.Setting]] = tuple
         """Returns the settings; called once."""
         self.problem_facts: Callable[[], tuple[ProblemFacts, RecentErrors]]
-        """Returns what a problem report has of this window."""
+        """Returns the facts of this window for a problem report."""
         covers = {
             "shortcuts": ("shortcut_sheet", self.show_shortcuts),
             "palette": ("command_palette", self.show_palette),
@@ -192,7 +192,7 @@ class CentralStack(QWidget):
         return widget
 
     def _select_page(self, index: int) -> None:
-        """Show a page, whatever lies over the pages."""
+        """Show a page above covers."""
         self.show_pages()
         self.tabs.select_page(index)
 

@@ -182,7 +182,7 @@ class MainTabs(PageHost):
         from app.explore import fit_runs  # slow to import, and not visible when the window opens
 
         page = explore_pages.ExplorePage(self._theme, fit_runs)
-        page.runs_wanted.connect(self.results.choose_runs)
+        page.runs_requested.connect(self.results.choose_runs)
         page.card.requested.connect(self.results.perform)
         page.folder, page.specimen = lambda: self.folder, lambda: (self.folder, self.specimen)
         self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
@@ -239,12 +239,12 @@ class ResultActions:
 
     Args:
         tabs: the pages.
-        say: shows a message.
+        show_message: shows a message.
     """
 
-    def __init__(self, tabs: MainTabs, say: Callable[[str], object]) -> None:
+    def __init__(self, tabs: MainTabs, show_message: Callable[[str], object]) -> None:
         self._tabs = tabs
-        self._report_job = ReportJob(say, tabs)
+        self._report_job = ReportJob(show_message, tabs)
 
     def perform(self, action: str, path: Path) -> None:
         """Carry out an action of a result card that starts no run."""
@@ -302,7 +302,7 @@ class VisibleSubject:
 
     @property
     def identification(self) -> specimen_pages.IdentificationSubject:
-        """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
+        """Runs to identify from the visible page: overlaid runs, valid runs of the campaign, or all runs of the specimen."""
         folder, specimen = self.specimen
         runs: tuple[Path, ...] = ()
         if self._shows(EXPLORE):

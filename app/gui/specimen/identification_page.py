@@ -63,7 +63,7 @@ ADEQUACY_SEVERITY = {True: Severity.SUCCESS, False: Severity.ERROR, None: Severi
 
 @dataclass(frozen=True, slots=True)
 class IdentificationSubject:
-    """What is identified: a specimen of a folder, from given runs or from all of its runs there that have a result."""
+    """Subject of an identification: a specimen of a folder, with given runs or all of its runs with a result."""
 
     folder: Path
     specimen: str
@@ -111,11 +111,7 @@ class IdentificationPage(QWidget):
         self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
             make_line_edit(f"identification.{name}", label, placeholderText=label)
-            for name, label in (
-                ("reason", "why it is used all the same"),
-                ("by", "accepted by"),
-                ("note", "note"),
-            )
+            for name, label in (("reason", "why it is used all the same"), ("by", "accepted by"), ("note", "note"))
         )
         self.accept_label = make_label(name="identification.accept-text")
         self.accept_button = make_button(
@@ -174,11 +170,7 @@ class IdentificationPage(QWidget):
         self._show_fitting(True)
         self._worker.submit(
             lambda: identify(
-                runs,
-                options=options,
-                plain=plain_fit,
-                cancelled=self._cancelled.is_set,
-                progress=self.progressed.emit,
+                runs, options=options, plain=plain_fit, cancelled=self._cancelled.is_set, progress=self.progressed.emit
             ),
             self._on_identified,
             self._on_error,
@@ -352,7 +344,7 @@ class IdentificationPage(QWidget):
         )
         chi = f"chi-square with it {explanation.chi_square:.5g} for {explanation.degrees_of_freedom} degrees of freedom"
         text = make_label(
-            f"May be the cause: {explanation.cause_words}. {chi}." + (f" It moves {moved}." if moved else "")
+            f"May be the cause: {explanation.cause_text}. {chi}." + (f" It moves {moved}." if moved else "")
         )
         assert fit is not None
         parts: list[QWidget] = []

@@ -133,7 +133,7 @@ class EntryRow(QObject):
                     "Half a graduation, or limits of error, divided by the root of 3"
                 )
             case "instrument":
-                return "What it was measured with, for example caliper 150 mm"
+                return "Measuring instrument, for example caliper 150 mm"
         return "Day of the measurement, for example 2026-11-20; today if it is left empty"
 
     def _on_edited(self) -> None:
@@ -168,9 +168,7 @@ class SheetForm(QWidget):
             "Choose …", self.browse_pressed.emit, "choice", "Choose a picture", "sheet.browse"
         )
         self.more_box = make_combo(
-            "sheet.more",
-            "another value",
-            toolTip="Another parameter of the model with a value for this specimen",
+            "sheet.more", "another value", toolTip="Another parameter of the model with a value for this specimen"
         )
         self.more_box.activated.connect(lambda _: self._add_chosen())
         panels = [self._make_panel(group) for group in GROUPS]

@@ -125,7 +125,7 @@ class NoticeArea(FittedScrollArea):
         self._update_visibility()
 
     def show_unsafe_exit(self) -> None:
-        """Request the acknowledgement with which the window closes although rest was not confirmed."""
+        """Request the acknowledgement that closes the window without confirmed rest."""
         self.closing.show_message("")
         self.unsafe.buttons[0].setText(shortcut_label("Acknowledge and close", "acknowledge"))
         self._update_visibility()

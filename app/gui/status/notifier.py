@@ -67,7 +67,7 @@ class Notifier(QObject):
         self._settings.setValue(key, "true" if on else "false")
 
     def set_state(self, state: WindowState) -> None:
-        """Announce what has changed since the last state."""
+        """Announce changes since the last state."""
         before, self._state = self._state, state
         if before is None:
             return
@@ -145,7 +145,7 @@ class SoundPlayer(QObject):
             winsound.PlaySound(str(path), winsound.SND_FILENAME | winsound.SND_ASYNC | winsound.SND_NODEFAULT)
             return True
         names = ("afplay",) if sys.platform == "darwin" else PLAYERS
-        player = next((found for name in names if (found := shutil.which(name))), None)
+        player = next((program for name in names if (program := shutil.which(name))), None)
         return player is not None and bool(QProcess.startDetached(player, [str(path)])[0])
 
     def _file(self, kind: str) -> Path:

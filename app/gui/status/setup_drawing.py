@@ -21,7 +21,7 @@ class SetupDrawing(QWidget):
         self._prompt: Prompt | None = None
 
     def show_prompt(self, prompt: Prompt) -> bool:
-        """Draw the set-up of a prompt and return whether there is a drawing for it."""
+        """Draw the set-up of a prompt; return whether it has a drawing."""
         self._prompt = prompt
         self.setAccessibleName(prompt.text)
         self.update()

@@ -41,7 +41,7 @@ class SimulationControls(QWidget):
             f"{name}.answered-by",
             "who answers prompts",
             ((each, each) for each in AnsweredBy),
-            toolTip="Practise what a prompt asks for: an answer does it on the simulated bench",
+            toolTip="Practise the actions of prompts: an answer performs the action on the simulated bench",
         )
         self._show_settings()
         self.answered_by_box.currentIndexChanged.connect(self._on_answered_by)

@@ -252,9 +252,9 @@ class BenchStatusBar(QWidget):
             self.lamps.append(InstrumentLamp(self))
             self._lamp_grid.addWidget(self.lamps[-1], (len(self.lamps) - 1) % 2, (len(self.lamps) - 1) // 2)
         for at, lamp in enumerate(self.lamps):
-            known = at < len(instruments)
+            is_used = at < len(instruments)
             lamp.show_instrument(
-                instruments[at] if known else InstrumentStatus("", "", Lamp.WAITING), self._theme.colors
+                instruments[at] if is_used else InstrumentStatus("", "", Lamp.WAITING), self._theme.colors
             )
         self.scale_to_window(self._window_size)
 

@@ -95,7 +95,7 @@ class StatusSign(QWidget):
 
 
 def _fit_text(font: QFont, text: str, area: QRectF, bold: bool, max_px: int) -> tuple[list[str], QFont]:
-    """Return lines and font: the largest size at which the text fits on one line, or on two."""
+    """Return lines and font: the largest size with which the text fits on one line, or on two."""
     parts = text.split()
     halves = [[" ".join(parts[:i]), " ".join(parts[i:])] for i in range(1, len(parts))]
     one, two = [text], min(halves, key=lambda lines: max(map(len, lines)), default=[text])

@@ -35,7 +35,7 @@ NO_TEXT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier 
 
 @dataclass(frozen=True, slots=True)
 class ActionInfo:
-    """What an action is called, which shortcuts trigger it and where it works."""
+    """Name, shortcuts and context of an action."""
 
     id: str
     text: str
@@ -166,7 +166,7 @@ TOOLTIPS = {
     "faults.toggle": "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
     "campaign.item.run": "Measure this item now",
     "campaign.item.skip": "Skip the item, or include it again",
-    "campaign.item.repeat": "Measure it again: what counts now counts until the new result is accepted",
+    "campaign.item.repeat": "Measure it again: the present result counts until the new one is accepted",
     "campaign.item.reject": "The run that counts now is no longer used",
     "campaign.item.open": "Show the run on the Runs page",
     "campaign.item.explore": "Overlay the run on the model's curve on the Explore page",
@@ -323,8 +323,8 @@ def update_actions(widget: QWidget, state: WindowState) -> None:
 def actions_of(widgets: list[QWidget]) -> Iterator[tuple[ActionInfo, QAction]]:
     """Return the actions of widgets in the order of the registry; actions made at run time come last."""
     order = {name: at for at, name in enumerate(ACTIONS)}
-    found = [(a.data(), a) for widget in widgets for a in widget.actions() if isinstance(a.data(), ActionInfo)]
-    yield from sorted(found, key=lambda pair: order.get(pair[0].id, len(order)))
+    actions = [(a.data(), a) for widget in widgets for a in widget.actions() if isinstance(a.data(), ActionInfo)]
+    yield from sorted(actions, key=lambda pair: order.get(pair[0].id, len(order)))
 
 
 def shortcuts_by_group(window: QWidget, page_titles: list[str]) -> dict[str, tuple[ActionInfo, ...]]:

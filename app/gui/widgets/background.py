@@ -37,8 +37,8 @@ class BackgroundWorker(QObject):
             work: the job.
             on_result: called with the result of the job.
             on_error: called with the exception of the job; without it the exception is raised in the GUI thread.
-            latest_only: name of a kind of job of which only the newest matters: an earlier one that has not begun is
-                dropped, and the result of one that has is not delivered.
+            latest_only: name of a kind of job of which only the newest counts: an earlier pending job is dropped, and the result
+                of a running one is not delivered.
         """
         if self.closed:
             return

@@ -97,7 +97,7 @@ class ProtocolForm(FieldForm):
     """Editable parameters of one protocol: the first ones, and the others on request."""
 
     help_changed = Signal(str)
-    """What the field with the keyboard means; empty when the keyboard is elsewhere."""
+    """Description of the field with the keyboard focus; empty without one."""
 
     def __init__(self, protocol: Protocol, parent: QWidget | None = None) -> None:
         fields = form_fields(type(protocol))
@@ -180,7 +180,7 @@ class NumberListEdit(QPlainTextEdit):
         super().__init__()
         self.setTabChangesFocus(True)
         self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
-        # Otherwise a form that has one would be stretched, not what is below it.
+        # Otherwise a form with a stretch would be stretched instead of the widgets below it.
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setFixedHeight(QFontMetrics(self.font()).lineSpacing() * LIST_LINES + 12)
 

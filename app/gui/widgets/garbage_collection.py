@@ -30,7 +30,7 @@ def collect_garbage_here() -> Iterator[None]:
 
 
 def _collect() -> None:
-    """Collect what Python would have collected by itself, with its own thresholds."""
+    """Collect garbage with Python's own thresholds."""
     due = [
         at
         for at, (count, limit) in enumerate(zip(gc.get_count(), gc.get_threshold(), strict=True))

@@ -42,8 +42,8 @@ def configure(widget: W, name: str = "", **properties: object) -> W:
     """Set a widget's object name and Qt properties, and return it; `kind` selects a style of the style sheet."""
     widget.setObjectName(name)
     for key, value in properties.items():
-        known = widget.setProperty(key, value)
-        assert known or key == "kind", f"{type(widget).__name__} has no property {key}"
+        is_property = widget.setProperty(key, value)
+        assert is_property or key == "kind", f"{type(widget).__name__} has no property {key}"
     return widget
 
 

@@ -28,7 +28,7 @@ class LogPane(QPlainTextEdit):
             contextMenuPolicy=Qt.ContextMenuPolicy.NoContextMenu,  # an open menu would keep the Stop key to itself
             maximumBlockCount=1000,
             accessibleName="log",
-            placeholderText="What happens is written here.",
+            placeholderText="Messages appear here.",
         )
         self.newest_button = make_button("↓ newest", self.show_newest, "choice", "Follow the log again", "log.newest")
         self.newest_button.setParent(self)

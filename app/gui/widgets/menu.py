@@ -16,7 +16,7 @@ class Menu(QMenu):
         super().__init__(title, parent)
 
     def add_named(self, owner: QWidget, names: Iterable[str]) -> None:
-        """Add the actions of a widget by their names, those that it has; an empty name is a separator."""
+        """Add the existing actions of a widget by name; an empty name is a separator."""
         for name in names:
             if not name:
                 self.addSeparator()

@@ -9,7 +9,7 @@ MIN_CONTENT_HEIGHT = 40
 
 
 class FittedScrollArea(QScrollArea):
-    """Takes the height of its content, and scrolls where a window is too small for it."""
+    """Widget with the height of its content, which scrolls in a window too small for it."""
 
     def __init__(self, content: QWidget, parent: QWidget | None = None) -> None:
         super().__init__(parent)

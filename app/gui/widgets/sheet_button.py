@@ -24,7 +24,7 @@ class SheetStatus:
 
 
 class SheetButton(QPushButton):
-    """Says whether the specimen has a sheet."""
+    """Button that shows whether the specimen has a sheet."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class SheetButton(QPushButton):
         self.show_status(SheetStatus())
 
     def show_status(self, status: SheetStatus) -> None:
-        """Show whether there is a sheet, and what dimensions and masses are from."""
+        """Show whether there is a sheet, and the source of dimensions and masses."""
         text = status.description
         self.setText(status.text)
         self.setToolTip(tooltip("specimen", f"{text[:1].upper()}{text[1:]}" if text else ""))

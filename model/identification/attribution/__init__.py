@@ -1,4 +1,4 @@
-"""Attribution: which cause outside the model explains the misfit of a joint fit."""
+"""Attribution of a joint fit's misfit to causes outside the model."""
 
 import lazy_loader
 

@@ -12,15 +12,15 @@ import numpy as np
 
 from model import Array, Complex, Membrane, Tactor, parameter_specs
 from model.identification import observations as observed
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 from model.identification.attribution.shapes import shaped_errors
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
-from model.identification.usual_effects import TEMPERATURE_COEFFICIENTS, USUAL_EFFECTS
+from model.identification.priors import TEMPERATURE_COEFFICIENTS, USUAL_EFFECTS
 
 SAME_EFFECT = {"b_Al": "h_Al", "E_Al": "h_Al", "b_m": "contact_length"}
-"""Parameters that enter the model only together with another one, which stands for them."""
+"""Parameters that enter the model only together with another one, which represents them."""
 NO_CAUSES = ("mu", "mass_put_in", "gain_above_rest")
 """Parameters that are no cause: any drive determines the moment per volt, which takes up the slope above rest."""
 PLAUSIBLE_SIZES = {
@@ -54,7 +54,7 @@ class Cause:
     """One possible cause, as an extension of a fit.
 
     Attributes:
-        kind: of cause; decides words and check.
+        kind: kind of the cause; decides text and check.
         name: of the parameter, or of the run; `all dwells` and the like for several.
         title: in a table.
         parameters: value and standard deviation of each parameter of the specimen that is free, or less known.
@@ -103,7 +103,7 @@ def free_as_well(fit: JointFit, names: Sequence[str]) -> FitOptions:
     """Return the options of a fit with these parameters free in addition, which begins where `fit` ended."""
     base = fit.options.base_values()
     new = tuple(n for n in names if n not in fit.names)
-    start = {name: known.start_value(name, base) for name in new}
+    start = {name: fit_parameters.start_value(name, base) for name in new}
     start |= dict(zip(fit.names, fit.theta.tolist(), strict=True))
     fixed = {name: value for name, value in fit.options.fixed.items() if name not in new}
     return replace(fit.options, free=fit.free_parameters, also=new, fixed=fixed, start=start)
@@ -165,7 +165,7 @@ def _held(fit: JointFit) -> Iterator[Cause]:
         taken = name in fit.names or name in fit.options.tied or name in NO_CAUSES or name in SAME_EFFECT
         if taken or (name == "m_add" and (base.get("mass_put_in") or "mass_put_in" in fit.names)):
             continue
-        value = known.start_value(name, base)
+        value = fit_parameters.start_value(name, base)
         size = usual[name].standard_deviation if name in usual else PLAUSIBLE_SHARE * abs(value)
         yield Cause("parameter", name, name, {name: (value, PLAUSIBLE_SIZES.get(name, size))})
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from model import Array, ParameterError
+from model.identification.attribution.cause_text import with_text
 from model.identification.attribution.causes import Cause
 from model.identification.attribution.evidence import CauseEvidence, Evidence
 from model.identification.attribution.explanation import Diagnosis, Explanation, ParameterShift
-from model.identification.attribution.words import with_words
 from model.identification.fit_options import IdentificationError
 from model.identification.fit_result import MIN_P_VALUE, JointFit
 from model.identification.joint_least_squares import joint_fit
@@ -31,11 +31,11 @@ ENLARGED_ERRORS = (3.0, 10.0, 30.0, 100.0, 300.0)
 MIN_LOG_ODDS = 1.0
 """Logarithm of the odds against chance from which on a cause is named."""
 MAX_EXPLANATIONS = 5
-"""Explanations that are kept."""
+"""Largest number of explanations."""
 MAX_SHIFTS = 4
-"""Parameters of the fit whose change with a cause is stated."""
+"""Largest number of parameters whose change with a cause is stated."""
 REFIT_TOLERANCE = 1e-5
-"""Of chi-square: causes are compared by differences of some units."""
+"""Relative tolerance of chi-square: causes are compared by differences of some units."""
 
 
 def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) -> Diagnosis:
@@ -58,7 +58,7 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
     enlarged = max(1.0, min(rest)) if len(rest) == len(found) and rest else 1.0
     ranked = [_ranked(fit, linear, e, enlarged) for linear, e in found]
     ranked = sorted((e for e in ranked if e.log_odds > MIN_LOG_ODDS), key=lambda e: -e.log_odds)
-    return Diagnosis(tuple(with_words(fit, e) for e in ranked[:MAX_EXPLANATIONS]), len(evidence.linear))
+    return Diagnosis(tuple(with_text(fit, e) for e in ranked[:MAX_EXPLANATIONS]), len(evidence.linear))
 
 
 def _plausible(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Evidence:
@@ -141,12 +141,12 @@ def _linear_start(evidence: Evidence, cause: Cause, start: Mapping[str, float]) 
     return out
 
 
-def _shifts(fit: JointFit, found: JointFit, errors: Array) -> tuple[ParameterShift, ...]:
+def _shifts(fit: JointFit, refit: JointFit, errors: Array) -> tuple[ParameterShift, ...]:
     out = []
     for name in fit.free_parameters:
-        i = found.names.index(name)
+        i = refit.names.index(name)
         out.append(
-            ParameterShift(name, float(fit.theta[fit.names.index(name)]), float(found.theta[i]), float(errors[i]))
+            ParameterShift(name, float(fit.theta[fit.names.index(name)]), float(refit.theta[i]), float(errors[i]))
         )
     moved = [s for s in out if abs(s.after - s.before) > 2 * s.standard_error > 0]
     return tuple(sorted(moved, key=lambda s: -abs(s.after - s.before) / s.standard_error)[:MAX_SHIFTS])

@@ -1,10 +1,10 @@
-"""Uncertainties that are no residuals: changes of parameters with each cause of a misfit, and with an unknown temperature."""
+"""Uncertainties outside the residuals: shifts of the parameters by each possible cause of a misfit, and by an unknown temperature."""
 
 from dataclasses import replace
 
 from model.identification.adequacy import Adequacy
 from model.identification.fit_result import JointFit
-from model.identification.usual_effects import assumed_temperature
+from model.identification.priors import assumed_temperature
 
 NOT_ADEQUATE, NO_TEMPERATURE = "model not adequate", "temperature not stated (1 K)"
 """Sources of uncertainty."""
@@ -13,13 +13,13 @@ NOT_ADEQUATE, NO_TEMPERATURE = "model not adequate", "temperature not stated (1 
 def with_model_error(fit: JointFit, adequacy: Adequacy, others: tuple[JointFit, ...] = ()) -> JointFit:
     """Return the fit with a covariance that covers the other fits of the same runs, if it is not adequate.
 
-    Where the model is wrong in a way that is not known, the fits with each likely cause are the models that may be right. Their
-    differences from the fit are added to its covariance: every total uncertainty is at least the largest of them.
+    If the model is wrong in an unknown way, the fits with each likely cause are possible models. Their differences from the fit
+    are added to its covariance: every total uncertainty is at least the largest of them.
 
     Args:
         fit: the fit.
-        adequacy: its test with the causes that were compared.
-        others: further fits, such as those before causes were added.
+        adequacy: test of the fit with the compared causes.
+        others: further fits, such as earlier ones without added causes.
     """
     if adequacy.adequate is not False:
         return fit
@@ -40,6 +40,6 @@ def with_temperature_error(fit: JointFit) -> JointFit:
 
 
 def _shift(fit: JointFit, other: JointFit) -> list[float]:
-    """Return the change of each parameter of the fit, 0 for one that the other fit does not have."""
-    found = dict(zip(other.names, other.theta.tolist(), strict=True))
-    return [found.get(name, value) - value for name, value in zip(fit.names, fit.theta.tolist(), strict=True)]
+    """Return the change of each parameter of the fit, 0 for a parameter that the other fit lacks."""
+    values = dict(zip(other.names, other.theta.tolist(), strict=True))
+    return [values.get(name, value) - value for name, value in zip(fit.names, fit.theta.tolist(), strict=True)]

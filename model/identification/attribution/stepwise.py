@@ -11,7 +11,7 @@ from model.identification.fit_result import JointFit
 from model.identification.joint_least_squares import joint_fit
 
 MAX_STEPS = 8
-"""Nonidealities that are added at most."""
+"""Largest number of added nonidealities."""
 
 
 @dataclass(frozen=True)
@@ -19,19 +19,19 @@ class ExtensionStep:
     """A fit with one proposed parameter more than the fit before it."""
 
     explanation: Explanation
-    """The proposal that was taken up."""
+    """The accepted proposal."""
     fit: JointFit
     adequacy: Adequacy
-    """Of the fit with it."""
+    """Adequacy of the extended fit."""
 
     @property
     def name(self) -> str:
-        """The parameter that was added."""
+        """The added parameter."""
         return self.explanation.cause.name
 
 
 def proposed_parameter(adequacy: Adequacy) -> Explanation | None:
-    """Return the likeliest cause that a step may add; None where the likeliest are decisions of the operator."""
+    """Return the likeliest cause that a step may add; None if the likeliest causes need a decision of the operator."""
     if adequacy.adequate is not False or adequacy.diagnosis is None:
         return None
     likeliest = adequacy.diagnosis.likeliest

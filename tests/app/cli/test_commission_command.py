@@ -44,7 +44,7 @@ def result(level_v: float = 0.0) -> Commissioned:
 
 def test_a_record_is_that_of_the_instrument_and_its_firmware() -> None:
     assert load_record(IDENTITY) is None
-    path = save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    path = save_record(IDENTITY, simulated=False, rate_hz=1e5, result=result())
     found = load_record(IDENTITY)
     assert found is not None
     assert found.path == path
@@ -60,7 +60,7 @@ def test_a_record_is_that_of_the_instrument_and_its_firmware() -> None:
 
 
 def test_a_record_of_what_differs_is_not_valid_and_says_what() -> None:
-    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result(0.7))
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, result=result(0.7))
     found = load_record(IDENTITY)
     assert found is not None
     assert found.verdict is OutputVerdict.DANGEROUS
@@ -94,7 +94,7 @@ def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
     assert state.note.startswith("High voltage without a valid commissioning of the source: first look. ")
     assert state.stored["status"] == "overridden"
     assert state.stored["reason"] == "first look"
-    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, result=result())
     state = commissioning_state(IDENTITY, simulated=False)
     assert not state.refusal
     assert state.stored["status"] == "commissioned"
@@ -104,7 +104,7 @@ def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
 
 
 def test_a_record_without_a_reply_time_is_read(tmp_path: Path) -> None:
-    path = save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    path = save_record(IDENTITY, simulated=False, rate_hz=1e5, result=result())
     stored = json.loads(path.read_text())
     del stored["times"]["reply_s"]
     path.write_text(json.dumps(stored))
@@ -124,7 +124,7 @@ def test_measured_times_are_stated_when_the_bench_is_armed_and_lengthen_the_way_
 
 
 def test_a_firmware_change_invalidates_the_record() -> None:
-    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, result=result())
     updated = replace(IDENTITY, firmware="5.03")
     assert (
         "was commissioned with firmware 5.02_3.02, and now has 5.03"
@@ -133,11 +133,11 @@ def test_a_firmware_change_invalidates_the_record() -> None:
 
 
 def test_a_record_that_did_not_pass_or_is_of_a_simulated_instrument_admits_no_high_voltage() -> None:
-    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result(0.7))
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, result=result(0.7))
     assert (
         "did not pass (dangerous: level between bursts 0.7 V" in commissioning_state(IDENTITY, simulated=False).refusal
     )
-    save_record(IDENTITY, simulated=True, rate_hz=1e5, found=result())
+    save_record(IDENTITY, simulated=True, rate_hz=1e5, result=result())
     assert "is of a simulated instrument" in commissioning_state(IDENTITY, simulated=False).refusal
 
 
@@ -147,7 +147,9 @@ def test_records_of_a_simulated_bench_are_kept_apart_and_count_for_the_same_one_
     assert key != simulated_bench_key(simulated(generator={"model": "SDG1032X", "traits": "retime=restarts"}))
     assert key == simulated_bench_key(simulated(generator={"model": "SDG1032X"}, speed=20.0))
     times = MeasuredTimes(0.2, 1e-3, float("nan"), 0.4, 1.25)
-    path = save_record(IDENTITY, simulated=True, rate_hz=1e5, found=replace(result(), times=times), simulated_bench=key)
+    path = save_record(
+        IDENTITY, simulated=True, rate_hz=1e5, result=replace(result(), times=times), simulated_bench=key
+    )
     assert path.relative_to(tmp_path / "data" / "commissioning").parts[:2] == ("simulated", key)
     assert load_record(IDENTITY) is None
     assert commissioning_state(IDENTITY, simulated=False).refusal.startswith("There is no commissioning record")

@@ -121,7 +121,7 @@ def test_a_labs_own_file_runs_and_goes_on(tmp_path: Path, capsys: pytest.Capture
     first = measured(tmp_path / "runs", str(mine), "100,160")
     del registry.PROTOCOLS["mine"]  # as after a restart
     assert main(["resume", str(first), "--again", "160"]) == ExitCode.USAGE
-    assert "a protocol that is not known here" in capsys.readouterr().err
+    assert "'mine'" in capsys.readouterr().err
     assert main(["resume", str(first), "--again", "160", "--protocol", str(mine), "--speed", "max"]) == ExitCode.DONE
     assert main(["run", str(tmp_path / "none.py")]) == ExitCode.USAGE
     assert str(tmp_path / "none.py") in capsys.readouterr().err

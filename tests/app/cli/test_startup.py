@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -31,6 +32,31 @@ HELP = """import app.cli.main
 """
 
 
+PACKAGES = ("app", "drivers", "model", "protocols")
+MOST_MODULES = 110
+"""Modules of these packages that run between the command and the first drive; the simulated instruments are not counted."""
+
+TRIP = """
+import sys, threading
+entered, driven = set(), []
+
+def enter(frame, event, _):
+    code = frame.f_code
+    if event == 'call' and not driven:
+        if code.co_name != '<module>':
+            entered.add(code.co_filename)
+        if code.co_qualname == 'HvAmplifier.start_drive':
+            driven.append(frame)
+
+threading.setprofile(enter)
+sys.setprofile(enter)
+from app.cli.main import main
+main(['run', 'sine-dwell', '--speed', 'max', '--out', sys.argv[1], '--set', 'frequencies_hz=100'])
+sys.setprofile(None)
+print('first drive' if driven else 'no drive', *entered, sep='\\n')
+"""
+
+
 def loaded(code: str) -> set[str]:
     program = PROGRAM.format(code, HEAVY + LATER)
     printed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -55,3 +81,14 @@ def loaded(code: str) -> set[str]:
 )
 def test_nothing_heavy_is_imported_before_it_is_needed(code: str, needs: set[str]) -> None:
     assert not loaded(code) & (needs or set(HEAVY))
+
+
+@pytest.mark.deep
+def test_few_modules_lie_between_the_command_and_the_first_drive(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", TRIP, str(tmp_path)]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    entered = lines[lines.index("first drive") + 1 :]
+    root = Path(__file__).parents[3]
+    ours = {each for name in entered for each in [Path(name)] if each.is_relative_to(root)}
+    counted = sorted(str(each) for each in ours if each.relative_to(root).parts[0] in PACKAGES)
+    assert len(counted) <= MOST_MODULES, counted

@@ -62,7 +62,7 @@ def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_i
 def test_a_faulty_file_is_a_message_and_the_abdomen_s_line_stays(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
     said: list[str] = []
-    stage.window.tabs._threshold._say = said.append
+    stage.window.tabs._threshold._show_message = said.append
     folder = tmp_path / "lab"
     folder.mkdir()
     (folder / LABORATORY_FILE_NAME).write_text('threshold = "elbow"\n')

@@ -142,7 +142,7 @@ def test_a_scanned_label_names_the_specimen_and_starts_nothing(stage: Stage, tmp
     QTest.keyClicks(field, f"M4 #{digest}")
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert field.text() == "M4"
-    until(lambda: "is the one that the label was printed for" in toast.text(), "for the comparison")
+    until(lambda: "is unchanged since the label was printed" in toast.text(), "for the comparison")
     QTest.keyClicks(field, f"M4 #{'0' * 12}")  # replaces the name
     QTest.keyClick(field, Qt.Key.Key_Enter)
     assert field.text() == "M4"

@@ -18,9 +18,10 @@ from app.gui.widgets.theme import WindowTheme
 from app.live.model_overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
+from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
-from protocols.runfile.sidecar import notes_path, read_notes
+from protocols.runfile.sidecar import read_notes
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
@@ -373,7 +374,7 @@ def test_ten_thousand_are_listed_filtered_and_sorted(page: RunsPage, folder: Pat
     catalogue = Catalogue(folder)
     catalogue.scan()
     one = catalogue.entries()[0]
-    made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
+    made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", search_text=f"t{i % 50} ") for i in range(10_000)]
     page.list.folder_model._on_listed(made)
     assert page.list.model.rowCount() == 10_000
     assert "10 000 runs" in find(page, "runs.count").text()

@@ -316,7 +316,7 @@ def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
     stage.happen(*LIVE, point(0, 100.0), *STOPPED)
     log = stage.window.measure_page.log.toPlainText()
     assert "simulated bench is open" in log
-    assert_names(next(line for line in log.splitlines() if "100 Hz" in line), "900.0", "µm")
+    assert_names(next(line for line in log.splitlines() if "100.000 Hz" in line), "900.0", "µm")
     assert STOPPED[-1].reason in log.casefold()
     assert log[2] == log[5] == ":"
 

@@ -41,7 +41,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.mark.parametrize("method", ["joint", "chain"])
 def test_the_truth_of_the_plant_comes_back_within_its_errors(runs: list[Path], method: str) -> None:
     found = identify([runs[0], runs[2]], method)  # type: ignore[arg-type]
-    estimates = {e.name: e for e in found.estimates if e.name not in found.known}
+    estimates = {e.name: e for e in found.estimates if e.name not in found.priors}
     assert set(estimates) == {"mu", "m_add", "c0"}
     allowance = 1e-4 if method == "joint" else 5e-3  # the chain's parabola through the peak has an error of its own
     for name, one in estimates.items():
@@ -73,6 +73,23 @@ def test_identical_samples_of_two_runs_are_counted_once(runs: list[Path], tmp_pa
     _, campaign, notes = read_observations([runs[0], copy])
     assert [r.usable.sum() for r in campaign.runs] == [8, 6]
     assert notes == [f"again.h5 holds the same data as {runs[0].name} at 2 of 8 points: they are counted once"]
+
+
+def test_points_that_a_continuation_measured_again_are_left_out(runs: list[Path], tmp_path: Path) -> None:
+    first = Path(shutil.copy(runs[0], tmp_path))
+    later = Path(shutil.copy(runs[1], tmp_path))
+    with h5py.File(first) as before, h5py.File(later, "r+") as file:
+        points, earlier = file["entry/points"], before["entry/points"]
+        for name in points:
+            points[name][2] = earlier[name][2]  # carried over
+        points["quality"][2] = int(Quality.SUPERSEDED)
+        del file["entry/continues"]
+        file["entry/continues"] = first.name
+    for order in ([first, later], [later, first]):
+        _, campaign, notes = read_observations(order)
+        usable = {run.label: run.usable.tolist() for run in campaign.runs}
+        assert usable[first.stem] == usable[later.stem] == [True, True, False, *[True] * 5]
+        assert_names(next(note for note in notes if note.startswith(first.name)), later.name, 8)
 
 
 def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:

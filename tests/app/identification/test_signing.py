@@ -93,9 +93,9 @@ def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, f
     assert main(["identify", *map(str, runs), "--sheet", "none"]) == 0
     output = capsys.readouterr().out
     assert found.verdict in output
-    assert "How the runs depart from the model" in output
+    assert "Discrepancies between runs and model" in output
     assert "p = 0)" not in output
-    assert "next best: find out why" in output
+    assert "next best: find the cause" in output
 
 
 @pytest.mark.deep

@@ -95,4 +95,4 @@ def test_a_mat_file_that_is_damaged_is_a_sentence(
     monkeypatch.setattr(
         "app.archive.importing.mat_table.READER_SCRIPT", "import os; os.abort()"
     )  # as scipy's does of some damaged bytes
-    assert "not a readable MAT file (its reader died of it)" in refused(tmp_path / "t.mat", capsys, *FULL)
+    assert "not a readable MAT file (its reader crashed)" in refused(tmp_path / "t.mat", capsys, *FULL)

@@ -68,7 +68,7 @@ def test_a_setting_of_one_table_is_no_fault_of_the_others(tmp_path: Path, capsys
     assert len(list((tmp_path / "runs").glob("*.h5"))) == 2
     for made in (tmp_path / "runs").glob("*.h5"):
         made.unlink()
-    assert "leave --set peak_to_peak_v away for this table" in refused(tmp_path / "l.csv", capsys, *FULL)
+    assert "omit --set peak_to_peak_v for this table" in refused(tmp_path / "l.csv", capsys, *FULL)
 
 
 def test_the_default_plot_shows_the_column_that_is_there(tmp_path: Path) -> None:

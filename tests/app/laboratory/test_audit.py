@@ -14,7 +14,7 @@ from app.archive.trash import move_to_trash, restore_from_trash
 from app.cli.main import main
 from app.common import ExitCode
 from app.common.audit_chain import LOG_NAME, AuditError, append_entry, audited_folder, read_entries
-from protocols.runfile.sidecar import notes_path
+from protocols.runfile.names import notes_path
 from tactor_bench import open_run
 from tests.helpers.run_files import finished_run
 

@@ -16,7 +16,7 @@ from app.cli.main import main
 from app.common import ExitCode, UsageError
 from app.config import BackupTable, BenchConfig, load_bench
 from protocols.base import LogMessage, RunEnded, RunStatus
-from protocols.runfile.sidecar import notes_path
+from protocols.runfile.names import notes_path
 from protocols.runfile.verify import FileState, verify_run
 from tests.helpers.messages import assert_names
 from tests.helpers.run_files import finished_run

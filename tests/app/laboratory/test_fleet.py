@@ -3,6 +3,7 @@
 import json
 import random
 import time
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from app.fleet.catalogue_values import Fleet, FleetError, FleetValue, read_fleet
 from app.fleet.control_chart import TooFewValuesError, control_chart, moving_average
 from app.fleet.drift import DriftCause, golden_charts
 from app.fleet.statistics import capability, outlier_mask, spread_of, trend_of
+from app.fleet.summary_tables import quantity_table
 from tests.helpers.fleet_runs import BEGIN, DRIFT_FROM_DAY, GOLDEN, write_laboratory
 from tests.helpers.messages import assert_names
 
@@ -104,9 +106,29 @@ def test_outliers_spread_and_trend() -> None:
     assert trend_of(days[:2], days[:2]) is None
 
 
+def test_of_two_protocols_with_as_many_values_the_newer_one_counts() -> None:
+    dwell, sweep = (
+        replace(_value("T1", "laser", day, value), protocol=name)
+        for day, value, name in ((0, 1.0, "dwell"), (1, 2.0, "sweep"))
+    )
+    assert [each.value for each in Fleet((dwell, sweep)).of("size").newest] == [2.0]
+    later = replace(dwell, path="later")
+    assert [each.value for each in Fleet((dwell, later, sweep)).of("size").newest] == [1.0]
+
+
 def _value(specimen: str, sensor: str, day: float, value: float) -> FleetValue:
     start = (BEGIN + timedelta(days=day)).isoformat()
     return FleetValue("size", value, 0.0, 0.01, "m", "", specimen, "A", start, "p", "bench", sensor, "", "", False)
+
+
+def test_tables_of_quantities_show_names_for_people_and_keep_identifiers() -> None:
+    value = replace(_value("G", "L0", 0, 0.01), name="creep_per_decade", unit="1")
+    fleet = Fleet((value, replace(value, name="compliance, MFC up", unit="m/N")))
+    for name in ("creep_per_decade", "creep per decade", "compliance, MFC up"):
+        table = quantity_table([fleet.of(name)], {})
+        shown = next(column for column in table.columns if column.displayed)
+        assert (shown.displayed_name, shown.values) == ("quantity", [name.replace("_", " ")])
+        assert table.columns[0].values == [name if "," in name else "creep_per_decade"]
 
 
 def _history(golden_drift: float, sensor_drift: float, sensors: int, others: int) -> Fleet:

@@ -14,8 +14,9 @@ from drivers.interfaces import Identity
 from drivers.sensors.environment import EnvironmentReading, TextEnvironmentSensor, parse_reading
 from drivers.transport.serial_port import SerialPort
 from protocols.base import RunConditions
+from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
-from protocols.runfile.sidecar import notes_path, read_notes
+from protocols.runfile.sidecar import read_notes
 from sim_hardware.wires.pty import PtyServer
 
 

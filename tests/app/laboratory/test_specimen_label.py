@@ -95,7 +95,7 @@ def test_a_scan_is_compared_with_the_present_sheet(folder: Path) -> None:
     label = make_label(folder, "T7")
     assert read_label(f"{label.text}\r\n") == read_label(label.text)
     assert read_label(label.text).specimen == "T7"
-    assert "its sheet is the one that the label was printed for" in compare_label(folder, read_label(label.text))
+    assert "its sheet is unchanged since the label was printed" in compare_label(folder, read_label(label.text))
     (folder / "T7.specimen.toml").write_text('specimen = "T7"\nbatch = "B3"\n')
     assert "its sheet has changed since the label was printed" in compare_label(folder, read_label(label.text))
     assert "there is no sheet of it in this folder" in compare_label(folder.parent, read_label(label.text))

@@ -10,7 +10,9 @@ from app.cli.main import main
 from app.report.document import Paragraph
 from app.report.figures_of_merit import figure_of_merit
 from app.report.limits import FIGURES_OF_MERIT, Limit, Limits, LimitsError, judge_limits, read_limits
+from app.report.result_cards import _typeset
 from app.report.rounding import typeset_measurement, typeset_number, typeset_probability
+from protocols.base import RunFigure
 from tests.helpers.messages import assert_names
 from tests.helpers.report_specimen import blocks_of
 
@@ -195,3 +197,15 @@ def test_fleet_and_report_judge_a_limit_on_the_same_quantity(
     answer = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     merits = {merit["name"]: merit["value"] for merit in answer["merits"]}
     assert [merits[name] for name in names] == pytest.approx([means[name] for name in names], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "unit", "shown"),
+    [
+        ("overshoot, after a step", 0.45, "1", "45.0 ± 1.0 %"),
+        ("ratio", 22.5, "1", "22.500 ± 0.010"),
+        ("gain", 1e-4, "m/V", "100 ± 10000 µm/V"),
+    ],
+)
+def test_a_figure_in_a_table_has_the_unit_of_its_quantity(name: str, value: float, unit: str, shown: str) -> None:
+    assert _typeset(RunFigure(name, value, 0.0, 0.01, unit)).replace("\u00a0", " ") == shown

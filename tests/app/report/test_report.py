@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -16,10 +17,12 @@ import h5py
 import numpy as np
 import pytest
 
+from app.archive import Catalogue
 from app.cli import report as command
 from app.cli.main import main
 from app.common import typeset
 from app.common.text_table import Table
+from app.fleet.catalogue_values import read_fleet
 from app.plotting.panels import ReportPlot, new_figure
 from app.report import drawings, pdf
 from app.report.content import ReportError, build_report, page_marks
@@ -96,6 +99,8 @@ def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(wri
     assert "class='mark'" in html
     assert "class='banner'>SIMULATED" in html
     assert "<h2>Every run</h2>" in html
+    (step,) = (caption for caption in re.findall("<caption>(.*?)</caption>", html) if "1500" in caption)
+    assert "model" in step
     for path in written.runs.glob("*.h5"):
         assert path.name in html
         assert hashlib.sha256(path.read_bytes()).hexdigest() in html
@@ -411,3 +416,18 @@ def test_a_band_has_the_share_of_the_added_mass_that_acts() -> None:
     )
     assert band is not None
     assert band.standard_error == pytest.approx([1e-7, 0.03])
+
+
+def test_report_and_fleet_agree_on_a_specimen(
+    folder: Path, gathered: tuple[Report, SpecimenModel, tuple[ReportRun, ...]]
+) -> None:
+    merits = {each["name"]: each for each in gathered[0].record["merits"]}  # type: ignore[attr-defined]
+    catalogue = Catalogue(folder)
+    catalogue.scan()
+    fleet = read_fleet(folder, catalogue)
+    for name in ("natural_frequency", "damped_frequency", "damping_ratio", "peak_frequency", "amplitude_at_resonance"):
+        (value,) = fleet.of(name).newest
+        figure = merits[name]
+        assert figure["value"] == pytest.approx(value.value, rel=1e-12), name
+        assert figure["standard_error"] == pytest.approx(value.total, rel=1e-3), name
+        assert figure["source"] == Path(value.path).stem

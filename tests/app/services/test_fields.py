@@ -29,7 +29,7 @@ def test_fields_carry_name_unit_meaning_and_limits() -> None:
 
 def test_other_fields_are_called_as_the_form_calls_them() -> None:
     words = {field.name: field.description for field in form_fields(StaticLoading)}
-    assert "counts where 'weight class' is own" in words["weight_errors_kg"]
+    assert "counts with 'weight class' own" in words["weight_errors_kg"]
     assert not any(name in text for name in words if "_" in name for text in words.values())
 
 

@@ -70,8 +70,8 @@ def test_a_value_that_the_user_fixed_is_a_possible_cause() -> None:
     fit = joint_fit(measure(Laboratory(), 1, SMALL), FitOptions(fixed={"c0": 130.0}))
     diagnosis = assess_adequacy(fit).diagnosis
     assert diagnosis is not None
-    assert diagnosis.likeliest[0].cause_words.startswith("c0 (structural damping per length) is 1")
-    assert diagnosis.likeliest[0].cause_words.endswith(", not 130 kg/(m s)")
+    assert diagnosis.likeliest[0].cause_text.startswith("c0 (structural damping per length) is 1")
+    assert diagnosis.likeliest[0].cause_text.endswith(", not 130 kg/(m s)")
 
 
 @pytest.mark.deep
@@ -161,11 +161,11 @@ def test_what_no_run_can_decide_is_named_with_the_measurement_that_would() -> No
     assert [u.name for u in dwell.undecidable] == ["sensor_gain", "volts"]
     assert (
         "1 % would move k2 by 1.4 %; weighing one of the weights on another balance would"
-        in loading.undecidable[1].words
+        in loading.undecidable[1].text
     )
     every = assess_adequacy(joint_fit(measure(Laboratory(), 1), FitOptions(n=20)))
     assert [u.name for u in every.undecidable] == ["volts"]
-    assert "a probe of known ratio" in every.undecidable[0].words
+    assert "a probe of known ratio" in every.undecidable[0].text
 
 
 def test_the_published_matrix_has_every_departure() -> None:

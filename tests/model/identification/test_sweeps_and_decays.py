@@ -176,7 +176,7 @@ def test_a_decay_that_contradicts_is_named_with_the_sign_of_its_words() -> None:
     found = fit(*few, wrong)
     verdict = assess_adequacy(found)
     assert verdict.adequate is False
-    assert any("decay rings" in f.words and "higher" in f.words for f in verdict.findings)
+    assert any("decay rings" in f.text and "higher" in f.text for f in verdict.findings)
 
 
 @pytest.mark.deep

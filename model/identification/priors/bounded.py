@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from model import Array
-from model.identification import parameters as known
+from model.identification import parameters as fit_parameters
 
 NEAR_SIGMAS = 4.0
 """Standard deviations from a prior value to a limit up to which the limit counts: beyond, it cuts off less than 4e-5."""
@@ -35,7 +35,7 @@ def truncated_moments(mean: float, deviation: float, limit: float, side: int) ->
 
 def near_limit(name: str, prior: Prior) -> tuple[float, int] | None:
     """Return the limit next to a prior value of a parameter, and on which side of it the parameter is; None where none is near."""
-    interval, (value, deviation) = known.SPECIMEN_PARAMETERS.get(name), prior
+    interval, (value, deviation) = fit_parameters.SPECIMEN_PARAMETERS.get(name), prior
     if interval is None:
         return None
     for limits, side in (

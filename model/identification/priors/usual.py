@@ -1,8 +1,8 @@
-"""Usual nonidealities of a tactor and its set-up, as parameters of every fit with the size that is to be expected of them.
+"""Usual nonidealities of a tactor and its set-up, as parameters of every fit with their expected size.
 
-Each is free with a normal prior around none, as a length is around what a ruler read; of one that has a sign, such as creep, this is half of
-a normal distribution. What neither sheet nor runs say of the specimen is free around Table I. A specimen sheet, `--prior` or `--fix` replaces
-the prior; `--sheet none` holds all of them, `--plain` the nonidealities.
+Each is free with a normal prior around zero, like a length around the reading of a ruler; an effect of one sign, such as creep, has half
+of a normal distribution. Parameters of the specimen that neither sheet nor runs determine are free around Table I. A specimen sheet,
+`--prior` or `--fix` replaces the prior; `--sheet none` holds all of them, `--plain` the nonidealities.
 """
 
 from collections.abc import Iterator, Mapping
