@@ -61,7 +61,7 @@ def test_the_product_keeps_every_contract(contracts: dict[str, Any], graph: grim
         ("drivers.clock", "protocols.base.events", "Product layers"),
         ("model.skin_model", "drivers", "Product layers"),
         ("protocols.base.steps", "sim_hardware.plant.plant", "Product layers"),
-        ("app.common.errors", "app.session.session", "App layers"),
+        ("app.common.exit_codes", "app.session.session", "App layers"),
         ("app.archive.transfer", "app.cli.main", "App layers"),
         ("app.gui.widgets.form", "app.gui.plots.base", "GUI layers"),
         ("app.gui.runs.page", "app.gui.explore.page", "Pages are independent"),

@@ -1,12 +1,12 @@
-"""Tags, note and checks by a second person in the sidecar of a run, with an entry in the audit trail."""
+"""Tags and note in the sidecar of a run, with an entry in the audit trail."""
 
-from datetime import UTC, datetime
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.common import UsageError, record_audit
-from protocols.base import RunStatus, file_hash
-from protocols.runfile import Run, RunCheck, change_notes, notes_path, translate_read_errors
+from app.common import record_audit
+from protocols.runfile import Notes, change_notes, notes_path
 
 
 def read_tags(text: str) -> tuple[str, ...]:
@@ -25,28 +25,21 @@ def write_notes(run: Path, **changes: Any) -> None:
     record_audit("notes", notes_path(run), subject=run.name, tags=list(notes.tags), note=notes.note, checked_by=names)
 
 
-def check_run(path: Path, name: str, remark: str = "") -> RunCheck:
-    """Store that a second person checked a run, and return the record.
+def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
+    """Write tags and a note of one run; for several runs, add the tags to each and keep the notes.
 
-    Raises:
-        UsageError: it is the person who measured, or the run has not ended.
-        RunReadError: the file cannot be read.
-        NotesError: the record cannot be written.
+    Args:
+        runs: path, listed tags and listed note of each.
+        tags: separated by commas.
+        note: for a single run.
     """
-    with Run(path) as run, translate_read_errors(path):
-        operator, status = run.record.conditions.operator, run.record.status
-        sha256 = file_hash(path)
-    if operator.casefold() == name.casefold():
-        raise UsageError(f"{name} measured {path.name}; a second person has to check it: name another one with --by")
-    if status is RunStatus.RUNNING:
-        raise UsageError(f"{path.name} has not ended; check it when it has")
-    check = RunCheck(name, datetime.now(UTC).isoformat(timespec="seconds"), sha256, remark)
-    write_notes(path, checks=lambda notes: (*notes.checks, check))
-    return check
+    for path, listed_tags, listed_note in runs:
+        if len(runs) == 1:
+            write_notes(path, tags=read_tags(tags), note=note)
+        else:
+            added = partial(_with_tags, f"{listed_tags},{tags}")
+            write_notes(path, tags=added, note=lambda notes, listed=listed_note: notes.note or listed)
 
 
-def describe_check(path: Path, check: RunCheck) -> str:
-    """Return a check as text, with a note if the file has changed since."""
-    changed = "" if file_hash(path) == check.sha256 else "; the file has changed since"
-    remark = f": {check.remark}" if check.remark else ""
-    return f"checked by {check.name} on {check.time[:16].replace('T', ' ')} UTC{remark}{changed}"
+def _with_tags(added: str, notes: Notes) -> tuple[str, ...]:
+    return read_tags(",".join((*notes.tags, added)))

@@ -1,38 +1,16 @@
-"""Batch operations on run files: annotate, export, copy, import tables, read for comparison."""
+"""Batch operations on run files: export, copy, import tables, read for comparison."""
 
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
 from app.archive.backup import CopyResult, copy_file
 from app.archive.exporting import Format, export_run, raw_left_out
-from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, record_audit
 from app.config import AmplifierTable
 from protocols.base import file_hash
-from protocols.runfile import Notes, Run, RunReadError, notes_path
-
-
-def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
-    """Write tags and a note of one run; for several runs, add the tags to each and keep the notes.
-
-    Args:
-        runs: path, listed tags and listed note of each.
-        tags: separated by commas.
-        note: for a single run.
-    """
-    for path, listed_tags, listed_note in runs:
-        if len(runs) == 1:
-            write_notes(path, tags=read_tags(tags), note=note)
-        else:
-            added = partial(_with_tags, f"{listed_tags},{tags}")
-            write_notes(path, tags=added, note=lambda notes, listed=listed_note: notes.note or listed)
-
-
-def _with_tags(added: str, notes: Notes) -> tuple[str, ...]:
-    return read_tags(",".join((*notes.tags, added)))
+from protocols.runfile import Run, RunReadError, notes_path
 
 
 def export_runs(

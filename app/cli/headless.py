@@ -14,6 +14,7 @@ from app.common import (
     ExitCode,
     UsageError,
     current_conditions,
+    exit_code_of,
     print_message,
     remember_conditions,
     remember_typed_conditions,
@@ -24,21 +25,8 @@ from app.identification import reference_model
 from app.services import operator_reachable, refuse_without_operator
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols import load_plug_ins
-from protocols.base import Outcome, Prompt, Protocol
+from protocols.base import Prompt, Protocol
 from protocols.runner import RunRequest
-
-EXIT_CODES = {
-    Outcome.GOOD: ExitCode.DONE,
-    Outcome.DOUBTFUL: ExitCode.DONE,
-    Outcome.NO_RESULT: ExitCode.NO_RESULT,
-    Outcome.UNSAFE: ExitCode.UNSAFE,
-}
-"""Exit codes by verdict; all others are `ExitCode.FAILED`."""
-
-
-def exit_code_of(outcome: Outcome) -> ExitCode:
-    """Return the exit code of a verdict."""
-    return EXIT_CODES.get(outcome, ExitCode.FAILED)
 
 
 @dataclass

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from app.cli.options import RUN_FILES, argument, command, option
-from app.common import ExitCode, UsageError, print_line, print_message
+from app.common import ExitCode, UsageError, exit_code_of, print_line, print_message
 from protocols.runfile import (
     FileState,
     NotesError,
@@ -29,7 +29,7 @@ class JudgeCommand:
     json: bool = option("one JSON list on standard output")
 
     def execute(self) -> int:
-        from app.cli.headless import exit_code_of, load_all_protocols
+        from app.cli.headless import load_all_protocols
         from app.cli.output import print_json
         from app.common import record_audit
         from app.identification import reference_model

@@ -6,9 +6,10 @@ from .audit_chain import append_entry as append_entry
 from .audit_chain import audited_hash as audited_hash
 from .audit_chain import read_entries as read_entries
 from .audit_chain import record_audit as record_audit
-from .errors import ExitCode as ExitCode
-from .errors import UsageError as UsageError
-from .errors import usage_errors as usage_errors
+from .exit_codes import ExitCode as ExitCode
+from .exit_codes import UsageError as UsageError
+from .exit_codes import exit_code_of as exit_code_of
+from .exit_codes import usage_errors as usage_errors
 from .formatting import SUPERSCRIPTS as SUPERSCRIPTS
 from .formatting import axis_name as axis_name
 from .formatting import format_bytes as format_bytes

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.common.errors import UsageError
+from app.common.exit_codes import UsageError
 from app.common.inputs import truncate_text
 from drivers import BenchError
 from protocols.base import RunConditions, read_json_file, write_atomic

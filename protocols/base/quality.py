@@ -1,4 +1,4 @@
-"""Quality flags of measured values in files, plots, fits and exports."""
+"""Quality flags of measured values in files, plots, fits and exports, with the remedies for unusable points."""
 
 from collections.abc import Iterable
 from enum import IntFlag
@@ -60,3 +60,23 @@ def point_quality(point: Any) -> Quality:
 def usable_mask(flags: Iterable[float]) -> Mask:
     """Return the mask of values that fits and summaries may use, by their stored flags; (N,)."""
     return np.array([Quality(int(each)).usable for each in flags], bool)
+
+
+REMEDIES = {
+    Quality.OUT_OF_RANGE: "check that the laser is on and bring the target into the sensor's range",
+    Quality.NO_RESPONSE: "check that the tactor is under the sensor, and that high voltage is on",
+    Quality.DRIVE_OFF: "check the cable from the generator to the amplifier and to the card",
+    Quality.CLIPPED: "choose a larger range of the card, or less drive",
+    Quality.UNSETTLED: "allow more time to settle",
+    Quality.DROPPED: "close other programs, or lower the sample rate",
+}
+"""Remedies for unusable points by flag, in the order in which causes mask each other."""
+
+
+def remedy_for(flags: Iterable[Quality]) -> str:
+    """Return the remedy for points with these flags: for the cause that masks the others."""
+    together = Quality.GOOD
+    for each in flags:
+        together |= each
+    other = "see the log for the reason, and measure these points again"
+    return next((remedy for flag, remedy in REMEDIES.items() if flag & together), other)

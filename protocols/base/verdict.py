@@ -13,7 +13,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from model import quantity_label, shown_unit
-from protocols.base.quality import Quality, point_quality
+from protocols.base.quality import Quality, point_quality, remedy_for
 from protocols.base.text import to_jsonable
 
 if TYPE_CHECKING:
@@ -266,22 +266,3 @@ QUESTIONABLE = {
     Quality.LEVEL_EXCEEDED: ("points in which an abort level was exceeded", "see the log for the level and its value"),
 }
 """Name and remedy of the check of usable points with a flag."""
-
-REMEDIES = {
-    Quality.OUT_OF_RANGE: "check that the laser is on and bring the target into the sensor's range",
-    Quality.NO_RESPONSE: "check that the tactor is under the sensor, and that high voltage is on",
-    Quality.DRIVE_OFF: "check the cable from the generator to the amplifier and to the card",
-    Quality.CLIPPED: "choose a larger range of the card, or less drive",
-    Quality.UNSETTLED: "allow more time to settle",
-    Quality.DROPPED: "close other programs, or lower the sample rate",
-}
-"""Remedies for unusable points by flag, in the order in which causes mask each other."""
-
-
-def remedy_for(flags: Iterable[Quality]) -> str:
-    """Return the remedy for points with these flags: for the cause that masks the others."""
-    together = Quality.GOOD
-    for each in flags:
-        together |= each
-    other = "see the log for the reason, and measure these points again"
-    return next((remedy for flag, remedy in REMEDIES.items() if flag & together), other)

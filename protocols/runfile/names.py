@@ -1,6 +1,7 @@
-"""File names of specimens and sidecars; specimens are escaped so that different names never share a file, on any file system."""
+"""File names of runs, specimens and sidecars; specimens are escaped so that different names never share a file, on any file system."""
 
 import hashlib
+from datetime import datetime
 from pathlib import Path
 
 MAX_NAME_BYTES = 100
@@ -33,6 +34,11 @@ def safe_name(specimen: str) -> str:
         return name or "%"
     digest = hashlib.sha256(specimen.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
     return f"{truncate_utf8(name, MAX_NAME_BYTES - _HASH_DIGITS - 2).decode()}%~{digest}"
+
+
+def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:
+    """Return a path with time, specimen and protocol, which sorts by time: `20261121T091502Z_T7_sine-dwell.h5`."""
+    return folder / f"{started_at:%Y%m%dT%H%M%SZ}_{safe_name(specimen)}_{protocol}.h5"
 
 
 def sheet_path(folder: Path, specimen: str) -> Path:

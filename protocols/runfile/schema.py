@@ -1,18 +1,15 @@
-"""Run file schema: format version, names, record types and file names.
+"""Run file schema: format version, names, and record types.
 
 NeXus: /entry (NXentry) with NXinstrument, NXdata groups and units on every dataset, so that a NeXus viewer shows a plot; simple
 enough for MATLAB's `h5read`.
 """
 
 from dataclasses import fields, is_dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Unit
-
-from protocols.runfile.names import safe_name
 
 FORMAT = "tactor-bench-run"
 FORMAT_VERSION = 3
@@ -82,8 +79,3 @@ RESPONSE_COLUMNS = frozenset([
 def is_response(point: Any) -> bool:
     """Return whether a point, or a type of points, has the columns of a response to a sine."""
     return ({field.name for field in fields(point)} if is_dataclass(point) else vars(point).keys()) >= RESPONSE_COLUMNS
-
-
-def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:
-    """Return a path with time, specimen and protocol, which sorts by time: `20261121T091502Z_T7_sine-dwell.h5`."""
-    return folder / f"{started_at:%Y%m%dT%H%M%SZ}_{safe_name(specimen)}_{protocol}.h5"

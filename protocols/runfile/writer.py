@@ -27,7 +27,7 @@ from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series,
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.creation import create_file, create_group, free_name
 from protocols.runfile.errors import FileLostError, RunReadError, StorageError, os_error_text, translate_write_errors
-from protocols.runfile.names import truncate_utf8
+from protocols.runfile.names import run_path, truncate_utf8
 from protocols.runfile.presence import FilePresence
 from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import (
@@ -41,7 +41,6 @@ from protocols.runfile.schema import (
     RECORDING_DTYPE,
     RESERVE_BYTES,
     point_columns,
-    run_path,
 )
 from protocols.runfile.series import append_series
 from protocols.runfile.transaction import announced_transaction, transaction

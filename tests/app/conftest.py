@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from app.cli.main import main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.text import Text
 
 from app.cli.main import main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from app.plotting import run_picture
 from app.plotting.charts import draw_figure, typeset_symbols
 from app.plotting.panels import new_figure

@@ -12,7 +12,7 @@ import pytest
 
 from app.cli import headless as commands
 from app.cli.main import complete_parser, main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, run
 

@@ -12,7 +12,7 @@ import pytest
 from app.archive import Catalogue
 from app.cli.main import main
 from app.common import Table
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from app.fleet.catalogue_values import read_fleet
 from app.identification.specimen_identification import identify
 from app.live.model_overlay import Overlay, curve_request_for

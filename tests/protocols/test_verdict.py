@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.base import CheckResult, Outcome, Quality, RunEnded, RunStatus, Verdict, judge, to_jsonable
-from protocols.base.verdict import REMEDIES, usability_checks
+from protocols.base.quality import REMEDIES
+from protocols.base.verdict import usability_checks
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run

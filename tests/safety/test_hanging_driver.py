@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, Session, SessionState
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS

@@ -11,7 +11,7 @@ import psutil
 import pytest
 from nidaqmx.constants import AcquisitionType
 
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from drivers.bench.shutdown import SWITCH_OFF_NOW
 from drivers.clock import WallClock
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock, NoWatchdog
 from drivers.drive_shapes import Drive, Hold, Sine

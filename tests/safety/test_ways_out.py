@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import RunStatus
 from protocols.runfile.reader import Run

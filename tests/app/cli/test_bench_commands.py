@@ -9,7 +9,7 @@ import pytest
 
 from app.archive.description import injected_faults
 from app.cli.main import main
-from app.common.errors import ExitCode, UsageError
+from app.common.exit_codes import ExitCode, UsageError
 from app.config.bench_file import load_bench
 from app.config.discovery import find_devices
 from app.session.bench_connection import connect

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.cli.main import main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from protocols.runfile.reader import Run
 from tests.helpers.messages import assert_names
 

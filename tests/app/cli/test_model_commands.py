@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from model.specimen import variable_specs
 
 DWELL = [25, 50, 75, 80, 100, 125, 150, 160, 175, 200, 225, 250]

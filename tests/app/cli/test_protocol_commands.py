@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.cli.main import main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from protocols import registry
 from protocols.base import Outcome, Quality
 from protocols.runfile.reader import Run

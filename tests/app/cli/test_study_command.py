@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 from model import Membrane, Specimen, replace_variables
 from model.response import exact_response
 from model.studies.parameter_study import STUDY_PRESETS, Study

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from app.cli.main import COMMANDS
-from app.common.errors import ExitCode
+from app.common.exit_codes import ExitCode
 
 PROGRAM = """
 import contextlib, glob, io, json, sys, traceback

@@ -1,8 +1,12 @@
-"""Exit codes and usage errors of the program."""
+"""Exit codes of the program, by the verdict of a run, and its usage errors."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from protocols.base import Outcome
 
 
 class ExitCode(IntEnum):
@@ -15,6 +19,19 @@ class ExitCode(IntEnum):
     """Rest could not be confirmed."""
     NO_RESULT = 4
     """The run was completed, but nothing usable was measured."""
+
+
+def exit_code_of(outcome: "Outcome") -> ExitCode:
+    """Return the exit code of a verdict."""
+    from protocols.base import Outcome
+
+    codes = {
+        Outcome.GOOD: ExitCode.DONE,
+        Outcome.DOUBTFUL: ExitCode.DONE,
+        Outcome.NO_RESULT: ExitCode.NO_RESULT,
+        Outcome.UNSAFE: ExitCode.UNSAFE,
+    }
+    return codes.get(outcome, ExitCode.FAILED)
 
 
 class UsageError(Exception):
