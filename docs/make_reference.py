@@ -22,6 +22,7 @@ import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
 from app.services import format_parameter, protocol_fields  # noqa: E402
 from docs.run_file_page import cell, run_file  # noqa: E402
+from drivers.deadlines import Deadline  # noqa: E402
 from drivers.evidence.evidence_files import assumptions  # noqa: E402
 from model import PARAMETERS, RESULTS  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
@@ -48,6 +49,7 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "reference/run-file.md", MADE + run_file()
     yield "reference/quantities.md", MADE + "\n".join(quantities())
     yield "reference/python.md", MADE + python_api()
+    yield "reference/deadlines.md", MADE + deadlines()
     yield "generators.md", with_assumptions((HERE / "generators.md").read_text("utf-8"))
     yield "decisions/README.md", LISTED + decisions()
     yield "pictures/README.md", LISTED + pictures()
@@ -177,6 +179,23 @@ def signature(name: str, node: ast.FunctionDef) -> list[str]:
 def parameters_of(kind: type) -> tuple[Any, ...]:
     """Return the annotated parameters of a dataclass of the model; none for any other class."""
     return parameter_specs(kind) if kind.__module__.startswith("model.") and is_dataclass(kind) else ()
+
+
+def deadlines() -> str:
+    lines = [
+        "# Deadlines",
+        "",
+        "Longest real time of every call that leaves the process. A call that cannot be broken off leaves its thread behind; the run",
+        "names and counts such threads, and the program then ends without waiting for them. [Safety](../safety.md) states what follows.",
+        "",
+        "| call | s | then |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| {cell(each.calls)} | {each.seconds:g} | {cell(each.then or 'an error of the call')} |"
+        for each in sorted(Deadline, key=lambda deadline: deadline.calls)
+    ]
+    return "\n".join([*lines, ""])
 
 
 def decisions() -> str:

@@ -12,6 +12,7 @@ from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.shutdown import LiveWarning as LiveWarning
 from .bench.shutdown import channel_skew_s as channel_skew_s
+from .bench.shutdown import live_warning as live_warning
 from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISABLED_WARNING
 from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
 from .bench.watchdog_interface import NoWatchdog as NoWatchdog
@@ -19,6 +20,12 @@ from .bench.watchdog_interface import Watchdog as Watchdog
 from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
+from .deadlines import AbandonableThread as AbandonableThread
+from .deadlines import CallThread as CallThread
+from .deadlines import Deadline as Deadline
+from .deadlines import OverdueError as OverdueError
+from .deadlines import overdue_s as overdue_s
+from .deadlines import threads_left_behind as threads_left_behind
 from .drive_shapes import Drive as Drive
 from .drive_shapes import Hold as Hold
 from .drive_shapes import LevelPulse as LevelPulse
@@ -31,6 +38,7 @@ from .drive_shapes import Steps as Steps
 from .drive_shapes import as_record as as_record
 from .drive_shapes import from_record as from_record
 from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
+from .errors import MEMORY_SHORT as MEMORY_SHORT
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
 from .errors import CardInUseError as CardInUseError
@@ -40,6 +48,7 @@ from .errors import LinkError as LinkError
 from .errors import ScanOrderError as ScanOrderError
 from .errors import ScansLostError as ScansLostError
 from .errors import UnsafeError as UnsafeError
+from .errors import is_memory_short as is_memory_short
 from .evidence.evidence_files import GeneratorFamily as GeneratorFamily
 from .evidence.evidence_files import generator_families as generator_families
 from .generators.burst import BurstGenerator as BurstGenerator

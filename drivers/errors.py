@@ -36,6 +36,16 @@ class DriveRejectedError(BenchError):
     """A drive violates the drive limits. Nothing was sent to the source."""
 
 
+def is_memory_short(error: BaseException) -> bool:
+    """Whether an error says that there is not enough memory: for an array, a thread, or a library."""
+    return isinstance(error, MemoryError) or any(
+        words in str(error) for words in ("can't start new thread", "annot allocate memory", "failed to map segment")
+    )
+
+
+MEMORY_SHORT = "there is not enough memory; close other programs, or measure less at a time"
+
+
 MANUAL_SHUTDOWN_INSTRUCTIONS = (
     "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
     "at the amplifier itself; do not touch the specimen or the generator's cable before the amplifier's display reads 0 V"

@@ -139,7 +139,7 @@ def load_protocol_file(path: Path) -> type[Protocol]:
     try:
         # Always compiled from the text: Python's cache mistakes a file of equal size and second for the same file.
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # noqa: S102 - the operator's own file
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ProtocolFileError(f"{path} does not run: {type(error).__name__}: {error}") from error
     kinds = [
         kind

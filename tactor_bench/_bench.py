@@ -1,5 +1,6 @@
 """Connection of a bench, and runs of protocols on it that always end at rest."""
 
+import os
 import signal
 import threading
 from collections.abc import Mapping
@@ -7,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.archive import AfterRun
-from app.common import UsageError
+from app.common import ExitCode, UsageError
 from app.config import BenchConfig
 from app.identification import reference_model
 from app.services import refuse_without_operator
@@ -23,7 +24,7 @@ from app.session import (
     load_protocol_class,
 )
 from app.session import connect as open_instruments
-from drivers import BenchError, Closeable, UnsafeError
+from drivers import BenchError, Closeable, UnsafeError, threads_left_behind
 from protocols.base import Protocol, RestMeasured, RunStatus
 from protocols.runner import RunRequest
 from tactor_bench._frontend import front_end
@@ -271,18 +272,22 @@ _OPEN: set[BenchSession] = set()
 _AT_EXIT = threading.Lock()
 
 
+def _close_all() -> None:
+    """Close the benches that are still open when the program ends: their threads would keep the interpreter from ending."""
+    threading.main_thread().join()
+    for each in tuple(_OPEN):
+        each.close()
+    if threads_left_behind():
+        os._exit(ExitCode.FAILED)
+
+
+_CLOSER = threading.Thread(target=_close_all, name="closes benches at exit", daemon=True)
+"""`atexit` is too late, since Python joins threads before; the end of the main thread is not."""
+
+
 def _close_at_exit(bench: BenchSession) -> None:
-    """Close a bench that is still open when the program ends: its thread would keep the interpreter from ending.
-
-    `atexit` is too late, since Python joins threads before; the end of the main thread is not.
-    """
-
-    def close_all() -> None:
-        threading.main_thread().join()
-        for each in tuple(_OPEN):
-            each.close()
-
+    """Close a bench that is still open when the program ends."""
     with _AT_EXIT:
-        if not _OPEN:
-            threading.Thread(target=close_all, name="closes benches at exit", daemon=True).start()
+        if _CLOSER.ident is None:
+            _CLOSER.start()
         _OPEN.add(bench)

@@ -105,10 +105,6 @@ class FrontEnd(ABC):
         if self._session is not None:
             self._session.stop()
 
-    def _abandon_if_hung(self) -> None:
-        if self._session is not None:
-            self._session.abandon_if_hung()
-
     def _lines(self, event: SessionEvent) -> list[str]:
         """Return the displayed lines of an event; without progress only lines for the operator."""
         message = describe_event(event)
@@ -148,7 +144,7 @@ class TerminalFrontEnd(FrontEnd):
 
     def wait(self, done: threading.Event) -> None:
         while not done.wait(POLL_S):
-            self._abandon_if_hung()
+            pass
 
     def _observer(self, keys: str = "") -> Callable[[SessionEvent], None]:
         return ConsoleObserver(StderrConsole(), keys, not self._real) if self._progress else self._filtered
@@ -204,7 +200,6 @@ class NotebookFrontEnd(FrontEnd):
 
     def wait(self, done: threading.Event) -> None:
         while not done.is_set():
-            self._abandon_if_hung()
             with contextlib.suppress(queue.Empty):
                 self._take(self._queue.get(timeout=POLL_S))
         self._show_queued()

@@ -15,13 +15,13 @@ from typing import Any
 
 from app.common import UsageError, truncate_text
 from app.config import BenchConfig
+from drivers import Deadline
 from protocols.base import LogMessage, RunEnded
 
 ENTRY_POINT_GROUP = "tactor_bench.after_run"
 """Entry points of installed packages; each is called with the path of the run file and the event `RunEnded`, and returns a problem or nothing."""
 
 RUN_PLACEHOLDER = "{run}"
-COMMAND_TIMEOUT_S = 600.0
 MAX_OUTPUT_LENGTH = 300
 
 
@@ -46,9 +46,12 @@ class AfterRun:
     def observe(self, event: Any) -> None:
         """Start the actions if this is the end of a run."""
         if isinstance(event, RunEnded) and event.path and Path(event.path).is_file():
+            path = Path(event.path)
+            if next(self._actions(path, event), None) is None:
+                return  # without a thread: memory may be short
             if self._executor is None:
                 self._executor = ThreadPoolExecutor(1, "after run")
-            self._executor.submit(self._act, Path(event.path), event)
+            self._executor.submit(self._act, path, event)
 
     def close(self) -> None:
         """Wait for the actions of the last run."""
@@ -114,13 +117,13 @@ def _run_command(command: tuple[str, ...], path: Path, ended: RunEnded) -> str:
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=COMMAND_TIMEOUT_S,
+            timeout=Deadline.AFTER_RUN.seconds,
             check=False,
         )
     except OSError as error:
         return f"it cannot be started: {error.strerror or error}"
     except subprocess.TimeoutExpired:
-        return f"it was ended after {COMMAND_TIMEOUT_S:.0f} s"
+        return f"it was ended after {Deadline.AFTER_RUN.seconds:.0f} s"
     if done.returncode == 0:
         return ""
     output = " ".join((done.stderr or done.stdout).split())

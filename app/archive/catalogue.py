@@ -4,6 +4,7 @@ The index is in the user's cache directory, not in the folder of the runs: a fol
 where SQLite locking is unreliable. Tags and notes are in a small file next to each run, see `protocols.runfile.sidecar`.
 """
 
+import errno
 import hashlib
 import marshal
 import os
@@ -11,7 +12,7 @@ import sqlite3
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import NamedTuple
 
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
 from app.common import NO_PROGRESS, Progress
+from drivers import Deadline
 from protocols import BUILT_IN_PROTOCOLS
 from protocols.runfile import NOTES_SUFFIX
 
@@ -185,17 +187,25 @@ class Catalogue:
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
-        db = self._open()
+        """Open the index.
+
+        Raises:
+            OSError: it cannot be read or written; a damaged one is removed, and made anew by the next scan.
+        """
         try:
-            with db:
+            with closing(self._open()) as db, db:
                 yield db
-        finally:
-            db.close()
+        except sqlite3.Error as error:
+            if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError):
+                self._remove()
+            raise OSError(
+                errno.EIO, f"this index of runs, a cache, cannot be used ({error}); try again", str(self.index)
+            ) from error
 
     def _open(self) -> sqlite3.Connection:
         self.index.parent.mkdir(parents=True, exist_ok=True)
         for _ in range(2):
-            db = sqlite3.connect(self.index, timeout=10.0)
+            db = sqlite3.connect(self.index, timeout=Deadline.RUN_INDEX.seconds)
             try:
                 if self._ensure_schema(db):
                     db.execute(f"PRAGMA mmap_size = {MAPPED_BYTES}")
@@ -206,9 +216,12 @@ class Catalogue:
             except sqlite3.DatabaseError:  # not a database, or damaged: it is rebuilt from the files
                 pass
             db.close()
-            for suffix in ("", "-wal", "-shm"):
-                self.index.with_name(self.index.name + suffix).unlink(missing_ok=True)
+            self._remove()
         raise sqlite3.DatabaseError(f"the index {self.index} cannot be made")
+
+    def _remove(self) -> None:
+        for suffix in ("", "-wal", "-shm"):
+            self.index.with_name(self.index.name + suffix).unlink(missing_ok=True)
 
     @staticmethod
     def _ensure_schema(db: sqlite3.Connection) -> bool:
@@ -230,7 +243,7 @@ def index_path(folder: Path) -> Path:
     """Return the index path of a folder: in the user's cache, or the temporary directory if that is not writable."""
     from platformdirs import user_cache_path
 
-    name = f"runs-{hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]}.sqlite"
+    name = f"runs-{hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]}.sqlite"
     place = user_cache_path("tactor-bench", appauthor=False)
     with suppress(OSError):
         place.mkdir(parents=True, exist_ok=True)

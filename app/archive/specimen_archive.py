@@ -17,7 +17,7 @@ from app.archive.backup import COPY_CHUNK_BYTES, CopyResult, copy_stream
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
 from drivers.watchdog import version
-from protocols.base import file_hash, replacing, visible_text
+from protocols.base import file_hash, open_regular, replacing, visible_text
 from protocols.runfile import notes_path, safe_name
 
 SUFFIX = ".eln"
@@ -118,7 +118,7 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
     restored, present = list[str](), list[str]()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with zipfile.ZipFile(archive) as file:
+        with open_regular(archive) as whole, zipfile.ZipFile(whole) as file:
             entries = list(_entries(archive, file))
             needed = sum(info.file_size for info, _, _ in entries)
             if needed > shutil.disk_usage(folder).free:

@@ -45,7 +45,7 @@ class HeadlessSession:
         """Wait until the run has ended, or the bench failed."""
         # In slices, because an endless wait would keep Python from handling the signal.
         while not self.session.finished.wait(0.1):
-            self.session.abandon_if_hung()
+            pass
 
     @property
     def exit_code(self) -> int:
@@ -206,7 +206,9 @@ def headless_session(
         )
         after_run = AfterRun(observer, bench.config, bench.after_run)
         session = HeadlessSession(
-            Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
+            Session(
+                opener, [observer, operator, plan, *observers, after_run.observe], operator, folder, ends_at_stop=True
+            )
         )
         plan.on_switched = session.session.inject_event
         with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):

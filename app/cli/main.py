@@ -10,13 +10,13 @@ import io
 import logging
 import os
 import sys
-import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
 from app.cli.options import BenchOptions, add_options, define_command, read_options
 from app.common import ExitCode, UsageError, print_message, truncate_text
+from drivers import threads_left_behind
 
 PROGRAM = "tactor-bench"
 COMMANDS: Mapping[str, tuple[str, str]] = {
@@ -100,9 +100,6 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
 }
 """Module and class or group of each command, and one line of help. A module is imported only for its own commands."""
 
-BENCH_THREAD = "bench"
-"""Name of a session's thread, which lives on here only if it hangs."""
-
 EXIT_CODE_HELP = (
     "0 done (a run: good or doubtful), 1 did not pass, stopped or failed, 2 invalid arguments (nothing was moved), "
     "3 UNSAFE: rest could not be confirmed, 4 no result: nothing usable was measured"
@@ -177,7 +174,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def prepare_console() -> None:
-    """Print `?` for characters missing in the console's encoding: a pipe on Windows is cp1252, which has no check mark."""
+    """Print `?` for characters missing in the console's encoding: a pipe on Windows is cp1252, which has no check mark.
+
+    A closed stream is replaced: a file that is opened later must not get its number.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if number == 0 else "w"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -196,10 +199,7 @@ def entry() -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter's own flush complains
         code = ExitCode.FAILED if code == ExitCode.DONE else code
     runfile = sys.modules.get("protocols.runfile.writer")
-    hangs = any(
-        thread.name == BENCH_THREAD for thread in threading.enumerate()
-    )  # in a driver; its session was given up
-    if hangs or (runfile is not None and runfile.has_unclosable_file()):
+    if threads_left_behind() or (runfile is not None and runfile.has_unclosable_file()):
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

@@ -27,7 +27,7 @@ from model import (
     variable_specs,
 )
 from model.response import DEFAULT_ACCURACY, ShapeChoice, choose_shapes
-from protocols.base import parse_json_object
+from protocols.base import open_regular, parse_json_object
 
 VOLTAGE = ParameterSpec("voltage", "V", Interval(), "voltage on the specimen", None)
 LOAD = ParameterSpec("load", "N", Interval(), "load at the centre", None)
@@ -277,7 +277,7 @@ def _expand_setting(text: str) -> list[str]:
     """Split a text of several settings; a single one is returned as it is."""
     if text.startswith("@"):
         try:
-            with Path(text[1:]).open(encoding="utf-8") as file:
+            with open_regular(Path(text[1:]), "r", encoding="utf-8") as file:
                 text = file.read(MAX_TOML_BYTES + 1)
         except (OSError, ValueError) as error:
             raise UsageError(f"--set {text}: the file cannot be read: {error}") from None

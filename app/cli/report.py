@@ -31,6 +31,7 @@ from app.report import (
 )
 from model import ParameterError
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
+from protocols.base import open_regular
 from protocols.runfile import RunReadError, safe_name
 
 MAX_LOGO_BYTES = 2_000_000
@@ -172,8 +173,8 @@ def _read_logo(path: Path | None) -> bytes:
     if path is None:
         return b""
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_LOGO_BYTES + 1)
+        with open_regular(path) as file:
+            data: bytes = file.read(MAX_LOGO_BYTES + 1)
     except OSError as error:
         raise UsageError(f"--logo {path} cannot be read: {error.strerror or error}; give a PNG picture") from None
     if not data.startswith(b"\x89PNG\r\n\x1a\n") or len(data) > MAX_LOGO_BYTES:

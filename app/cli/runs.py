@@ -1,7 +1,6 @@
 """The commands `runs` and `export`: the runs of a folder, and runs as files for other programs."""
 
 import json
-import sqlite3
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -65,7 +64,7 @@ def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) 
         for sentence in scanned.skipped:
             print_message(sentence)
         yield catalogue
-    except (sqlite3.Error, OSError) as error:
+    except OSError as error:
         raise UsageError(
             f"the index {catalogue.index} cannot be used: {error}; free space there or remove the file"
         ) from None

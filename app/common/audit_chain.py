@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from app.common.people import current_conditions
+from drivers import Deadline
 from protocols.base import file_hash, parse_json_object
 
 LOG_NAME = "audit.jsonl"
 LOCK_NAME = ".audit.lock"
-LOCK_TIMEOUT_S = 30.0
 FIRST = "0" * 64
 """In place of the hash of a line before the first."""
 MIN_HEAD_LENGTH = 12
@@ -106,7 +106,7 @@ def append_entry(
 
     path = folder / LOG_NAME
     try:
-        with FileLock(folder / LOCK_NAME, LOCK_TIMEOUT_S):
+        with FileLock(folder / LOCK_NAME, Deadline.NOTES_LOCK.seconds):
             last, torn, unended = _last_line(path)
             number, previous = (0, FIRST) if last is None else (last.number, last.hash)
             if torn:  # a line cut by a power failure stays in the file, and its hash in the chain
@@ -128,7 +128,9 @@ def append_entry(
                 file.flush()
                 os.fsync(file.fileno())
     except Timeout:
-        raise AuditError(f"{path} is locked by another program for more than {LOCK_TIMEOUT_S:g} s") from None
+        raise AuditError(
+            f"{path} is locked by another program for more than {Deadline.NOTES_LOCK.seconds:g} s"
+        ) from None
     except OSError as error:
         raise AuditError(f"{path} cannot be written: {error.strerror or error}") from None
     return entry

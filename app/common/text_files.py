@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from protocols.base import MAX_NESTING, check_values
+from protocols.base import MAX_NESTING, check_values, open_regular
 
 MAX_TOML_BYTES = 1_000_000
 """Most characters of a TOML file; a longer file is something else."""
@@ -27,8 +27,8 @@ def read_toml_text(
         missing: text in place of a file that does not exist; None: its absence is an error.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MAX_TOML_BYTES + 1)
+        with open_regular(path, "r", encoding="utf-8") as file:
+            text: str = file.read(MAX_TOML_BYTES + 1)
     except (OSError, ValueError) as error:
         if missing is not None and isinstance(error, FileNotFoundError):
             return missing

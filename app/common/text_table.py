@@ -106,7 +106,7 @@ class Table:
 
     def to_csv(self, path: Path) -> None:
         """Write the rows in SI with units in the header and every digit."""
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
             sheet = csv.writer(file)
             sheet.writerow(sheet_text(c.name if c.unit is None else f"{c.name} [{c.unit}]") for c in self.columns)
             sheet.writerows(map(sheet_text, row) for row in self.rows)

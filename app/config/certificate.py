@@ -12,7 +12,7 @@ from typing import Any
 
 from app.common import record_audit
 from protocols import PROTOCOLS
-from protocols.base import read_json_file, visible_values, write_atomic
+from protocols.base import open_regular, read_json_file, visible_values, write_atomic
 from protocols.runfile import safe_name
 
 FOLDER = "certificates"
@@ -115,7 +115,8 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
             raise CertificateError(f"{path} is there already and is not overwritten; move it away to add another")
         files = []
         for source in attachments:
-            data = source.read_bytes()
+            with open_regular(source) as file:
+                data = file.read()
             name = f"{stem}{source.suffix.casefold()}"
             if not (place / name).exists():
                 shutil.copyfile(source, place / name)

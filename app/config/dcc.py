@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from app.common import truncate_text
 from app.config.certificate import Certificate, CertificateColumn, CertificateError
-from protocols.base import visible_text
+from protocols.base import open_regular, visible_text
 
 MAX_FILE_BYTES = 50_000_000
 """A certificate with attached pictures; more is something else."""
@@ -36,11 +36,12 @@ def read_dcc(path: Path) -> Certificate:
         CertificateError: it cannot be read, is none, or is of another version.
     """
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise CertificateError(f"{path} has more than {MAX_FILE_BYTES / 1e6:g} MB and is no certificate")
-        data = path.read_bytes()
+        with open_regular(path) as file:
+            data = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise CertificateError(f"{path} cannot be read: {error.strerror or error}") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise CertificateError(f"{path} has more than {MAX_FILE_BYTES / 1e6:g} MB and is no certificate")
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:  # entities could expand without end; a DCC has none
         raise CertificateError(
             f"{path} has a document type declaration, which no DCC has; give the XML file of the laboratory"

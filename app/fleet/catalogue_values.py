@@ -15,7 +15,7 @@ from app.common import MAX_TOML_BYTES, parse_toml
 from app.identification import FORMAT, SUFFIX
 from model import THRESHOLD_M, Array, current_name, quantity_label, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.base import RunFigure, read_json_file, visible_text, visible_values
+from protocols.base import RunFigure, open_regular, read_json_file, visible_text, visible_values
 from protocols.runfile import SHEET_SUFFIX
 
 CALIBRATION = "calibration"
@@ -177,7 +177,7 @@ def read_fleet(
 
     Raises:
         FleetError: no run has a result.
-        sqlite3.Error: the index cannot be read.
+        OSError: the index cannot be read.
     """
     entries = [entry for entry in catalogue.figure_entries() if entry.has_result]
     folders = sorted({str(Path(entry.path).parent) for entry in entries} | {"."})
@@ -272,7 +272,7 @@ def _read_batches(folder: Path, folders: Iterable[str]) -> dict[str, str]:
     batches = {}
     for path in (path for place in folders for path in (folder / place).glob(f"*{SHEET_SUFFIX}")):
         with suppress(OSError, ValueError):
-            with path.open(encoding="utf-8") as file:
+            with open_regular(path, "r", encoding="utf-8") as file:
                 sheet = parse_toml(file.read(MAX_TOML_BYTES))
             if isinstance(batch := sheet.get("batch"), str) and batch.strip():
                 batches[visible_text(str(sheet.get("specimen", "")))] = visible_text(batch.strip())

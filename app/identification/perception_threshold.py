@@ -4,6 +4,7 @@ from pathlib import Path
 
 from app.common import UnitError, UsageError, read_number
 from model.response import ABDOMEN_THRESHOLD, SITES, THRESHOLD_SPEC, PerceptionThreshold
+from protocols.base import open_regular
 
 MAX_LINES = 10_000
 
@@ -50,7 +51,7 @@ def read_threshold(text: str) -> PerceptionThreshold:
 def _read_curve(path: Path) -> PerceptionThreshold:
     """Return the curve of a file: frequency in Hz and threshold in µm, max - min, per line; a head and `#` lines are skipped."""
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with open_regular(path, "r", encoding="utf-8-sig") as file:
             lines = file.read(100 * MAX_LINES).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"threshold {path}: the file cannot be read: {error}") from None

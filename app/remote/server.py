@@ -17,11 +17,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from app.remote.page_files import PAGE, SCRIPT, STYLE
+from drivers import Deadline
+from protocols.base import to_jsonable
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"  # noqa: S104 - only with a token
-TIMEOUT_S = 5.0
-"""After which a connection that sends nothing is closed."""
-MAX_CONNECTIONS = 16
+MAX_CONNECTIONS, MAX_PER_ADDRESS = 16, 4
+"""A browser opens one or two."""
 MIN_TOKEN_LENGTH = 16
 HEADERS = {
     "Cache-Control": "no-store",
@@ -122,7 +123,8 @@ class _Server(ThreadingHTTPServer):
         self.token, self.read_state = token, read_state
         self._free = threading.BoundedSemaphore(MAX_CONNECTIONS)
         self._lock = threading.Lock()
-        self._open: set[socket.socket] = set()
+        self._open: dict[socket.socket, str] = {}
+        """Connections, with their addresses."""
         super().__init__(address, _Handler)
 
     def server_bind(self) -> None:
@@ -130,11 +132,14 @@ class _Server(ThreadingHTTPServer):
         self.server_name, self.server_port = str(self.server_address[0]), int(self.server_address[1])
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if not self._free.acquire(blocking=False):
+        address = str(client_address[0])
+        with self._lock:
+            refused = sum(each == address for each in self._open.values()) >= MAX_PER_ADDRESS
+        if refused or not self._free.acquire(blocking=False):
             self.shutdown_request(request)
             return
         with self._lock:
-            self._open.add(request)
+            self._open[request] = address
         super().process_request(request, client_address)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -142,7 +147,7 @@ class _Server(ThreadingHTTPServer):
             super().process_request_thread(request, client_address)
         finally:
             with self._lock:
-                self._open.discard(request)
+                self._open.pop(request, None)
             self._free.release()
 
     def close_connections(self) -> None:
@@ -157,7 +162,7 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
-    timeout = TIMEOUT_S
+    timeout = Deadline.WEB_PAGE.seconds
     server_version, sys_version = "TactorBench", ""
     protocol_version = "HTTP/1.1"
 
@@ -178,8 +183,13 @@ class _Handler(BaseHTTPRequestHandler):
         elif not self._is_authorized():
             self._send(HTTPStatus.UNAUTHORIZED, "text/plain", b"token required\n", with_body)
         else:
-            body = json.dumps(self.server.read_state(), allow_nan=False).encode()
-            self._send(HTTPStatus.OK, "application/json", body, with_body)
+            try:
+                body = json.dumps(to_jsonable(self.server.read_state()), allow_nan=False).encode("utf-8", "replace")
+            except Exception as error:  # noqa: BLE001 - a page without an answer would show an old state
+                body = f"the state cannot be read: {type(error).__name__}\n".encode()
+                self._send(HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain", body, with_body)
+            else:
+                self._send(HTTPStatus.OK, "application/json", body, with_body)
 
     def _is_authorized(self) -> bool:
         expected = self.server.token

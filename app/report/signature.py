@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.common import UsageError, truncate_text
+from drivers import Deadline
 from protocols.base import write_atomic
 
 NAMESPACE = "tactor-bench-report"
@@ -33,11 +34,17 @@ def sign_files(files: Sequence[Path], key: Path) -> list[Path]:
                 ["ssh-keygen", "-Y", "sign", "-q", "-f", str(key), "-n", NAMESPACE],  # noqa: S607 - the user's OpenSSH
                 input=file.read_bytes(),
                 capture_output=True,
+                timeout=Deadline.SIGNATURE.seconds,
                 check=False,
             )
         except FileNotFoundError:
             raise UsageError(
                 "--sign needs ssh-keygen, which is not installed; install OpenSSH, or leave --sign out"
+            ) from None
+        except subprocess.TimeoutExpired:
+            raise UsageError(
+                f"--sign {key}: the report is written, but not signed: ssh-keygen took more than {Deadline.SIGNATURE.seconds:g} s; "
+                "give a key that needs no passphrase, or add it to the SSH agent first"
             ) from None
         text = ran.stdout.decode("ascii", "replace")
         if ran.returncode or not text.startswith("-----BEGIN SSH SIGNATURE-----"):

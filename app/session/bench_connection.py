@@ -253,12 +253,11 @@ def _make_watchdog(
     """Return the watchdog: a process that opens the same driver on the same resource."""
     from drivers import WatchdogClient, WatchdogConfig
 
-    if not config.watchdog.enabled:
-        return NoWatchdog(WATCHDOG_DISABLED_WARNING)
     card_output = config.source.kind == "card-output"
+    if not config.watchdog.enabled or (card_output and server):
+        clock.watchdog = NoWatchdog(SERVED_OUTPUT_WARNING if config.watchdog.enabled else WATCHDOG_DISABLED_WARNING)
+        return clock.watchdog
     measured = commissioning_state(source.identity, config.simulated)
-    if card_output and server:
-        return NoWatchdog(SERVED_OUTPUT_WARNING)
     clock.watchdog = WatchdogClient(
         WatchdogConfig(
             source=f"{type(source).__module__}:{type(source).__qualname__}",

@@ -16,7 +16,7 @@ from app.config import BenchConfig
 from drivers import Identity
 from drivers.evidence import OutputCheck, assumptions_about, assumptions_about_card
 from drivers.watchdog import version
-from protocols.base import write_atomic
+from protocols.base import open_regular, write_atomic
 from protocols.commissioning import CheckedOutput, MeasuredTimes, OutputVerdict, checked_assumptions, worst_verdict
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningR
     """Return the readable record of an instrument with its present firmware, or None."""
     path = record_path(identity, simulated_bench)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             read = json.loads(file.read(MAX_BYTES))
         if read["format"] != FORMAT or any(
             read[k] != getattr(identity, k) for k in ("maker", "model", "serial", "firmware")

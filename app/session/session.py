@@ -16,7 +16,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from app.common import current_conditions, record_audit, with_sensor
-from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
+from app.session.supervisor import Rescue, Signs, Supervisor
+from drivers import (
+    MEMORY_SHORT,
+    AbandonableThread,
+    Bench,
+    BenchError,
+    Block,
+    Deadline,
+    Scale,
+    UnsafeError,
+    is_memory_short,
+    overdue_s,
+    threads_left_behind,
+)
 from drivers.watchdog import take_unreported_lines
 from protocols.base import (
     Event,
@@ -26,26 +39,19 @@ from protocols.base import (
     Prompt,
     PromptAnswered,
     PromptShown,
-    RestMeasured,
     RunEnded,
     RunStatus,
-    Verdict,
 )
 from protocols.runner import RunControl, RunRequest
 
 if TYPE_CHECKING:
+    from protocols.runner import Runner
     from sim_hardware import BenchControls
 
 
 log = logging.getLogger(__name__)
 
-HUNG_AFTER_TAKEOVER_S = 10.0
-"""A stopped run that reports nothing for this time after the watchdog took the source over hangs in a driver."""
-
-HUNG_S = 60.0
-"""The same where the watchdog did not act: longer than any way to rest with a silent instrument."""
-
-HUNG_CONNECTING_S = 10.0
+CLOSING_POLL_S = 0.1
 
 MONITOR_RATE_HZ = 10e3
 """Scans per second while the card is watched between runs."""
@@ -148,6 +154,7 @@ class Session:
         observers: called with every event, in the session's thread.
         operator: answers prompts if the bench has no operator of its own.
         folder: whose watchdog log is reported before the bench is opened, which may fail; None to report it with a run.
+        ends_at_stop: whether the program ends with a stop, so that what is not armed yet is given up at once if it does not answer.
     """
 
     def __init__(
@@ -156,6 +163,8 @@ class Session:
         observers: Sequence[Observer],
         operator: Operator,
         folder: Path | None = None,
+        *,
+        ends_at_stop: bool = False,
     ) -> None:
         self._connect, self._operator, self._folder = connect, operator, folder
         self._events = EventBus(self._on_event, *observers)
@@ -166,7 +175,11 @@ class Session:
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
         self._monitoring = threading.Event()
         self._watches_card = False
-        self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
+        self.runner: Runner | None = None
+        """Runner of the present run."""
+        self._thread = AbandonableThread(target=self._work, name="bench", daemon=False)
+        self._rescue: Rescue | None = None
+        self._supervisor = Supervisor(self, Deadline.STOP_ANSWER if ends_at_stop else Deadline.EARLY_STOP)
         self.state = SessionState.CONNECTING
         self.outcome: RunEnded | None = None
         self.path: Path | None = None
@@ -175,13 +188,19 @@ class Session:
         self.bench: Bench | None = None
         self.unsafe = False
         """Whether the bench could not be opened and was left live by an earlier program."""
-        self.abandoned = False
-        """Whether the thread hangs in a driver and is no longer waited for; the process must then be ended."""
-        self._stop_requested_s = self._last_event_s = math.inf
-        self._takeover_seen_s = math.inf
+        self._stop_requested_s = math.inf
+        self._last_event_s = time.monotonic()
+
+    @property
+    def abandoned(self) -> bool:
+        """Whether the thread hangs and is no longer waited for; the process must then be ended."""
+        return self._thread.given_up
 
     def start(self) -> None:
         """Start connecting; returns immediately."""
+        self._last_event_s = time.monotonic()
+        self._rescue = Rescue()
+        self._supervisor.start()
         self._thread.start()
 
     def run(self, request: RunRequest) -> None:
@@ -205,7 +224,7 @@ class Session:
         self._control.cancel.clear()
         self._control.pause.clear()
         self.outcome = None
-        self._stop_requested_s = self._takeover_seen_s = math.inf
+        self._stop_requested_s = math.inf
         self.finished.clear()
         self._requests.put(lambda connected: self._run(connected, load))
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
@@ -229,40 +248,6 @@ class Session:
         self._stop_requested_s = min(self._stop_requested_s, time.monotonic())
         self._control.cancel.set()
 
-    def abandon_if_hung(self) -> None:
-        """Report a stopped session as ended whose thread hangs in a driver's code; called by a front end that waits.
-
-        The watchdog has brought the source to rest by then, or does so when the process ends.
-        """
-        now_s, bench = time.monotonic(), self.bench
-        quiet_s = now_s - max(self._stop_requested_s, self._last_event_s if math.isfinite(self._last_event_s) else 0.0)
-        if not self.abandoned and self._watches_card and quiet_s > HUNG_CONNECTING_S and now_s > self._stop_requested_s:
-            self._abandon(
-                "the card's driver hangs between runs; end this program and start it again. Nothing was driven"
-            )
-        if self.abandoned or now_s < self._stop_requested_s or self.finished.is_set():
-            return
-        if self.state is SessionState.CONNECTING and quiet_s > HUNG_CONNECTING_S:
-            self._abandon("an instrument's driver hangs while the bench connects; nothing was driven")
-        if self.state is not SessionState.RUNNING or bench is None:
-            return
-        outcome = bench.watchdog.takeover_outcome
-        if outcome:
-            self._takeover_seen_s = min(self._takeover_seen_s, now_s)
-        after_takeover_s = min(quiet_s, now_s - self._takeover_seen_s)
-        if quiet_s <= HUNG_S and after_takeover_s <= HUNG_AFTER_TAKEOVER_S:
-            return
-        self.abandoned = True  # before the following events, whose observers read it
-        hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
-        watchdog_report = f" The watchdog reports: {outcome}." if outcome else ""
-        bench.watchdog.log(f"the program could not measure rest: {hangs}.{watchdog_report}")
-        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{watchdog_report}"
-        verdict = Verdict.of_status(RunStatus.UNSAFE, reason)
-        self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
-        self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))
-        self._events.publish(self.outcome)
-        self._abandon(f"{hangs[:1].upper()}{hangs[1:]}; end this program and start it again")
-
     def pause(self) -> None:
         """Request the current run to go to rest and wait; returns immediately."""
         self._control.pause.set()
@@ -278,11 +263,19 @@ class Session:
             self._forward_injected()
 
     def close(self, timeout_s: float | None = None) -> bool:
-        """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`."""
+        """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`, None: within its deadlines."""
         self.stop()
         self._requests.put(None)
-        if self._thread.is_alive() and not self.abandoned:
-            self._thread.join(timeout_s)
+        closing_s = time.monotonic()
+        while self._thread.is_alive() and not self.abandoned:
+            self._thread.join(CLOSING_POLL_S if timeout_s is None else timeout_s)
+            if timeout_s is not None:
+                break
+            # These states end by themselves, or the supervisor gives them up.
+            if self.state in (SessionState.CONNECTING, SessionState.RUNNING):
+                closing_s = time.monotonic()
+            if time.monotonic() - closing_s > Deadline.BENCH_CLOSING.seconds:
+                self._thread.given_up = True
         return not self._thread.is_alive()
 
     def _work(self) -> None:
@@ -301,9 +294,15 @@ class Session:
             self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
         except Exception as error:
-            log.exception("the session failed by an error of this program")
-            self._fail(f"an error of this program: {type(error).__name__}: {error}")
+            if is_memory_short(error):
+                self._fail(MEMORY_SHORT)
+            else:
+                log.exception("the session failed by an error of this program")
+                self._fail(f"an error of this program: {type(error).__name__}: {error}")
         finally:
+            self._supervisor.ended.set()
+            if self._rescue is not None:
+                self._rescue.close()
             self.bench = None
             if self.state is not SessionState.NO_BENCH:
                 self.state = SessionState.CLOSED
@@ -324,7 +323,7 @@ class Session:
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner
 
-        self.state = SessionState.RUNNING
+        self.state, self.runner = SessionState.RUNNING, None
         self._forward_injected()
         try:
             request = load()
@@ -339,7 +338,7 @@ class Session:
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
             request = self._with_conditions(self._with_restored_setup(request), connection.bench)
-            runner = Runner(request, connection.bench, operator, self._events, self._control)
+            self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
             self.state = SessionState.IDLE
@@ -348,14 +347,15 @@ class Session:
             self.path = runner.path
             self.outcome = runner.run()
             self.path = runner.path
-            record_audit(
-                "run",
-                self.path,
-                notes_path(self.path),
-                subject=request.specimen,
-                verdict=str(self.outcome.verdict.outcome),
-                reason=self.outcome.reason,
-            )
+            if not threads_left_behind():  # else the disk of the file may not answer
+                record_audit(
+                    "run",
+                    self.path,
+                    notes_path(self.path),
+                    subject=request.specimen,
+                    verdict=str(self.outcome.verdict.outcome),
+                    reason=self.outcome.reason,
+                )
         self.finished.set()
 
     def _monitor(self, connection: ConnectedBench) -> None:
@@ -394,6 +394,7 @@ class Session:
         self._last_event_s = time.monotonic()
         match event:
             case RunEnded():
+                self.outcome = event
                 self.state = SessionState.IDLE  # before the observers, which may start the next run
                 self._forward_injected()
             case PromptShown(ask_id, prompt) if prompt == self._restore:
@@ -406,10 +407,42 @@ class Session:
             while True:
                 self._events.publish(self._control.external_events.get_nowait())
 
-    def _abandon(self, reason: str) -> None:
-        """Give the bench up: who waits for `finished` finds the state and the reason already published."""
-        self.abandoned = True
-        self._fail(reason)
+    def signs(self) -> Signs:
+        """Return what another thread can see of this session's."""
+        now_s, bench, runner, ended = time.monotonic(), self.bench, self.runner, self.outcome
+        return Signs(
+            connecting=self.state is SessionState.CONNECTING,
+            running=self.state is SessionState.RUNNING,
+            watching_card=self._watches_card,
+            may_be_live=runner is not None and runner.may_be_live,
+            at_end=runner is not None and runner.at_end,
+            told_unsafe=ended is not None and ended.status is RunStatus.UNSAFE and not self.finished.is_set(),
+            quiet_s=now_s - self._last_event_s,
+            stopped_s=now_s - self._stop_requested_s,
+            call_overdue_s=overdue_s(self._thread),
+            silent_s=bench.watchdog.overdue_s if bench is not None else -math.inf,
+            watchdog_acts=bench is not None and bool(bench.watchdog.takeover_reason or bench.watchdog.inactive_reason),
+        )
+
+    def say(self, event: Event) -> None:
+        """Publish an event of the supervisor; it is no sign of life."""
+        quiet_since_s = self._last_event_s
+        self._events.publish(event)
+        self._last_event_s = quiet_since_s
+
+    def give_up(self, hangs: str) -> None:
+        """Report the session as ended whose thread does not return; the source is brought to rest if it may be live.
+
+        Who waits for `finished` finds state and reason already published.
+        """
+        self._thread.given_up = True  # before the events below: their observers ask for it
+        if self.runner and self.bench and self._rescue and self.state is SessionState.RUNNING:
+            status = RunStatus.STOPPED if self._control.cancel.is_set() else RunStatus.FAILED
+            self.outcome = self._rescue.end_run(self.runner, self.bench, status, hangs)
+            self.path = self.runner.path
+            if self.state is SessionState.RUNNING:  # the run could not be concluded
+                self._events.publish(self.outcome)
+        self._fail(f"{hangs}; end this program and start it again")
         self.finished.set()
 
     def _fail(self, reason: str) -> None:

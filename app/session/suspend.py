@@ -12,8 +12,9 @@ import sys
 import threading
 from collections.abc import Iterator
 
+from drivers import Deadline
+
 ES_CONTINUOUS, ES_SYSTEM_REQUIRED = 0x8000_0000, 0x0000_0001
-START_TIMEOUT_S = 3.0
 LINUX_COMMAND = (
     "systemd-inhibit", "--what=sleep:idle:handle-lid-switch", "--mode=block",
     "--who=Tactor Bench", "--why=high voltage may be on", "cat",
@@ -52,7 +53,7 @@ def _inhibit_on_windows(stack: contextlib.ExitStack) -> None:
 def _inhibit_by_logind(stack: contextlib.ExitStack) -> None:
     """Hold logind's inhibitor lock; returns when `cat` runs, which is when the lock is held."""
     child = _start(LINUX_COMMAND, stack)
-    silent = threading.Timer(START_TIMEOUT_S, child.kill)  # ends the read below
+    silent = threading.Timer(Deadline.SUSPEND_INHIBITOR.seconds, child.kill)  # ends the read below
     silent.start()
     stack.callback(silent.cancel)
     assert child.stdin is not None
@@ -62,7 +63,7 @@ def _inhibit_by_logind(stack: contextlib.ExitStack) -> None:
         child.stdin.flush()
     if child.stdout.read(1) != b"\n":
         child.wait(
-            START_TIMEOUT_S
+            Deadline.SUSPEND_INHIBITOR.seconds
         )  # It has ended or was killed; unawaited it stays a zombie as long as the bench is open.
         raise OSError("systemd-inhibit could not ask logind")
     silent.cancel()
@@ -78,5 +79,9 @@ def _start(command: tuple[str, ...], stack: contextlib.ExitStack) -> "subprocess
 
 def _end(child: "subprocess.Popen[bytes]") -> None:
     child.terminate()
-    with contextlib.suppress(OSError):
-        child.communicate(timeout=START_TIMEOUT_S)
+    try:
+        child.communicate(timeout=Deadline.SUSPEND_INHIBITOR.seconds)
+    except OSError:
+        return
+    except subprocess.TimeoutExpired:
+        child.kill()

@@ -73,6 +73,11 @@ class Bench:
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was on since this bench was opened."""
 
+    @property
+    def high_voltage_enabled(self) -> bool:
+        """Whether high voltage was switched on since this bench was opened."""
+        return self._high_voltage_enabled
+
     def close(self) -> None:
         """Close all instruments; the source's output stays on, at rest."""
         instruments: list[HvAmplifier | Digitizer | Meter | EnvironmentSensor] = [

@@ -1,5 +1,6 @@
 """Safe shutdown of a live bench: brings the source to rest and verifies it by the card."""
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,8 @@ from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
+from drivers.deadlines import Deadline
+from drivers.errors import BenchError
 from drivers.interfaces import Block, Scale, Stream
 from model import AmplifierMap
 
@@ -23,6 +26,9 @@ MAX_DRIVE_WAIT_S = 10.0
 
 SHUTDOWN_SILENCE_S = 8.0
 """Longest silence during a shutdown before the watchdog takes over: reconnecting, opening a second stream."""
+
+RETRY_INTERVAL_S = 0.25
+"""Bench time between two attempts."""
 
 SWITCH_OFF_NOW = "By hand, now: switch the high voltage OFF at the amplifier itself; do not touch the specimen or the generator's cable"
 
@@ -90,17 +96,19 @@ class SafeShutdown:
     ) -> tuple[RestMeasurement, BaseException | None]:
         """Go to rest and measure it; return also the error of `block_sink`. Errors are returned, not raised, and do not stop it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
+            until_s = self._retry_until_s()
             trouble = self.command_rest(self.amplifier.return_to_rest)
+            until_s = until_s if trouble else self._retry_until_s()
             remaining_s = self.amplifier.remaining_s
             # Waiting for a held level that lasts longer, or does not end by itself, would only delay the report.
             lasts = math.isfinite(self.amplifier.level_remaining_s) and remaining_s > MAX_DRIVE_WAIT_S
             waits = trouble and math.isfinite(remaining_s) and not lasts
             left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if waits else 0.0
-            rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest)
+            rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest, until_s)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
                 # The source obeyed, or had nothing to do, but the card measures another level: the assumed state is wrong.
                 trouble = self.command_rest(self.amplifier.force_rest)
-                rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest)
+                rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest, until_s)
                 lost = lost or again
         if trouble or not rest.confirmed:
             rest = replace(rest, message=f"{rest.message}.{trouble}")
@@ -109,9 +117,9 @@ class SafeShutdown:
         return rest, lost
 
     def command_rest(self, first_attempt: Callable[[], None]) -> str:
-        """Command rest over the link, over a new link, then by the watchdog; return the failure as text, empty if the source obeyed."""
-        trouble = ""
-        for attempt in (first_attempt, self.amplifier.reconnect_and_force_rest):
+        """Command rest over the link, over new links, then by the watchdog; return the failure as text, empty if the source obeyed."""
+        attempt, until_s = first_attempt, self._retry_until_s()
+        while True:
             try:
                 attempt()
             except KeyboardInterrupt:
@@ -120,6 +128,9 @@ class SafeShutdown:
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
+            if attempt != first_attempt and not self._pause_before(until_s):
+                break
+            attempt = self.amplifier.reconnect_and_force_rest
         outcome = self.watchdog.request_rest(trouble.strip(" ."))
         return f"{trouble} The watchdog reports: {outcome}." if outcome else trouble
 
@@ -147,10 +158,27 @@ class SafeShutdown:
             initial_rest,
         )
 
+    def _retry_until_s(self) -> float:
+        """Return the bench time until which what fails from now on is repeated."""
+        return self.clock.now() + Deadline.WAY_TO_REST.seconds * max(getattr(self.clock, "speed", 1.0), 1.0)
+
+    def _pause_before(self, until_s: float) -> bool:
+        """Wait before the next attempt; return whether there is one."""
+        if self.clock.now() > until_s:
+            return False
+        with contextlib.suppress(BenchError):  # the watchdog took over meanwhile
+            self.clock.sleep(RETRY_INTERVAL_S)
+        return True
+
     def _measure_with_fallback(
-        self, stream: Stream, block_sink: BlockSink, timeout_s: float, initial_rest: RestMeasurement | None
+        self,
+        stream: Stream,
+        block_sink: BlockSink,
+        timeout_s: float,
+        initial_rest: RestMeasurement | None,
+        until_s: float,
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Verify rest, on a new stream if the first one is broken; return also the error of a failing sink."""
+        """Verify rest, on new streams until `until_s` if the first one is broken; return also the error of a failing sink."""
         lost: list[BaseException] = []
 
         def read() -> Block:
@@ -168,14 +196,23 @@ class SafeShutdown:
             raise
         except BaseException:  # noqa: BLE001 - make-safe: the stream is broken; a new one may still measure the drive
             stream.__exit__(None, None, None)
+            rest = self._measure_anew(stream.rate_hz, timeout_s, initial_rest, until_s)
+        return rest, (lost[0] if lost else None)
+
+    def _measure_anew(
+        self, rate_hz: float, timeout_s: float, initial_rest: RestMeasurement | None, until_s: float
+    ) -> RestMeasurement:
+        """Verify rest on a fresh stream, or on a fresher one until `until_s`."""
+        while True:
             try:
-                with self.open_stream(stream.rate_hz) as second:
-                    rest = self.measure_rest(second.read, second, timeout_s, initial_rest)
+                with self.open_stream(rate_hz) as second:
+                    return self.measure_rest(second.read, second, timeout_s, initial_rest)
             except KeyboardInterrupt:
                 raise
-            except BaseException as again:  # noqa: BLE001 - make-safe: no way of measuring is left
+            except BaseException as again:  # noqa: BLE001 - make-safe: the card may answer again
                 rest = RestMeasurement(False, math.nan, f"the card cannot see the drive: {again}")
-        return rest, (lost[0] if lost else None)
+            if not self._pause_before(until_s):
+                return rest
 
 
 def drive_voltage(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@
 import contextlib
 import math
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -30,9 +31,19 @@ class Watchdog(Protocol):
     notices_after_s: float
     """Silence of the run thread after which the watchdog acts; NaN without a watchdog."""
 
+    takeover_reason: str
+    """Why the watchdog took the source over since arming; empty while it has not. Read in any thread."""
+
+    takeover_outcome: str
+    """What came of that, or of a request; empty while it acts."""
+
+    brought_to_rest: bool
+    """Whether the outcome is that the source obeyed."""
+
     @property
-    def takeover_outcome(self) -> str:
-        """Outcome of the watchdog's take-over of the source since arming; empty without one. Callable from any thread."""
+    def overdue_s(self) -> float:
+        """By how much longer than allowed the run thread has been silent while live, s; 0 or less if not. Any thread."""
+        ...
 
     def set_log_folder(self, folder: Path) -> None:
         """Write the log into this folder of runs."""
@@ -78,24 +89,43 @@ class Watchdog(Protocol):
         """End the watchdog."""
 
 
+DEFAULT_SILENCE_S = 3.0
+"""Silence that is allowed without a watchdog: the reply timeout of an instrument, and a margin."""
+
+
 class NoWatchdog:
     """No monitoring: on the virtual clock, with which bench and program end together, or disabled by the bench file."""
 
     def __init__(self, inactive_reason: str = "") -> None:
         self.inactive_reason = inactive_reason
         self.notices_after_s = math.nan
-        self.takeover_outcome = ""
+        self.takeover_reason = self.takeover_outcome = ""
+        self.brought_to_rest = False
+        self._heard_s, self._allowed_s = math.inf, DEFAULT_SILENCE_S
+
+    @property
+    def overdue_s(self) -> float:
+        return time.monotonic() - self._heard_s - self._allowed_s
 
     def set_log_folder(self, folder: Path) -> None: ...
 
-    def arm(self) -> None: ...
+    def arm(self) -> None:
+        self._heard_s = time.monotonic()
 
-    def send_heartbeat(self) -> None: ...
+    def send_heartbeat(self) -> None:
+        if math.isfinite(self._heard_s):
+            self._heard_s = time.monotonic()
 
     def raise_for_status(self) -> None: ...
 
-    def allow_silence(self, _seconds: float | None = None, /) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext()
+    @contextlib.contextmanager
+    def allow_silence(self, seconds: float | None = None, /) -> Iterator[None]:
+        before, self._allowed_s = self._allowed_s, max(self._allowed_s, seconds or 0.0)
+        try:
+            yield
+        finally:
+            self._allowed_s = before
+            self.send_heartbeat()
 
     def raise_if_taken_over(self) -> None: ...
 
@@ -108,7 +138,8 @@ class NoWatchdog:
 
     def log(self, message: str) -> None: ...
 
-    def disarm(self) -> None: ...
+    def disarm(self) -> None:
+        self._heard_s = math.inf
 
     def close(self) -> None: ...
 

@@ -22,15 +22,13 @@ from nidaqmx.system import System
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
+from drivers.deadlines import Deadline
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
 from drivers.interfaces import Block, Closeable, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
 """Real seconds of scans in the NI driver's buffer: longest pause of the program without lost scans."""
-
-READ_TIMEOUT_S = 5.0
-"""Longest wait for a block beyond its duration; after that the card counts as disconnected."""
 
 START_UNCERTAINTY_S, START_QUERIES = 0.005, 5
 """Accuracy of the time of the first scan, in real time; otherwise the best of this number of counts of scans."""
@@ -70,10 +68,16 @@ class NiConnection:
         self.description = f"DAQ card {device}" + (f" at {server}" if server else "")
         self._server = server
         self._rpc: Any = None
+        self._calls: Any = None
+        """Knows whether the gRPC server answers."""
         self._options: Any = None
         self._open_roles: set[str] = set()
         self._created: set[str] = set()
-        self.identity = self.reopen()
+        try:
+            self.identity = self.reopen()
+        except InstrumentError:
+            self.close()
+            raise
         self.description = f"DAQ card {device} ({self.identity.model})"
 
     @property
@@ -91,23 +95,13 @@ class NiConnection:
         self.close()
         self._open_roles.clear()
         if self._server:
-            import grpc
+            from drivers.nidaq.grpc_channel import open_channel
 
-            options = [
-                # The default limit of 4 MB is half a million samples: one late read would exceed it.
-                ("grpc.max_receive_message_length", -1),
-                # Channels of one process share a connection and its back-off of a second after a failure.
-                ("grpc.use_local_subchannel_pool", 1),
-            ]
-            self._rpc = grpc.insecure_channel(self._server, options=options)
+            self._rpc, self._calls = open_channel(self._server)
             self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
-        try:
-            with translate_errors(self.description):
-                card = self.device_properties()
-                return Identity("NI", card.product_type, format(card.serial_num, "X"))
-        except InstrumentError:
-            self.close()
-            raise
+        with translate_errors(self.description):
+            card = self.device_properties()
+            return Identity("NI", card.product_type, format(card.serial_num, "X"))
 
     def device_properties(self) -> Any:
         """Return NI's object of this device, for its properties."""
@@ -126,6 +120,8 @@ class NiConnection:
                 return nidaqmx.Task()
         if self._rpc is None:
             raise AcquisitionError(f"{self.description} is closed")
+        if self._calls.silent is not None:
+            self.reopen()
         with translate_errors(self.description):
             task = self._create_session(role, SessionInitializationBehavior.INITIALIZE_SERVER_SESSION)
             if task is None:
@@ -323,7 +319,7 @@ class NiStream(Closeable):
             for slot, channel in enumerate(task.ai_channels)
         )[grounded:]
         self._raw = np.zeros((grounded + len(self.scales), block_scans), np.int16)
-        self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
+        self._timeout_s = Deadline.CARD_BLOCK.seconds + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
         self.start_time_s = self._start() + grounded * convert_s
 
@@ -447,9 +443,9 @@ def list_devices(server: str | None = None) -> list[tuple[str, Identity]]:
     try:
         with translate_errors(where):
             if server:
-                import grpc
+                from drivers.nidaq.grpc_channel import open_channel
 
-                rpc = grpc.insecure_channel(server)
+                rpc, _ = open_channel(server)
             system = System.remote(nidaqmx.GrpcSessionOptions(rpc, "")) if server else System.local()
             return [(c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in system.devices]
     finally:

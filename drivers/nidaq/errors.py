@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError, RpcError
 
+from drivers.deadlines import Deadline, in_progress
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScansLostError
 
 REMEDIES = {
@@ -51,7 +52,8 @@ def translate_errors(device_name: str, *, remote: bool = False) -> Iterator[None
     A reserved card of this computer (not `remote`) raises CardInUseError: NI's driver clears the reservation of a dead program.
     """
     try:
-        yield
+        with in_progress(Deadline.CARD_DRIVER):
+            yield
     except DaqNotFoundError as error:
         raise InstrumentError(
             f"{device_name}: the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx or with "

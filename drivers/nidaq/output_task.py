@@ -17,6 +17,7 @@ from nidaqmx.errors import DaqError, RpcError
 from nidaqmx.stream_writers import AnalogSingleChannelWriter
 
 from drivers.clock import Clock
+from drivers.deadlines import Deadline
 from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_input import OUTPUT, NiConnection
 from drivers.nidaq.errors import translate_errors
@@ -38,8 +39,8 @@ SAMPLES_PER_WRITE = 200_000
 """Number of samples in one message: below gRPC's default of 4 MB, which NI's server lifts (grpc-device at c1ddf51), but a proxy
 may not."""
 
-WRITE_TIMEOUT_S, REWRITE_TIMEOUT_S = 10.0, 0.1
-"""Longest wait of NI's driver for a write: nidaqmx's default, and during the task, as a copy to memory need not wait."""
+REWRITE_TIMEOUT_S = 0.1
+"""Longest wait of NI's driver for a write during the task: a copy to memory need not wait."""
 
 WRITE_MESSAGES = 3
 """Number of messages of one write: offset, number of channels, which `nidaqmx` queries, and samples."""
@@ -166,7 +167,7 @@ class OutputTask:
         """Clear the task; the output stays at the last converted sample."""
         self._connection.close_task(self._task, OUTPUT)
 
-    def _write(self, samples: Array, timeout_s: float = WRITE_TIMEOUT_S) -> None:
+    def _write(self, samples: Array, timeout_s: float = Deadline.CARD_OUTPUT.seconds) -> None:
         writer = AnalogSingleChannelWriter(self._task.out_stream, auto_start=False)
         written = writer.write_many_sample(np.ascontiguousarray(samples), timeout_s)
         if written != samples.size:

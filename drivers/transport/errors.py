@@ -1,9 +1,49 @@
-"""Link errors: translates exceptions of the transport libraries into `LinkError` with a remedy."""
+"""Link errors: translates exceptions of the transport libraries, and passed deadlines, into `LinkError` with a remedy."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
+from drivers.deadlines import CallThread, Deadline, OverdueError
 from drivers.errors import LinkError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class LinkWithDeadline(Protocol):
+    """A link whose libraries are called in a thread of its own."""
+
+    name: str
+    timeout_s: float
+    calls: CallThread
+
+
+L = TypeVar("L", bound=LinkWithDeadline)
+
+
+def within_deadline(
+    deadline: Deadline = Deadline.SOURCE_CALL, bytes_s: Callable[[Any, Any], float] = lambda _link, _data: 0.0
+) -> Callable[[Callable[Concatenate[L, P], R]], Callable[Concatenate[L, P], R]]:
+    """Let a method of a link run in the link's thread; raise LinkError if it does not return in time.
+
+    Args:
+        deadline: beyond the link's timeout.
+        bytes_s: returns how long the bytes of the link's first argument take.
+    """
+
+    def decorate(method: Callable[Concatenate[L, P], R]) -> Callable[Concatenate[L, P], R]:
+        def call(self: L, /, *args: P.args, **kwargs: P.kwargs) -> R:
+            seconds = deadline.seconds + self.timeout_s + (bytes_s(self, args[0]) if args else 0.0)
+            try:
+                return self.calls.call(lambda: method(self, *args, **kwargs), seconds)
+            except OverdueError as error:
+                raise LinkError(f"{self.name}: {error}; check the instrument's power and cable") from error
+
+        call.__doc__ = method.__doc__
+        return call
+
+    return decorate
 
 
 @contextlib.contextmanager

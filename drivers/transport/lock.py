@@ -6,6 +6,7 @@ second file of each, so that an instrument stays locked until program and watchd
 """
 
 import contextlib
+import errno
 import getpass
 import hashlib
 import json
@@ -20,11 +21,9 @@ from pathlib import Path
 import psutil
 from filelock import FileLock, Timeout
 
+from drivers.deadlines import Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError, UnsafeError
 from drivers.interfaces import Closeable, Identity
-
-WATCHDOG_TIMEOUT_S = 10.0
-"""Longest wait for the watchdog of a program that has ended: it may be bringing the source to rest."""
 
 RELEASED = "{}"
 """Record of an instrument released by its last program."""
@@ -103,7 +102,10 @@ class InstrumentLocks(Closeable):
     def close(self) -> None:
         """Release all locks; an earlier program stays on record until a program has taken over the instruments."""
         for path, lock in self._locks.items():
-            _write_record(Path(path), self._left_records.get(path, RELEASED))
+            if path in self._left_records:
+                _write_record(Path(path), self._left_records[path])
+            else:
+                _remove_files(Path(path))
             lock.release()
         self._locks.clear()
 
@@ -123,13 +125,13 @@ class InstrumentLocks(Closeable):
                     ) from None
                 raise InstrumentError(f"{instrument} is in use: {_holder(path)}; end that program first") from None
             try:
-                with _make_lock(_watchdog_file(path)).acquire(timeout=WATCHDOG_TIMEOUT_S):
+                with _make_lock(_watchdog_file(path)).acquire(timeout=Deadline.INSTRUMENT_LOCK.seconds):
                     pass
             except Timeout:
                 lock.release()
                 raise UnsafeError(
                     f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {instrument} is in use: the watchdog of an ended program has not brought it to "
-                    f"rest within {WATCHDOG_TIMEOUT_S:g} s ({_holder(path)}). Then read watchdog.log beside its runs, and try again "
+                    f"rest within {Deadline.INSTRUMENT_LOCK.seconds:g} s ({_holder(path)}). Then read watchdog.log beside its runs, and try again "
                     "when it is done"
                 ) from None
             self._locks[str(path)] = lock
@@ -153,7 +155,7 @@ def lock_as_watchdog(files: Sequence[str]) -> list[FileLock]:
         with _translate_errors(path):
             try:
                 lock = _make_lock(path)
-                lock.acquire(timeout=WATCHDOG_TIMEOUT_S)
+                lock.acquire(timeout=Deadline.INSTRUMENT_LOCK.seconds)
             except Timeout:
                 raise InstrumentError(f"another watchdog holds {path}; end it first") from None
             locks.append(lock)
@@ -175,6 +177,14 @@ def _make_lock(path: Path) -> FileLock:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.parent.chmod(0o1777)
     return FileLock(path, mode=0o666, thread_local=False, preserve_lock_file=True, poll_interval=0.02)
+
+
+def _remove_files(path: Path) -> None:
+    """Remove the files of a lock that is held: `filelock` does not take one that was removed meanwhile for its own."""
+    _write_record(path, RELEASED)  # where they cannot be removed
+    with contextlib.suppress(OSError, Timeout), _make_lock(_watchdog_file(path)).acquire(timeout=0):
+        for each in (path.with_suffix(".json"), _watchdog_file(path), path):
+            each.unlink()
 
 
 def _write_holder(path: Path, bench: str) -> None:
@@ -231,6 +241,7 @@ def _translate_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InstrumentError(
-            f"the lock {path} cannot be taken: {error.strerror or error}; make its folder writable for all users of this computer"
-        ) from error
+        remedy = "make its folder writable for all users of this computer"
+        if error.errno == errno.ELOOP:
+            remedy = "it is a symbolic link, which is not followed; remove it"
+        raise InstrumentError(f"the lock {path} cannot be taken: {error.strerror or error}; {remedy}") from error

@@ -7,8 +7,9 @@ import contextlib
 
 import serial
 
+from drivers.deadlines import CallThread, Deadline
 from drivers.errors import LinkError
-from drivers.transport.errors import translate_errors
+from drivers.transport.errors import translate_errors, within_deadline
 
 try:
     from termios import error as TerminalError  # noqa: N812 - an unplugged converter raises it, and it is not an OSError
@@ -32,14 +33,27 @@ class SerialPort:
 
     def __init__(self, port: str, baud: int, timeout_s: float = 1.0) -> None:
         self.name = port
-        self.timeout_s = timeout_s
-        with self._translate_errors():
-            self._port = serial.serial_for_url(port, baudrate=baud, timeout=timeout_s, write_timeout=timeout_s)
+        self.timeout_s, self._baud = timeout_s, baud
+        self.calls = CallThread(f"serial port {port}")
+        try:
+            self._open()
+        except LinkError:
+            self.calls.end()
+            raise
 
+    @within_deadline(Deadline.SOURCE_OPENING)
+    def _open(self) -> None:
+        with self._translate_errors():
+            self._port = serial.serial_for_url(
+                self.name, baudrate=self._baud, timeout=self.timeout_s, write_timeout=self.timeout_s
+            )
+
+    @within_deadline()
     def write(self, data: bytes) -> None:
         with self._translate_errors():
             self._port.write(data)
 
+    @within_deadline()
     def query(self, command: bytes, terminator: bytes) -> str:
         """Return the reply to a command without its terminator. Earlier input is discarded.
 
@@ -51,6 +65,7 @@ class SerialPort:
             self._port.write(command)
         return self.read_line(terminator)
 
+    @within_deadline()
     def read_line(self, terminator: bytes) -> str:
         """Return the text up to a terminator.
 
@@ -67,17 +82,25 @@ class SerialPort:
         except UnicodeDecodeError:
             raise LinkError(f"{self.name} sent bytes that are not text; check the baud rate") from None
 
+    @within_deadline()
     def read(self, count: int) -> bytes:
         """Return the next bytes; fewer at a timeout."""
         with self._translate_errors():
             return bytes(self._port.read(count))
 
+    @within_deadline()
     def discard_input(self) -> None:
         """Discard received bytes."""
         with self._translate_errors():
             self._port.reset_input_buffer()
 
     def close(self) -> None:
+        with contextlib.suppress(LinkError):
+            self._close()
+        self.calls.end()
+
+    @within_deadline()
+    def _close(self) -> None:
         with contextlib.suppress(*PORT_ERRORS):
             self._port.close()
 

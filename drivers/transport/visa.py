@@ -10,17 +10,19 @@ import select
 import socket
 import struct
 import sys
+import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from typing import Any
 
 import pyvisa
 from pyvisa.constants import BufferOperation, StatusCode
 from pyvisa.errors import VisaIOError
 
+from drivers.deadlines import CallThread, Deadline
 from drivers.errors import LinkError
-from drivers.transport.errors import translate_errors
+from drivers.transport.errors import translate_errors, within_deadline
 
 VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
 """Exceptions of pyvisa and pyvisa-py when a connection fails; the last three come from its HiSLIP."""
@@ -54,11 +56,13 @@ class VisaLink:
         self.timeout_s = timeout_s
         self._manager = _open_manager(resource, backend)
         self._session: Any = None
+        self.calls = CallThread(f"VISA {resource}")
         _open_links.add(self)
         try:
             self.reopen()
         except LinkError:
             _open_links.discard(self)
+            self.calls.end()
             raise
 
     @contextlib.contextmanager
@@ -78,12 +82,13 @@ class VisaLink:
     def _silence_message(self) -> str:
         return f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
 
+    @within_deadline(bytes_s=lambda link, message: link.bytes_s(message))
     def write(self, message: str) -> None:
         with self._translate_errors():
             session = self._open_session()
             self._raise_if_closed(0.0)
             if self._is_serial:  # time for a long waveform at this baud rate
-                session.timeout = 1000 * (self.timeout_s + BITS_PER_BYTE * len(message) / self._baud)
+                session.timeout = 1000 * (self.timeout_s + self.bytes_s(message))
             try:
                 # Latin-1 carries every byte of a binary block unchanged.
                 session.write(message, encoding="latin-1")
@@ -91,6 +96,7 @@ class VisaLink:
                 if self._is_serial:
                     session.timeout = 1000 * self.timeout_s
 
+    @within_deadline()
     def read(self) -> str:
         with self._translate_errors():
             session = self._open_session()
@@ -98,6 +104,7 @@ class VisaLink:
             answer: str = session.read()
             return answer
 
+    @within_deadline(bytes_s=lambda link, count: link.bytes_s(range(count)))
     def read_bytes(self, count: int) -> bytes:
         """Return a number of bytes of a reply. Raises LinkError if they do not arrive in time."""
         with self._translate_errors():
@@ -129,6 +136,7 @@ class VisaLink:
             return library.sessions[self._session.session]
         return None
 
+    @within_deadline(Deadline.SOURCE_OPENING)
     def clear(self) -> None:
         # pyvisa-py 0.8.1 reads a raw socket until nothing is readable: a socket closed by the peer stays readable for ever,
         # and clear() never returns. A new connection also discards a late reply.
@@ -154,16 +162,35 @@ class VisaLink:
                 if error.error_code != StatusCode.error_timeout:
                     raise
 
+    def bytes_s(self, message: Sized) -> float:
+        """Return how long bytes take on a serial line; 0 on all others."""
+        return BITS_PER_BYTE * len(message) / self._baud if self._is_serial else 0.0
+
     @property
     def _is_serial(self) -> bool:
         return self.name.upper().startswith("ASRL")
 
     def reopen(self) -> None:
+        if self.calls.given_up:  # a session that hangs cannot be closed, but its socket can
+            self._shut_down_socket()
+            self.calls, self._session = CallThread(f"VISA {self.name}"), None
+        self._open()
+
+    @within_deadline(Deadline.SOURCE_OPENING)
+    def _open(self) -> None:
         self._close_session()
         with self._translate_errors():
-            self._session = self._manager.open_resource(
-                self.name, read_termination="\n", write_termination="\n", timeout=self.timeout_s * 1000
+            opened = self._manager.open_resource(
+                self.name,
+                open_timeout=round(1000 * Deadline.SOURCE_OPENING.seconds),
+                read_termination="\n",
+                write_termination="\n",
+                timeout=self.timeout_s * 1000,
             )
+            if threading.current_thread() is not self.calls or self.calls.given_up:  # it comes too late
+                opened.close()
+                return
+            self._session = opened
             if self._is_serial:
                 self._session.baud_rate = self._baud
                 self._session.flush(BufferOperation.discard_read_buffer)
@@ -175,6 +202,12 @@ class VisaLink:
             self._wire_session().interface.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def close(self) -> None:
+        with contextlib.suppress(LinkError):
+            self._close()
+        self.calls.end()
+
+    @within_deadline()
+    def _close(self) -> None:
         self._close_session()
         _open_links.discard(self)
         _close_manager(self._manager)
@@ -185,15 +218,18 @@ class VisaLink:
         return self._session
 
     def _close_session(self) -> None:
-        wire, session, self._session = self._wire_session(), self._session, None
+        self._shut_down_socket()
+        session, self._session = self._session, None
         if session is not None:
-            sock: Any = getattr(wire, "interface", None)
-            if isinstance(sock, socket.socket):
-                # An instrument of one session serves the next one after it has noticed the end.
-                with contextlib.suppress(OSError):
-                    sock.shutdown(socket.SHUT_RDWR)
             with contextlib.suppress(*VISA_ERRORS):
                 session.close()
+
+    def _shut_down_socket(self) -> None:
+        """End the connection: an instrument of one session serves the next one once it knows of the end."""
+        sock: Any = getattr(self._wire_session(), "interface", None)
+        if isinstance(sock, socket.socket):
+            with contextlib.suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)
 
 
 _open_links: set[VisaLink] = set()

@@ -15,6 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from drivers.bench import HEARTBEAT_PERIOD_S
+from drivers.deadlines import Deadline
 from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError
 from drivers.watchdog.activity import ProcessActivity
@@ -22,19 +23,18 @@ from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.origin import describe_copy
 from drivers.watchdog.subprocesses import python_command, python_environment, terminate
 
-START_TIMEOUT_S = 15.0
 WATCHDOG_SILENCE_S = 1.0
 """Longest silence of the watchdog while the bench is live; after it the watchdog counts as dead. It reports four times a second."""
 
 REPLY_MARGIN_S = 1.0
-REST_REQUEST_TIMEOUT_S = 12.0
-TAKEOVER_TIMEOUT_S = 40.0
 
 
 class WatchdogClient:
     """A `Watchdog` (see drivers.bench.watchdog_interface) in a separate process; `arm` waits until it is ready."""
 
     inactive_reason = ""
+    _failed: str
+    _process: ProcessActivity
 
     def __init__(self, config: WatchdogConfig) -> None:
         self._config = config
@@ -45,6 +45,8 @@ class WatchdogClient:
         self._allowed_silence_s = config.silence_s
         self._live = threading.Event()
         self._takeovers = self._takeovers_at_allow = 0
+        self._taking_over = self._failing = False
+        """Whether the watchdog commands the source, and whether its first attempt has failed."""
         self._start()
 
     @property
@@ -52,8 +54,8 @@ class WatchdogClient:
         return self._child.pid
 
     @property
-    def takeover_outcome(self) -> str:
-        return self._takeover_outcome if self._takeover_reason else ""
+    def overdue_s(self) -> float:
+        return time.monotonic() - self._last_heartbeat_s - self._allowed_silence_s if self._live.is_set() else 0.0
 
     def set_log_folder(self, folder: Path) -> None:
         self._log_folder = folder.resolve()
@@ -68,7 +70,8 @@ class WatchdogClient:
                     f"the watchdog does not watch{': ' + self._failed if self._failed else ''}. The bench does not go live "
                     "without it: mend that, or write 'enabled = false' under [watchdog] in the bench file"
                 )
-        self._takeover_reason, self._takeovers_at_allow = "", self._takeovers
+        self.takeover_reason = self.takeover_outcome = ""
+        self.brought_to_rest, self._takeovers_at_allow = False, self._takeovers
         self._last_line, self._last_heartbeat_s = self._process.mark(), time.monotonic()
         self._send("live")
         self._live.set()
@@ -79,15 +82,15 @@ class WatchdogClient:
         if time.monotonic() - self._last_heartbeat_s > self._config.silence_s:
             # This process was delayed, possibly stopped: reports of the watchdog may still be in the pipe.
             with self._changed:
-                self._changed.wait_for(lambda: bool(self._takeover_reason or self._ended), 2 * HEARTBEAT_PERIOD_S)
+                self._changed.wait_for(lambda: bool(self.takeover_reason or self._ended), 2 * HEARTBEAT_PERIOD_S)
         self._last_heartbeat_s = time.monotonic()
         self._send(f"beat {self._allowed_silence_s:.3f}")
 
     def raise_for_status(self) -> None:
         if not self._live.is_set():
             return
-        if self._takeover_reason:
-            raise BenchError(f"the watchdog took the source over: {self._takeover_reason}")
+        if self.takeover_reason:
+            raise BenchError(f"the watchdog took the source over: {self.takeover_reason}")
         silence = self._process.since(self._last_line)
         if self._ended or silence.exceeds(WATCHDOG_SILENCE_S):
             how = (
@@ -109,7 +112,15 @@ class WatchdogClient:
         self.send_heartbeat()
         if self._taking_over:
             with self._changed:
-                self._changed.wait_for(lambda: self._ended or not self._taking_over, TAKEOVER_TIMEOUT_S)
+                self._changed.wait_for(
+                    lambda: self._ended or self._failing or not self._taking_over, Deadline.WATCHDOG_ATTEMPT.seconds
+                )
+                if self._failing:
+                    self._send("mine")
+                    self._changed.wait_for(
+                        lambda: self._ended or not self._taking_over, Deadline.WATCHDOG_REQUEST.seconds
+                    )
+            self.send_heartbeat()
         self._takeovers_at_allow = self._takeovers
         try:
             yield
@@ -119,18 +130,18 @@ class WatchdogClient:
 
     def raise_if_taken_over(self) -> None:
         if self._live.is_set() and self._takeovers != self._takeovers_at_allow:
-            raise BenchError(f"the watchdog took the source over: {self._takeover_reason}")
+            raise BenchError(f"the watchdog took the source over: {self.takeover_reason}")
 
     def request_rest(self, reason: str) -> str:
-        self._takeover_outcome = ""
+        self.takeover_outcome = ""
         self._send(f"help {_single_line(reason)}")
         with self._changed:
             # Two attempts, with their time beside Stop.
             self._changed.wait_for(
-                lambda: bool(self._takeover_outcome or self._ended),
-                REST_REQUEST_TIMEOUT_S + self._config.retry_time_s(0.0),
+                lambda: bool(self.takeover_outcome or self._ended),
+                Deadline.WATCHDOG_REQUEST.seconds + self._config.retry_time_s(0.0),
             )
-        return self._takeover_outcome or "the watchdog did not answer"
+        return self.takeover_outcome or "the watchdog did not answer"
 
     def note_level(self, pulse: LevelPulse, remaining_s: float) -> None:
         self._send(f"level {json.dumps({'remaining_s': remaining_s, **asdict(pulse)})}")
@@ -167,8 +178,8 @@ class WatchdogClient:
             start_new_session=True,
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
-        self._ready = self._failed = self._takeover_reason = self._takeover_outcome = ""
-        self._taking_over = self._ended = False
+        self._ready = self._failed = self.takeover_reason = self.takeover_outcome = ""
+        self._taking_over = self._failing = self._ended = self.brought_to_rest = False
         self._process = ProcessActivity(self._child.pid)
         self._last_line, self._last_heartbeat_s = self._process.mark(), time.monotonic()
         self._closing = threading.Event()
@@ -183,7 +194,9 @@ class WatchdogClient:
     def _wait_until_ready(self) -> bool:
         """Wait for the process to start; return whether it is ready."""
         with self._changed:
-            self._changed.wait_for(lambda: bool(self._ready or self._failed or self._ended), START_TIMEOUT_S)
+            self._changed.wait_for(
+                lambda: bool(self._ready or self._failed or self._ended), Deadline.WATCHDOG_START.seconds
+            )
         return bool(self._ready) and not self._ended
 
     def _listen(self) -> None:
@@ -208,15 +221,19 @@ class WatchdogClient:
                 case "failed":
                     self._failed = text
                 case "acting":
-                    self._taking_over, self._takeover_reason = True, text
+                    self._taking_over, self.takeover_reason = True, text
                     self._takeovers += 1
+                case "failing":
+                    self._failing = True
                 case "done" | "could-not":
-                    self._taking_over, self._takeover_outcome = False, text
+                    self._taking_over = self._failing = False
+                    self.brought_to_rest, self.takeover_outcome = keyword == "done", text
             self._changed.notify_all()
 
     def _send_pulses(self) -> None:
         while not self._closing.wait(HEARTBEAT_PERIOD_S):
-            self._process.update()
+            with contextlib.suppress(MemoryError):  # without pulses the watchdog would take the source over
+                self._process.update()
             if self._live.is_set():
                 self._send("pulse")
 

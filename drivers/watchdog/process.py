@@ -63,6 +63,8 @@ class WatchdogLoop:
         self._program = ProcessActivity(os.getppid())
         self._last_heartbeat = self._last_pulse = self._program.mark()
         self._allowed_silence_s = config.silence_s
+        self._program_acts = threading.Event()
+        """Set where the program runs again and commands the source itself: an attempt that fails is not repeated then."""
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         threading.Thread(target=self._read_lines, daemon=True).start()
 
@@ -124,6 +126,8 @@ class WatchdogLoop:
                 self._live, self._took_over, self._level = True, False, None
                 self._last_heartbeat = self._last_pulse = self._program.mark()
                 self._allowed_silence_s = self._config.silence_s
+            case "mine":
+                self._live, self._last_heartbeat, self._last_pulse = True, self._program.mark(), self._program.mark()
             case "rest":
                 self._live = self._took_over = False
             case "log":
@@ -152,6 +156,7 @@ class WatchdogLoop:
         """Bring the source to rest, retrying for `timeout_s`; report and log the outcome."""
         send_line(f"acting {reason}")
         self._took_over = True
+        self._program_acts.clear()
         begin = time.monotonic()
         first = ""
         with self._warning_if_late(reason, to_stderr) as warn:
@@ -160,15 +165,18 @@ class WatchdogLoop:
                     self._try_to_rest(reconnect=bool(first))
                 except Exception as error:  # noqa: BLE001 - make-safe: any failure is retried
                     warn(f"the source does not obey: {error}. The watchdog tries again for {timeout_s:g} s")
+                    if not first:
+                        send_line("failing")
                     first = first or f"{error}"
                     self._close_source()
-                    if time.monotonic() - begin > timeout_s:
-                        took = time.monotonic() - begin
+                    took = time.monotonic() - begin
+                    if took <= timeout_s:
+                        time.sleep(RETRY_INTERVAL_S)
+                    if took > timeout_s or self._program_acts.is_set():
                         outcome = f"The source could NOT be brought to rest within {took:.0f} s: {first}. {SWITCH_OFF_INSTRUCTION}"
                         self._log(f"{reason}. {outcome}", to_stderr)
                         send_line(f"could-not {outcome}")
                         return
-                    time.sleep(RETRY_INTERVAL_S)
                 else:
                     break
         rest_v, took = self._config.map.rest_v, time.monotonic() - begin
@@ -251,6 +259,8 @@ class WatchdogLoop:
 
     def _read_lines(self) -> None:
         for line in sys.stdin:
+            if line == "mine\n":
+                self._program_acts.set()
             self._lines.put(line.rstrip("\n"))
         self._lines.put(None)
 

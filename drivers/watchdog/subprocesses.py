@@ -6,10 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from drivers.deadlines import Deadline
 from drivers.watchdog.origin import PACKAGE_FOLDER
-
-EXIT_TIMEOUT_S = 5.0
-"""Longest wait for the natural end of a process."""
 
 
 def python_command(*arguments: str) -> list[str]:
@@ -34,7 +32,7 @@ def terminate(child: "subprocess.Popen[str]") -> None:
         with contextlib.suppress(OSError):
             child.stdin.close()
     try:
-        child.wait(EXIT_TIMEOUT_S)
+        child.wait(Deadline.CHILD_EXIT.seconds)
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()

@@ -98,5 +98,6 @@ from .verdict import checks_by_remedy as checks_by_remedy
 from .verdict import judge as judge
 from .verdict import judge_ended as judge_ended
 from .whole_files import file_hash as file_hash
+from .whole_files import open_regular as open_regular
 from .whole_files import replacing as replacing
 from .whole_files import write_atomic as write_atomic

@@ -2,12 +2,14 @@
 
 import json
 import math
+import os
 import re
-import stat
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
+
+from protocols.base.whole_files import open_regular
 
 MAX_NESTING = 40
 """Largest depth of lists and objects in a JSON or TOML text; the program's own texts have six levels."""
@@ -54,15 +56,12 @@ def read_json_file(path: Path) -> dict[str, Any]:
     """Return the object in a JSON file.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file, too long, not UTF-8 text, or not an object of plain values.
+        OSError: the file cannot be read, or is not a regular one.
+        ValueError: it is too long, not UTF-8 text, or not an object of plain values.
     """
-    status = path.stat()
-    if not stat.S_ISREG(status.st_mode):
-        raise ValueError("it is not a regular file")
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         # Allocating a buffer of the largest size would dominate the time.
-        data = file.read(min(status.st_size, MAX_JSON_BYTES) + 1)
+        data = file.read(min(os.fstat(file.fileno()).st_size, MAX_JSON_BYTES) + 1)
     if len(data) > MAX_JSON_BYTES:
         raise ValueError(f"it is longer than {MAX_JSON_BYTES / 1e6:g} MB")
     try:

@@ -40,6 +40,10 @@ class UnfinishedStorageError(RunReadError):
         )
 
 
+WRITE_FAILURES = (OSError, RuntimeError, ValueError, KeyError)
+"""Errors of HDF5 while it writes; it raises KeyError for a dataset that it cannot read."""
+
+
 class StorageError(Exception):
     """The file cannot be written. The message contains the path and the reason; earlier data stay readable."""
 
@@ -55,7 +59,7 @@ def translate_write_errors(
     """Raise StorageError for errors of HDF5 while it writes the run or study file."""
     try:
         yield
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
+    except WRITE_FAILURES as error:
         raise StorageError(f"the {kind} file {path} cannot be written: {os_error_text(error)}; {advice}") from error
 
 

@@ -30,6 +30,8 @@ class FilePresence:
         self.moved_to: Path | None = None
         self.is_cut = False
         """Whether samples are lost, because the file was truncated."""
+        self._head = self._read_head()
+        self.is_overwritten = False
 
     def check(self) -> None:
         """Compare path and file.
@@ -47,10 +49,25 @@ class FilePresence:
         elif status.st_size < self._size:
             self.is_cut = True
             self.problem = f"was cut from {self._size} to {status.st_size} bytes while it was being written; the samples in it are lost"
+        elif self._head[:COMPARED_HEAD] != self._read_head()[:COMPARED_HEAD]:
+            self.is_overwritten = True
+            self.problem = "was overwritten at its beginning while it was being written"
         else:
             self._size = status.st_size
             return
         raise FileLostError(f"the run file {self._path} {self.problem}")
+
+    def _read_head(self) -> bytes:
+        """Return the beginning of the file without what the library changes: flags, length and checksum of the superblock."""
+        if self._descriptor is None:
+            return b""
+        head = os.pread(self._descriptor, HEAD_BYTES, 0)
+        return (
+            head[:_FLAGS_PLACE]
+            + head[_FLAGS_PLACE + 1 : _END_PLACE]
+            + head[_END_PLACE + 8 : _LAYOUT.size]
+            + head[SUPERBLOCK_BYTES:]
+        )
 
     def note_size(self) -> None:
         """Use the present size as the smallest valid size of the file from now on."""
@@ -72,6 +89,9 @@ class FilePresence:
             while piece := os.pread(self._descriptor, 1 << 20, offset):
                 copy.write(piece)
                 offset += len(piece)
+            if self.is_overwritten:  # the library has written the superblock anew when it closed the file
+                copy.seek(SUPERBLOCK_BYTES)
+                copy.write(self._head[SUPERBLOCK_BYTES - _CHANGING_BYTES :])
             copy.flush()
             os.fsync(copy.fileno())
 
@@ -126,9 +146,15 @@ def _has_open(path: Path, pid: int) -> bool:
     return False
 
 
+HEAD_BYTES, COMPARED_HEAD = 4096, 512
+"""Bytes at the beginning of a run file that do not change until its end, and how many of them are compared before each write."""
+
 _LAYOUT = struct.Struct("<8sBBBBQQQQ")
 _CHECKSUM = struct.Struct("<I")
 SUPERBLOCK_BYTES = _LAYOUT.size + _CHECKSUM.size
+_FLAGS_PLACE, _END_PLACE = 11, 28
+_CHANGING_BYTES = 1 + 8 + _CHECKSUM.size
+"""Where flags and length of the file are in the superblock, and how many of its bytes change."""
 WRITING_VERSION = 3
 """Superblock version with the mark of a file open for writing."""
 SWMR_FLAG = 0b100

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from drivers import Deadline
 from protocols.base import (
     Verdict,
     file_hash,
@@ -27,7 +28,6 @@ from protocols.runfile.record import RunRecord
 
 MAX_HASHED_BYTES = 16_000_000
 """Longest file that is hashed at the end of a run, and for a copy in a list; reading longer files by HDF5 is faster."""
-LOCK_TIMEOUT_S = 30.0
 _DIGEST_BYTES = 16
 _FIELDS = " ".join(field.name for field in fields(RunRecord))
 
@@ -139,11 +139,13 @@ def _locked(path: Path) -> Iterator[None]:
     """Hold the lock of a sidecar, which ends with its process; the lock file is removed. A share without locks has none."""
     from filelock import FileLock, Timeout  # slow to import; reading does not need it
 
-    lock = FileLock(path.with_name(f".{path.name}.lock"), LOCK_TIMEOUT_S)
+    lock = FileLock(path.with_name(f".{path.name}.lock"), Deadline.NOTES_LOCK.seconds)
     try:
         lock.acquire()
     except Timeout:
-        raise NotesError(f"the notes {path} are locked by another program for more than {LOCK_TIMEOUT_S:g} s") from None
+        raise NotesError(
+            f"the notes {path} are locked by another program for more than {Deadline.NOTES_LOCK.seconds:g} s"
+        ) from None
     except OSError:
         pass  # a file system without locks; in an unwritable folder the later writing fails
     try:

@@ -1,10 +1,12 @@
 """Transaction on a file: changes are collected in memory and applied through a journal, so that a kill leaves all changes or none."""
 
 import contextlib
+import errno
 import hashlib
 import importlib
 import io
 import os
+import re
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,9 +20,10 @@ fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 PAGE_BYTES = 4096
 _HEADER = struct.Struct("<8sQQ")
 _PAGE = struct.Struct("<QQ")
-"""Header of a page: offset and length."""
+"""Header of a piece: offset and length."""
 _MAGIC = b"TBJRNL01"
 _DIGEST_BYTES = 16
+_RUN = re.compile(b"\1+")
 
 
 class BufferedFile(io.RawIOBase):
@@ -31,6 +34,10 @@ class BufferedFile(io.RawIOBase):
         self._size = self._disk_size = os.fstat(self._file.fileno()).st_size
         self._place = 0
         self._pages: dict[int, bytearray] = {}
+        self._written: dict[int, bytearray] = {}
+        """Of each page, a 1 for each byte that was written."""
+        self.failure: OSError | None = None
+        """The first error of the disk: HDF5 reports another, or none."""
 
     @property
     def size(self) -> int:
@@ -38,11 +45,15 @@ class BufferedFile(io.RawIOBase):
         return self._size
 
     def changes(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the changed pages as offset and bytes, in order."""
+        """Yield the written bytes as offset and bytes, in order; what was only read is not written back."""
         for number in sorted(self._pages):
             start = number * PAGE_BYTES
-            if start < self._size:
-                yield start, bytes(self._pages[number][: self._size - start])
+            for run in _RUN.finditer(self._written[number]):
+                if start + run.start() < self._size:
+                    yield (
+                        start + run.start(),
+                        bytes(self._pages[number][run.start() : min(run.end(), self._size - start)]),
+                    )
 
     def readable(self) -> bool:
         return True
@@ -63,9 +74,7 @@ class BufferedFile(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         target = memoryview(buffer).cast("B")
         count = max(min(len(target), self._size - self._place), 0)
-        self._file.seek(self._place)
-        data = self._file.read(count)
-        target[:count] = data + bytes(count - len(data))
+        target[:count] = self._read(self._place, count)
         for number in range(self._place // PAGE_BYTES, -(-(self._place + count) // PAGE_BYTES)):
             if (page := self._pages.get(number)) is not None:
                 start, stop = max(number * PAGE_BYTES, self._place), min((number + 1) * PAGE_BYTES, self._place + count)
@@ -79,14 +88,28 @@ class BufferedFile(io.RawIOBase):
         while written < len(piece):
             number, inside = divmod(self._place + written, PAGE_BYTES)
             if number not in self._pages:
-                self._file.seek(number * PAGE_BYTES)
-                self._pages[number] = bytearray(self._file.read(PAGE_BYTES).ljust(PAGE_BYTES, b"\0"))
+                self._pages[number] = bytearray(self._read(number * PAGE_BYTES, PAGE_BYTES))
+                self._written[number] = bytearray(PAGE_BYTES)
             part = piece[written : written + PAGE_BYTES - inside]
             self._pages[number][inside : inside + len(part)] = part
+            self._written[number][inside : inside + len(part)] = b"\1" * len(part)
             written += len(part)
         self._place += written
         self._size = max(self._size, self._place)
         return written
+
+    def _read(self, place: int, count: int) -> bytes:
+        """Return bytes of the file on the disk, zeros beyond its end."""
+        expected = max(min(count, self._disk_size - place), 0)
+        try:
+            self._file.seek(place)
+            found = self._file.read(expected)
+            if len(found) < expected:
+                raise OSError(errno.EIO, f"it ends after {place + len(found)} of {self._disk_size} bytes")
+        except OSError as error:
+            self.failure = self.failure or error
+            raise
+        return found.ljust(count, b"\0")
 
     def truncate(self, size: int | None = None) -> int:
         self._size = self._place if size is None else size
@@ -107,7 +130,11 @@ def transaction(path: Path) -> Iterator[BufferedFile]:
     """
     replay_journal(path, keep_announcement=True)
     with BufferedFile(path) as changed:
-        yield changed
+        try:
+            yield changed
+        finally:
+            if changed.failure is not None:
+                raise changed.failure
         body = b"".join(_PAGE.pack(start, len(data)) + data for start, data in changed.changes())
         size = changed.size
     text = _HEADER.pack(_MAGIC, size, len(body)) + body

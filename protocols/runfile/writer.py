@@ -6,27 +6,35 @@ run. Status, series, estimates and checksums are written at the end of the run.
 """
 
 import contextlib
+import errno
 import json
 import logging
 import math
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import h5py
 import numpy as np
 
-from drivers import Block, Drive, InputChannel, Scale, as_record
+from drivers import Block, CallThread, Deadline, Drive, InputChannel, OverdueError, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.creation import create_file, create_group, free_name
-from protocols.runfile.errors import FileLostError, RunReadError, StorageError, os_error_text, translate_write_errors
+from protocols.runfile.errors import (
+    WRITE_FAILURES,
+    FileLostError,
+    RunReadError,
+    StorageError,
+    os_error_text,
+    translate_write_errors,
+)
 from protocols.runfile.names import run_path, truncate_utf8
 from protocols.runfile.presence import FilePresence
 from protocols.runfile.record import RunRecord
@@ -53,6 +61,31 @@ Results = tuple[Sequence[EstimatedQuantity], Sequence[Series], Verdict]
 
 _OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
 """Files that cannot be closed, and their datasets, kept because HDF5 prints a traceback for each that Python releases."""
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+SLOWEST_DISK_BYTES_PER_S = 10e6
+
+
+def _within_deadline(
+    method: Callable[Concatenate["RunFileWriter", P], R],
+) -> Callable[Concatenate["RunFileWriter", P], R]:
+    """Let a method run in the thread of the file; raise StorageError if it does not return in time."""
+
+    def call(self: "RunFileWriter", /, *args: P.args, **kwargs: P.kwargs) -> R:
+        written_bytes = 2 * len(self._channels) * self.row_count
+        seconds = Deadline.DISK.seconds + written_bytes / SLOWEST_DISK_BYTES_PER_S
+        try:
+            return self.calls.call(lambda: method(self, *args, **kwargs), seconds)
+        except OverdueError as error:
+            raise StorageError(
+                f"the disk of the run file {self.path} does not answer ({error}); what was written before is in the file when it answers again"
+            ) from error
+
+    call.__doc__ = method.__doc__
+    return call
 
 
 class RunFileWriter:
@@ -95,17 +128,37 @@ class RunFileWriter:
         """Open datasets: closing one writes to the file, and its error cannot be reported."""
         self._tables: list[tuple[str, np.ndarray]] = []
         """Rows of events and points, for another file after a loss of this one."""
+        self.calls = CallThread(f"run file {path}")
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            self._create()
+        except BaseException:
+            self.calls.end()
+            raise
+
+    @_within_deadline
+    def _create(self) -> None:
+        path, (record, _, channels) = self.path, self._begun_with
+        if os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
+            raise FileExistsError(path)
+        try:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except FileExistsError:
+                raise NotADirectoryError(errno.ENOTDIR, "not a folder") from None
             begun = record.start_time or self._created_at.isoformat(timespec="milliseconds")
             create_file(path, replace(record, start_time=begun), self._columns, channels)
             self._file = h5py.File(path, "r+", libver="latest")
             _OPEN[path] = self._file, self._open_datasets
             self._file.swmr_mode = True
+            # Opening one reads the file with Python's lock held: a silent disk would stop all threads in mid-drive.
+            traces = (f"trace/{name}" for name in self._channels)
+            points = (f"points/{name}" for name in (*self._columns, ENTRY_COLUMN))
+            for name in (*traces, *points, "blocks", "events", "recordings", "status", "reason", "verdict", "end_time"):
+                self._dataset(name)
             self._presence = FilePresence(path, self._file.id.get_vfd_handle())
         except FileExistsError:
             raise
-        except (OSError, RuntimeError, ValueError) as error:
+        except WRITE_FAILURES as error:
             raise StorageError(
                 f"the run file {path} cannot be created: {os_error_text(error)}; choose another folder"
             ) from error
@@ -128,11 +181,11 @@ class RunFileWriter:
         first = run_path(folder, record.specimen, record.protocol, begun)
         for attempt in range(1, 1000):
             path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
-            if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises for a folder name that is too long
-                with contextlib.suppress(FileExistsError):  # created by another program at this moment
-                    return cls(path, record, point_type, channels, hold_s)
+            with contextlib.suppress(FileExistsError):
+                return cls(path, record, point_type, channels, hold_s)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
+    @_within_deadline
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
         """Store the card's true rate and scaling; afterwards rows are only appended."""
         with translate_write_errors("run", self.path):
@@ -160,6 +213,7 @@ class RunFileWriter:
             self._write_held()
         return row
 
+    @_within_deadline
     def _write_held(self) -> None:
         """Write and flush the held blocks."""
         if not self._held:
@@ -180,27 +234,32 @@ class RunFileWriter:
             self._append_rows("blocks", np.array(rows, BLOCK_DTYPE))
         self._written_s = time.monotonic()
 
+    @_within_deadline
     def read_raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
         """Return the raw counts of a channel in appended rows, (stop - start,)."""
         self._write_held()
         with translate_write_errors("run", self.path):
             return np.asarray(self._dataset(f"trace/{channel}")[slice(*rows)])
 
+    @_within_deadline
     def append_event(self, event: Event, time_s: float) -> None:
         """Append an event as JSON; a long text continues in further rows."""
-        text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
+        text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False)
+        encoded = text.encode("utf-8", "replace")  # of a path that is not UTF-8
         with self._appending():
-            for start in range(0, len(text), MAX_TEXT_BYTES):
-                piece = text[start : start + MAX_TEXT_BYTES]
+            for start in range(0, len(encoded), MAX_TEXT_BYTES):
+                piece = encoded[start : start + MAX_TEXT_BYTES]
                 kind = event.kind if start == 0 else CONTINUED_EVENT
                 self._append_row("events", np.array((time_s, self.row_count, kind, piece), EVENT_DTYPE))
 
+    @_within_deadline
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
         """Append a recording: rows start..stop, quality flags, drive, entry of the plan."""
         with self._appending():
             row = np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING_DTYPE)
             self._append_row("recordings", row)
 
+    @_within_deadline
     def append_point(self, point: Any, entry: int = 0) -> int:
         """Append one row to every column of the points; return its index."""
         row = self._point_count
@@ -211,10 +270,7 @@ class RunFileWriter:
         self._point_count += 1
         return row
 
-    def flag_superseded(self, row: int) -> None:
-        """Flag a point with a later measurement of its entry."""
-        self.flag_point(row, Quality.SUPERSEDED)
-
+    @_within_deadline
     def flag_point(self, row: int, flag: Quality) -> None:
         """Add a flag to a point: the only value ever changed in place."""
         if "quality" in self._columns:
@@ -223,14 +279,17 @@ class RunFileWriter:
                 quality[row] = int(quality[row]) | flag
                 quality.flush()
 
+    @_within_deadline
     def check_presence(self) -> None:
         """Check that the file is still at its path, with all written data.
 
         Raises:
             FileLostError: another program deleted, cut, moved or detached it.
         """
-        self._presence.check()
+        with translate_write_errors("run", self.path):
+            self._presence.check()
 
+    @_within_deadline
     def finish(
         self,
         status: RunStatus,
@@ -248,17 +307,23 @@ class RunFileWriter:
         if self._closed:
             return reason
         try:
+            return self._finish(status, reason, (estimates, series, verdict))
+        finally:
+            self.calls.end()
+
+    def _finish(self, status: RunStatus, reason: str, results: Results) -> str:
+        try:
             self._write_held()
         except FileLostError:  # `problem` states it
             pass
         except StorageError as error:
             reason += f"; the last samples could not be stored: {error}"
         if self._presence.problem:
-            return self._finish_lost(status, reason, (estimates, series, verdict))
+            return self._finish_lost(status, reason, results)
         with announced_transaction(self.path):  # otherwise a kill would leave an ended run without results
-            self._finish_open(status, reason, verdict)
+            self._finish_open(status, reason, results[-1])
             try:
-                return self._append_results(self.path, reason, (estimates, series, verdict))
+                return self._append_results(self.path, reason, results)
             finally:
                 self._presence.close()
 
@@ -266,23 +331,29 @@ class RunFileWriter:
         """Store the end of the run visibly for readers of the open file, and close the file."""
         try:
             with translate_write_errors("run", self.path):
-                self._dataset("status")[()] = str(status)
-                self._dataset("reason")[()] = truncate_utf8(reason, MAX_TEXT_BYTES)
-                self._dataset("verdict")[()] = str(verdict.outcome)
-                self._dataset("end_time")[()] = self._end_time().isoformat(timespec="milliseconds")
+                self._store_end(self._dataset, status, reason, verdict)
                 self._file.flush()
         finally:
             self._close()
 
-    def _end_time(self) -> datetime:
-        """Return the start time plus the elapsed time, which a change of the computer's clock does not affect."""
-        return self._created_at + timedelta(seconds=time.monotonic() - self._created_s)
+    def _store_end(
+        self, dataset: Callable[[str], h5py.Dataset], status: RunStatus, reason: str, verdict: Verdict
+    ) -> None:
+        # A change of the computer's clock does not affect the elapsed time.
+        end_time = self._created_at + timedelta(seconds=time.monotonic() - self._created_s)
+        dataset("status")[()] = str(status)
+        dataset("reason")[()] = truncate_utf8(reason, MAX_TEXT_BYTES)
+        dataset("verdict")[()] = str(verdict.outcome)
+        dataset("end_time")[()] = end_time.isoformat(timespec="milliseconds")
 
-    def _append_results(self, path: Path, reason: str, results: Results) -> str:
+    def _append_results(self, path: Path, reason: str, results: Results, status: RunStatus | None = None) -> str:
+        """Append the results; also how the run ended, with `status`, to a copy that may have it as it was before."""
         estimates, series, verdict = results
         record = self._begun_with[0]
         try:
             with append_results(path, new=True) as file:
+                if status is not None:
+                    self._store_end(lambda name: file[f"entry/{name}"], status, reason, verdict)
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
                 append_series(file, series, record.default_plot, record.sensor.gain_relative_uncertainty)
@@ -313,9 +384,11 @@ class RunFileWriter:
                 except OSError as error:
                     log.warning("the run file cannot be saved at %s: %s", saved, os_error_text(error))
                 else:
-                    self.path = saved
-                    message = f"{reason}; the measured data are saved in {saved}"
-                    return self._append_results(saved, message, results)
+                    if _is_whole(saved, self._channels):
+                        self.path = saved
+                        message = f"{reason}; the measured data are saved in {saved}"
+                        return self._append_results(saved, message, results, status)
+                    saved.unlink(missing_ok=True)
             rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path
             for name, row in self._tables:
@@ -326,19 +399,23 @@ class RunFileWriter:
         finally:
             presence.close()
 
+    @_within_deadline
     def close_after_error(self) -> None:
         """Close after a storage error; data on the disk are kept."""
-        if not self._closed:
-            with contextlib.suppress(StorageError):
-                self._write_held()
-            self._close()
-        self._presence.close()
+        try:
+            if not self._closed:
+                with contextlib.suppress(StorageError):
+                    self._write_held()
+                self._close()
+        finally:
+            self._presence.close()
+            self.calls.end()
 
     def _close(self) -> None:
         self._closed = True
         try:
             self._file.close()
-        except (OSError, RuntimeError) as error:
+        except WRITE_FAILURES as error:
             raise StorageError(f"the run file {self.path} could not be closed: {os_error_text(error)}") from error
         self._open_datasets.clear()
         _OPEN.pop(self._first_path, None)
@@ -353,9 +430,11 @@ class RunFileWriter:
     @contextlib.contextmanager
     def _checked(self) -> Iterator[None]:
         """Check the file before a write, and its size afterwards; a lost file is reported once."""
-        if not self._presence.problem:
-            self._presence.check()
+        if self._closed:
+            raise StorageError(f"the run file {self.path} is closed")
         with translate_write_errors("run", self.path):
+            if not self._presence.problem:
+                self._presence.check()
             yield
         self._presence.note_size()
 
@@ -379,6 +458,17 @@ class RunFileWriter:
         self._append_rows(name, row[None])
         if name != "recordings":  # datasets of samples
             self._tables.append((name, row))
+
+
+def _is_whole(path: Path, channels: Sequence[str]) -> bool:
+    """Whether the samples of a saved copy can be read to their end."""
+    try:
+        with h5py.File(path, "r") as file:
+            for name in channels:
+                file[f"entry/trace/{name}"][-1:]
+    except (OSError, RuntimeError, ValueError, KeyError):
+        return False
+    return True
 
 
 def _free_path(path: Path) -> Path:

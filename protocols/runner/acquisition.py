@@ -2,12 +2,22 @@
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import ArmedBench, Bench, Block, LevelAction, RestartableStream, ScansLostError
+from drivers import (
+    ArmedBench,
+    Bench,
+    BenchError,
+    Block,
+    CallThread,
+    Deadline,
+    LevelAction,
+    OverdueError,
+    RestartableStream,
+    ScansLostError,
+)
 from protocols.base import (
     STREAMED_RECORDING_SCANS,
     Array,
@@ -101,6 +111,7 @@ class RunAcquisition:
         self._armed: ArmedBench | None = None
         self._scans_read = 0
         """Number of scans read from the card."""
+        self._numbers = CallThread("numbers")
         self._question: LevelExceeded | None = None
         """An exceeded level that needs a decision of the operator."""
 
@@ -109,6 +120,10 @@ class RunAcquisition:
         self._armed, self.channels = armed, ChannelCalibration.pair(armed.scales, self._bench.sensor)
         self.levels.attach(armed.scales, armed.rate_hz, armed.stream.start_time_s)
         armed.monitor = self.levels
+
+    def close(self) -> None:
+        """End the thread of the analyses."""
+        self._numbers.end()
 
     def read_block(self, armed: ArmedBench) -> Block:
         """Read and store a block.
@@ -160,13 +175,18 @@ class RunAcquisition:
     def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult], recorded_s: float = 0.0) -> StepResult:
         """Return the result of `compute` or raise its error; the card is read meanwhile, so that its buffer does not overflow."""
         allowed_s = max(ANALYSIS_TIMEOUT_S, ANALYSIS_SHARE * recorded_s)
-        with self._bench.watchdog.allow_silence(allowed_s), ThreadPoolExecutor(1, "numbers") as numbers:
-            done = numbers.submit(compute)
-            while not wait([done], ANALYSIS_POLL_S).done:
-                # On a virtual clock no time passes.
-                while self.scan_index(armed, -self._bench.block_s) >= self._scans_read:
-                    self.discard_block(armed)
-            return done.result()
+
+        def read_due_blocks() -> None:
+            # On a virtual clock no time passes.
+            while self.scan_index(armed, -self._bench.block_s) >= self._scans_read:
+                self.discard_block(armed)
+
+        longest_s = Deadline.ANALYSIS.seconds + recorded_s
+        try:
+            with self._bench.watchdog.allow_silence(allowed_s):
+                return self._numbers.call(compute, longest_s, read_due_blocks, ANALYSIS_POLL_S)
+        except OverdueError:
+            raise BenchError(f"the analysis of a recording has not ended after {longest_s:.0f} s") from None
 
     def scan_index(self, armed: ArmedBench, delay_s: float) -> int:
         """Return the index of the scan `delay_s` from now."""

@@ -91,7 +91,7 @@ class PlanProgress:
         row = self._run_file.append_point(point, index)
         replaces, _ = self.measured.get(index, (None, None))
         if replaces is not None:
-            self._run_file.flag_superseded(replaces)
+            self._run_file.flag_point(replaces, Quality.SUPERSEDED)
         self.measured[index] = (row, point)
         self._series[index] = []  # drops the series of a superseded point
         return PointMeasured(row, point, index, replaces)

@@ -4,12 +4,23 @@ import contextlib
 import importlib
 import logging
 import os
+import threading
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 
-from drivers import DISPLACEMENT_CHANNEL, ArmedBench, Bench, BenchError, LiveWarning, safety_statement
+from drivers import (
+    DISPLACEMENT_CHANNEL,
+    MEMORY_SHORT,
+    ArmedBench,
+    Bench,
+    BenchError,
+    LiveWarning,
+    is_memory_short,
+    live_warning,
+    safety_statement,
+)
 from protocols.base import (
     BenchArmed,
     ChannelCalibration,
@@ -118,6 +129,10 @@ class Runner:
         )
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
+        self._ended: RunEnded | None = None
+        self._concluding = threading.Lock()
+        self.at_end = False
+        """Whether the run computes or stores its result. Any thread."""
         warnings = (bench.sensor.expiry_warning(datetime.now(UTC).date()), request.calibration_warning)
         self._calibration_warning = ". ".join(filter(None, warnings))
         self._notes = request.notes
@@ -145,6 +160,37 @@ class Runner:
             interrupts,
         )
         self._conclusion = RunConclusion(self._protocol, reference, self._run_file, self._recorder, self._plan_progress)
+
+    @property
+    def may_be_live(self) -> bool:
+        """Whether high voltage may be on, and rest has not been measured at the end. Any thread."""
+        armed = self._armed
+        if armed is None:
+            return self._bench.high_voltage_enabled and not self.at_end
+        return armed.high_voltage_may_be_on and armed.final_rest is None
+
+    def live_warning(self, reason: str) -> SpecimenMayBeLive:
+        """Return the warning that the specimen may be live, for another thread. It is not stored: the disk may hang, too."""
+        armed = self._armed
+        block, scales = (None, ()) if armed is None else (armed.last_block, armed.scales)
+        warning = live_warning(reason, block, scales, self._bench.amplifier.map)
+        return SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message)
+
+    def give_up(self, status: RunStatus, reason: str) -> RunEnded:
+        """Conclude from another thread a run whose own thread does not return; it publishes nothing afterwards."""
+        ended = self._conclude(status, reason)
+        self._recorder.notify = EventBus().publish
+        return ended
+
+    def _conclude(self, status: RunStatus, reason: str) -> RunEnded:
+        """Conclude the run, once."""
+        with self._concluding:
+            self.at_end = True
+            if self._ended is None:
+                self._ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)
+                self._acquisition.close()
+                self.path = self._run_file.path  # another one if the file was moved or deleted
+        return self._ended
 
     def run(self) -> RunEnded:
         """Run the protocol; return the end and the verdict. Errors end the run and are reported in the result, not raised."""
@@ -178,11 +224,11 @@ class Runner:
         except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
         except BaseException as error:  # also SystemExit of a driver: the end of a run is always reported
-            log.exception("the run failed by an error of this program")
-            status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
-        ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)
-        self.path = self._run_file.path  # a different path if the file was moved or deleted
-        return ended
+            status, reason = RunStatus.FAILED, MEMORY_SHORT
+            if not is_memory_short(error):
+                log.exception("the run failed by an error of this program")
+                reason = f"an error of this program: {type(error).__name__}: {error}"
+        return self._conclude(status, reason)
 
     def _report_folded_lines(self) -> None:
         """Measure the interference at a second sample rate, after confirmed rest; flag points at folded lines."""

@@ -7,13 +7,15 @@ one line for each call of its controls. It ends with its standard input, and the
 import contextlib
 import json
 import os
+import queue
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any, TextIO
 
-from drivers import SharedTime, WallClock
+from drivers import Deadline, SharedTime, WallClock
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant import SimulationParameters
 
@@ -26,9 +28,11 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # output of libraries must not mix with the replies
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_read_lines, args=(lines,), daemon=True).start()
     with answers, contextlib.suppress(BrokenPipeError):
         try:
-            first = json.loads(sys.stdin.readline())
+            first = json.loads(lines.get())
             parameters = SimulationParameters.from_record(first["truth"])
         except (ValueError, KeyError, TypeError) as error:
             _write_response(answers, error=f"the simulated bench was given a wrong configuration: {error}")
@@ -40,7 +44,7 @@ def main() -> int:
         clock = WallClock(parameters.speed, SharedTime(Path(path), parameters.speed) if path else None)
         with ServedBench(SimulatedBench(parameters, clock)) as served:
             _write_response(answers, result={"scpi_port": served.scpi.port, "card_port": served.card.port})
-            for line in sys.stdin:
+            while line := lines.get():
                 try:
                     request = json.loads(line)
                     result = served.control(request.pop("verb"), **request)
@@ -54,6 +58,17 @@ def main() -> int:
                     break
                 time.sleep(POLL_S)
     return 0
+
+
+def _read_lines(lines: "queue.SimpleQueue[str]") -> None:
+    """Pass the lines of standard input on, with an empty one at its end; then end the process, even if its other threads hang."""
+    try:
+        for line in sys.stdin:
+            lines.put(line)
+        lines.put("")
+        time.sleep(LINGER_S + Deadline.CHILD_EXIT.seconds)
+    finally:  # also without memory for a line
+        os._exit(1)
 
 
 def _write_response(out: TextIO, **fields: Any) -> None:

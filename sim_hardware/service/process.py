@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivers import BenchError, Closeable, SharedTime
+from drivers import BenchError, Closeable, Deadline, SharedTime
 from drivers.watchdog import python_command, python_environment, terminate
 from sim_hardware.plant import SimulationParameters, VoltageReport
 from sim_hardware.wires import HOST
@@ -34,7 +34,7 @@ class BenchProcess(Closeable):
         self,
         parameters: SimulationParameters | None = None,
         speed: float | None = None,
-        timeout_s: float = 20.0,
+        timeout_s: float = Deadline.SIMULATED_BENCH.seconds,
         meanwhile: Callable[[], object] = lambda: None,
     ) -> None:
         parameters = parameters or SimulationParameters()

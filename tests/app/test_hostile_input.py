@@ -147,9 +147,51 @@ def test_a_seed_is_no_negative_number(here: Path, capsys: Any) -> None:
     assert "'-1' is not a seed; give a whole number from 0 on" in capsys.readouterr().err
 
 
-def test_a_bench_file_that_never_ends_is_not_read_to_its_end(here: Path, capsys: Any) -> None:
-    assert main(["run", "sine-dwell", "--bench", "/dev/zero"]) == ExitCode.USAGE
-    assert "/dev/zero is longer than 1 MB and no bench file" in capsys.readouterr().err
+READERS = (
+    "import {}",
+    "certificate add {}",
+    "restore {}",
+    "run sine-dwell --bench {}",
+    "label --list {}",
+    "report T1 --logo {}",
+    "model modes --set @{}",
+)
+
+
+@pytest.mark.parametrize("command", READERS)
+@pytest.mark.parametrize("kind", ["device", "pipe"])
+def test_a_pipe_or_device_in_the_place_of_a_file_is_not_read(
+    command: str, kind: str, here: Path, capsys: Any, tmp_path: Path
+) -> None:
+    """Reading it would not end."""
+    path = Path("/dev/zero") if kind == "device" else tmp_path / "pipe"
+    if kind == "pipe":
+        os.mkfifo(path)
+    assert main(command.format(path).split()) in (ExitCode.USAGE, ExitCode.FAILED)
+    assert "pipe" in capsys.readouterr().err
+
+
+def test_a_bench_file_that_is_too_long_is_not_read_to_its_end(here: Path, capsys: Any) -> None:
+    Path("long.toml").write_bytes(b"#" * 1_000_002)
+    assert main(["run", "sine-dwell", "--bench", "long.toml"]) == ExitCode.USAGE
+    assert "long.toml is longer than 1 MB and no bench file" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")
+def test_a_folder_whose_name_is_not_utf_8_holds_runs(here: Path, capsys: Any) -> None:
+    folder = os.fsdecode(b"old disk \xff")
+    assert main(["run", "sine-dwell", "--speed", "max", *SHORT, "--out", folder]) == ExitCode.DONE
+    (file,) = Path(folder).glob("*.h5")
+    for command in (
+        "runs {}",
+        "show {file}",
+        "export {file}",
+        "export {file} --format xlsx",
+        "archive unnamed --folder {}",
+    ):
+        words = [word.format(folder, file=file) for word in command.split()]
+        assert main(words) == ExitCode.DONE, command
+    assert "Traceback" not in capsys.readouterr().err
 
 
 # -- names ---------------------------------------------------------------------------------------------------------------

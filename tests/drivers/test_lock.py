@@ -16,6 +16,7 @@ import pytest
 
 from app.config.bench_file import BenchConfig
 from app.session.bench_connection import connect
+from drivers.deadlines import Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, AcquisitionError, InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 from drivers.transport import lock
@@ -128,7 +129,7 @@ def test_a_bench_that_cannot_be_opened_after_its_program_was_killed_is_unsafe(fo
 def test_an_instrument_stays_locked_until_the_watchdog_has_ended_too(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lock, "WATCHDOG_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(Deadline.INSTRUMENT_LOCK, "seconds", 0.1)
     with InstrumentLocks("mine") as locks:
         locks.lock_address("the source", ADDRESS)
         files = locks.files
@@ -200,14 +201,58 @@ def test_the_folder_can_be_made_on_this_computer() -> None:
         assert lock_folder().parent.stat().st_mode & 0o1777 == 0o1777
 
 
-def test_the_files_stay_when_the_locks_are_released(folder: Path) -> None:
-    """A file that is removed while another program waits for it would leave two programs with a lock each."""
+def test_released_locks_leave_no_files(folder: Path) -> None:
     with InstrumentLocks("mine") as locks:
         locks.lock_address("the source", ADDRESS)
-        files = {file: file.stat().st_ino for file in folder.iterdir()}
-    assert len(files) == 3
-    assert {file: file.stat().st_ino for file in folder.iterdir()} == files
+        assert len(list(folder.iterdir())) == 3
+    assert not list(folder.iterdir())
     assert locks.files == ()
+
+
+def test_the_files_stay_while_a_watchdog_has_its_lock(folder: Path) -> None:
+    locks = InstrumentLocks("mine")
+    locks.lock_address("the source", ADDRESS)
+    (watchdog,) = lock_as_watchdog(locks.files)
+    locks.close()
+    assert len(list(folder.iterdir())) == 3
+    watchdog.release()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="an open file cannot be removed there")
+def test_a_program_that_had_opened_a_removed_lock_takes_the_one_that_is_there(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it and a third program would have a lock each."""
+    from filelock import _unix
+
+    mine, theirs = InstrumentLocks("mine"), InstrumentLocks("theirs")
+    mine.lock_address("the source", ADDRESS)
+    attempt = _unix.lock_fd_nonblocking
+
+    def after_release(descriptor: int) -> bool:
+        monkeypatch.setattr(_unix, "lock_fd_nonblocking", attempt)
+        mine.close()
+        return attempt(descriptor)
+
+    monkeypatch.setattr(_unix, "lock_fd_nonblocking", after_release)
+    with pytest.raises(InstrumentError):
+        theirs.lock_address("the source", ADDRESS)  # it may try again
+    theirs.lock_address("the source", ADDRESS)
+    with InstrumentLocks("a third") as third, pytest.raises(InstrumentError, match="use"):
+        third.lock_address("the source", ADDRESS)
+    theirs.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="symbolic links need a privilege there")
+def test_a_symbolic_link_in_the_place_of_a_lock_is_named(folder: Path, tmp_path: Path) -> None:
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        (path,) = map(Path, locks.files)
+    (victim := tmp_path / "victim").write_text("untouched")
+    path.symlink_to(victim)
+    with InstrumentLocks("mine") as locks, pytest.raises(InstrumentError, match="symbolic"):
+        locks.lock_address("the source", ADDRESS)
+    assert victim.read_text() == "untouched"
 
 
 def test_locks_taken_by_one_thread_are_released_by_another(folder: Path) -> None:
@@ -239,7 +284,7 @@ def test_an_instrument_without_a_serial_number_is_locked_by_its_address_alone(fo
 
 
 def test_two_watchdogs_do_not_share_an_instrument(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "WATCHDOG_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(Deadline.INSTRUMENT_LOCK, "seconds", 0.1)
     with InstrumentLocks("mine") as locks:
         locks.lock_address("the source", ADDRESS)
         mine = lock_as_watchdog(locks.files)

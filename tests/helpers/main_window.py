@@ -116,8 +116,6 @@ class ListeningSession:
 
     def inject_event(self, event: Any) -> None: ...
 
-    def abandon_if_hung(self) -> None: ...
-
     def close(self, _timeout_s: float | None = None) -> bool:
         self.closed = True
         return self.lets_go

@@ -22,6 +22,8 @@ from protocols.base import (
 )
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
+from protocols.runfile.verify import FileState, verify_run
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import Ran, laboratory, run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="an open file cannot be moved or deleted there")
@@ -107,6 +109,34 @@ def test_points_and_events_of_a_cut_run_file_are_saved_in_another(tmp_path: Path
         assert (saved.record.state, saved.record.point_count, saved.trace.sample_count) == ("failed", 2, 0)
         assert saved.points()["fundamental"].tolist() == [point.fundamental for point in ran.points]
         assert any(e.kind == "AtRest" for e in saved.events())
+
+
+def overwrite(count: int) -> Callable[[Path], object]:
+    def hurt(path: Path) -> None:
+        with path.open("r+b") as file:
+            file.write(b"\xa5" * count)
+
+    return hurt
+
+
+@pytest.mark.parametrize("count", [1, 4096])
+def test_a_run_file_whose_beginning_is_overwritten_is_saved_with_its_samples(count: int, tmp_path: Path) -> None:
+    ran = run_and_break(tmp_path, overwrite(count))
+    assert_names(ran.reason, "overwritten", ran.path)
+    assert len(list(tmp_path.glob("*.h5"))) == 2
+    with Run(ran.path) as saved:
+        assert (saved.record.state, saved.record.point_count) == ("failed", 2)
+        assert saved.trace.sample_count > 1000
+        assert len(list(saved.recordings())) == 2
+    assert verify_run(ran.path).state is FileState.GOOD
+
+
+def test_points_and_events_of_a_file_that_is_overwritten_further_are_saved(tmp_path: Path) -> None:
+    ran = run_and_break(tmp_path, overwrite(60_000))
+    assert_names(ran.reason, "overwritten", "events", ran.path)
+    with Run(ran.path) as saved:
+        assert (saved.record.state, saved.record.point_count, saved.trace.sample_count) == ("failed", 2, 0)
+    assert len(list(tmp_path.glob("*.h5"))) == 2
 
 
 @pytest.mark.deep

@@ -404,7 +404,7 @@ class FlaggedSpot:
 def test_superseded_point_keeps_its_other_flags(tmp_path: Path) -> None:
     file = RunFileWriter.new(tmp_path, RECORD, FlaggedSpot)
     file.append_point(FlaggedSpot(1.0, 2.0, int(Quality.UNSETTLED | Quality.SIMULATED)))
-    file.flag_superseded(0)
+    file.flag_point(0, Quality.SUPERSEDED)
     file.finish(RunStatus.COMPLETED, "")
     with Run(file.path) as run:
         assert Quality(int(run.points()["quality"][0])) == Quality.UNSETTLED | Quality.SIMULATED | Quality.SUPERSEDED

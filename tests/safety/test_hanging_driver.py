@@ -4,6 +4,7 @@ import signal
 import threading
 import time
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ import pytest
 from app.common.exit_codes import ExitCode
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, Session, SessionState
+from app.session.supervisor import Signs, Supervisor
+from drivers.deadlines import Deadline, in_progress
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.interfaces import Block
 from tests.helpers.messages import assert_names
@@ -58,7 +61,29 @@ def test_ctrl_c_ends_a_program_whose_driver_hangs_after_the_watchdog_brought_the
 def test_a_driver_that_hangs_while_the_bench_connects_does_not_keep_the_program(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("app.session.session.HUNG_CONNECTING_S", 0.05)
+    monkeypatch.setattr(Deadline.STOP_ANSWER, "seconds", 0.05)
+    over = threading.Event()
+
+    @contextmanager
+    def connect():
+        over.wait()
+        yield
+
+    events: list[object] = []
+    session = Session(connect, [events.append], None, ends_at_stop=True)  # type: ignore[arg-type]
+    session.start()
+    assert not session.finished.wait(0.3), "it was not to stop yet"
+    session.stop()
+    assert session.finished.wait(30.0)
+    assert session.state is SessionState.NO_BENCH
+    assert not session.close()
+    assert type(events[-1]) is BenchFailed
+    over.set()
+    session._thread.join()
+
+
+def test_a_bench_that_never_opens_is_given_up_without_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Deadline.BENCH_OPENING, "seconds", 0.05)
     over = threading.Event()
 
     @contextmanager
@@ -69,15 +94,10 @@ def test_a_driver_that_hangs_while_the_bench_connects_does_not_keep_the_program(
     events: list[object] = []
     session = Session(connect, [events.append], None)  # type: ignore[arg-type]
     session.start()
-    session.abandon_if_hung()
-    assert not session.finished.is_set(), "it was not to stop yet"
-    session.stop()
-    time.sleep(0.1)
-    session.abandon_if_hung()
-    assert session.finished.is_set()
-    assert session.state is SessionState.NO_BENCH
-    assert not session.close()
-    assert [type(event) for event in events] == [BenchFailed]
+    assert session.finished.wait(30.0)
+    assert session.abandoned
+    assert isinstance(events[-1], BenchFailed)
+    assert_names(events[-1].words, "driven")
     over.set()
     session._thread.join()
 
@@ -96,13 +116,16 @@ class _HangingStream:
     def __exit__(self, *_: object) -> None: ...
 
     def read(self) -> Block:
-        self._begun.set()
-        self._over.wait()
+        with in_progress(Deadline.CARD_DRIVER):
+            self._begun.set()
+            self._over.wait()
         return Block(0, np.zeros((2, 1), np.int16))
 
 
-def test_a_card_that_hangs_between_runs_does_not_keep_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.session.session.HUNG_CONNECTING_S", 0.05)
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_card_that_hangs_between_runs_does_not_keep_the_program(
+    stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     over, begun = threading.Event(), threading.Event()
     events: list[object] = []
     with connect(simulated(), None) as connection:
@@ -111,14 +134,87 @@ def test_a_card_that_hangs_between_runs_does_not_keep_the_program(monkeypatch: p
         session.start()
         session.monitor(active=True)
         assert begun.wait(30.0)
-        session.abandon_if_hung()
-        assert not session.abandoned, "it was not to stop yet"
-        session.stop()
-        time.sleep(0.1)
-        session.abandon_if_hung()
+        monkeypatch.setattr(Deadline.EARLY_STOP if stopped else Deadline.CARD_DRIVER, "seconds", 0.05)
+        if stopped:
+            session.stop()
+        assert session.finished.wait(30.0)
         assert session.abandoned
         assert session.state is SessionState.NO_BENCH
         assert isinstance(events[-1], BenchFailed)
         over.set()
         session.close()
         session._thread.join()
+
+
+@pytest.mark.parametrize(
+    ("signs", "given_up"),
+    [
+        (Signs(running=True, may_be_live=True, silent_s=14.9), False),
+        (Signs(running=True, may_be_live=True, silent_s=15.1), True),
+        (Signs(running=True, may_be_live=False, silent_s=15.1), False),
+        (Signs(call_overdue_s=-0.1), False),
+        (Signs(call_overdue_s=0.1), True),
+        (Signs(connecting=True, quiet_s=119.0), False),
+        (Signs(connecting=True, quiet_s=121.0), True),
+        (Signs(running=True, quiet_s=1e4), False),  # a long analysis
+        (Signs(connecting=True, quiet_s=2.0, stopped_s=1.4), False),
+        (Signs(connecting=True, quiet_s=2.0, stopped_s=1.6), True),
+        (Signs(connecting=True, quiet_s=1.4, stopped_s=2.0), False),
+        (Signs(running=True, quiet_s=2.0, stopped_s=2.0), True),  # not armed yet
+        (Signs(running=True, at_end=True, quiet_s=59.0, stopped_s=70.0), False),
+        (Signs(running=True, at_end=True, quiet_s=61.0, stopped_s=61.0), True),
+        (Signs(running=True, may_be_live=True, quiet_s=59.0, stopped_s=59.0), False),
+        (Signs(running=True, may_be_live=True, quiet_s=61.0, stopped_s=61.0), True),
+        (Signs(watching_card=True, quiet_s=1.6, stopped_s=1.6), True),
+        (Signs(quiet_s=1e4, stopped_s=1e4), False),  # idle
+    ],
+)
+def test_a_session_is_given_up_beyond_its_deadlines_alone(signs: Signs, given_up: bool) -> None:
+    assert bool(signs.hang(Deadline.STOP_ANSWER)) is given_up
+
+
+class Noted:
+    """A session that notes what the supervisor does."""
+
+    def __init__(self) -> None:
+        self.done: list[str] = []
+
+    def signs(self) -> Signs:
+        return Signs()
+
+    @property
+    def runner(self) -> "Noted":
+        return self
+
+    def live_warning(self, _reason: str) -> str:
+        return "warned"
+
+    def say(self, event: object) -> None:
+        self.done.append(event if isinstance(event, str) else "said")
+
+    def give_up(self, hangs: str) -> None:
+        self.done.append("given up")
+
+
+LIVE = Signs(running=True, may_be_live=True)
+
+
+@pytest.mark.parametrize(
+    ("signs", "done"),
+    [
+        ([replace(LIVE, silent_s=0.2, watchdog_acts=True)], []),
+        ([replace(LIVE, silent_s=0.4)], []),  # a busy computer: the watchdog knows
+        ([replace(LIVE, silent_s=0.4, watchdog_acts=True)] * 3, ["warned"]),
+        ([replace(LIVE, silent_s=0.4, watchdog_acts=True, may_be_live=False)], []),
+        ([replace(LIVE, silent_s=0.4, watchdog_acts=True), Signs()] * 2, ["warned", "warned"]),
+        ([replace(LIVE, quiet_s=1.6, stopped_s=1.6)] * 3, ["said"]),
+        ([replace(LIVE, quiet_s=1.6, stopped_s=1.4)], []),
+        ([replace(LIVE, silent_s=15.1, watchdog_acts=True)], ["warned", "given up"]),
+    ],
+)
+def test_the_supervisor_warns_and_answers_once(signs: list[Signs], done: list[str]) -> None:
+    session = Noted()
+    supervisor = Supervisor(session, Deadline.STOP_ANSWER)
+    for each in signs:
+        supervisor.look(each)
+    assert session.done == done

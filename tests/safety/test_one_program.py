@@ -7,6 +7,7 @@ import pytest
 
 from app.config.bench_file import load_bench
 from app.session.bench_connection import connect
+from drivers.deadlines import Deadline
 from drivers.errors import InstrumentError
 from drivers.transport import lock
 from sim_hardware.bench import SimulatedBench
@@ -33,7 +34,7 @@ def test_a_second_program_is_refused_and_a_dead_one_leaves_the_bench_to_its_watc
             assert len(served.bench.history.entries()) == commands
             first.bench.watchdog.arm()
             # The watchdog holds the instruments by itself: a dead program's would be free otherwise.
-            monkeypatch.setattr(lock, "WATCHDOG_TIMEOUT_S", 0.1)
+            monkeypatch.setattr(Deadline.INSTRUMENT_LOCK, "seconds", 0.1)
             with pytest.raises(InstrumentError, match="another watchdog holds"):
                 lock.lock_as_watchdog([str(lock._lock_file(lock.address_key(f"127.0.0.1:{served.card.port}/Dev1")))])
             first.bench.watchdog.disarm()

@@ -15,6 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
+from drivers.deadlines import Deadline
 from drivers.errors import BenchError
 from drivers.watchdog import client as module
 from drivers.watchdog.activity import Silence
@@ -208,8 +209,8 @@ def test_a_bench_is_not_armed_without_it(
 def test_the_wait_for_it_has_an_end(
     make: Callable[[], WatchdogClient], children: Children, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert module.START_TIMEOUT_S <= 30.0  # an operator waits
-    monkeypatch.setattr(module, "START_TIMEOUT_S", 0.02)
+    assert Deadline.WATCHDOG_START.seconds <= 30.0  # an operator waits
+    monkeypatch.setattr(Deadline.WATCHDOG_START, "seconds", 0.02)
     children.greetings = ["tick"]
     with pytest.raises(BenchError, match=r"the watchdog does not watch\. "):
         make().arm()
@@ -280,7 +281,7 @@ def test_a_run_thread_that_was_held_up_waits_for_reports_before_its_heartbeat(
     live._last_heartbeat_s -= 0.41
     if reports:
         children[0].say("acting the program was frozen")
-        wait(lambda: live._takeover_reason)
+        wait(lambda: live.takeover_reason)
     live.send_heartbeat()
     assert waited == [(reports, pytest.approx(0.2))]
     assert heard(live, children[0]) == ["beat 0.400"] * 3
@@ -294,7 +295,7 @@ def test_a_takeover_ends_the_run_and_a_later_run_begins_anew(live: WatchdogClien
     live.raise_if_taken_over()
     assert live.takeover_outcome == ""
     child.say("acting the program was frozen")
-    wait(lambda: live._takeover_reason)
+    wait(lambda: live.takeover_reason)
     with pytest.raises(BenchError, match="the watchdog took the source over: the program was frozen"):
         live.raise_for_status()
     with pytest.raises(BenchError, match="the watchdog took the source over: the program was frozen"):
@@ -411,10 +412,10 @@ def test_help_is_waited_for_and_its_outcome_returned(live: WatchdogClient, child
 def test_help_of_one_that_ends_or_says_nothing_is_told(
     live: WatchdogClient, children: Children, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert module.REST_REQUEST_TIMEOUT_S <= 15.0  # the report of an unsafe bench waits for it
-    monkeypatch.setattr(module, "REST_REQUEST_TIMEOUT_S", 0.02)
+    assert Deadline.WATCHDOG_REQUEST.seconds <= 15.0  # the report of an unsafe bench waits for it
+    monkeypatch.setattr(Deadline.WATCHDOG_REQUEST, "seconds", 0.02)
     assert live.request_rest("why") == "the watchdog did not answer"
-    monkeypatch.setattr(module, "REST_REQUEST_TIMEOUT_S", 600.0)
+    monkeypatch.setattr(Deadline.WATCHDOG_REQUEST, "seconds", 600.0)
     children[0].end()
     assert live.request_rest("why") == "the watchdog did not answer"
 

@@ -90,6 +90,7 @@ class Loop:
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, config: WatchdogConfig) -> None:
         self.folder, self.now_s, self.slept = folder, 50.0, 0
         self.per_reading_s = 0.0
+        self.said_in_sleep = ""
         self.killed: list[tuple[int, int]] = []
         self.exits: list[int] = []
         self.turns = threading.Condition()
@@ -124,6 +125,9 @@ class Loop:
     def _sleep(self, seconds: float) -> None:
         self.slept += 1
         self.now_s += seconds
+        if self.said_in_sleep:
+            self._to.write(self.said_in_sleep + "\n")
+            assert self.watchdog._program_acts.wait(LONG_S)
 
     def _kill(self, pid: int, number: int) -> None:
         self.killed.append((pid, number))
@@ -146,7 +150,8 @@ class Loop:
 
     def _run(self, config: WatchdogConfig) -> None:
         try:
-            process.WatchdogLoop(config).run()
+            self.watchdog = process.WatchdogLoop(config)
+            self.watchdog.run()
         finally:
             self.lines.put("(end)")
             with self.turns:
@@ -349,6 +354,7 @@ def test_help_is_tried_for_two_seconds(start: Callable[..., Loop]) -> None:
     Source.errors += [LinkError(f"error {i}") for i in range(40)]
     loop.say("help me")
     assert loop.next().startswith("acting ")
+    assert loop.next() == "failing"
     assert loop.next() == (
         "could-not The source could NOT be brought to rest within 2 s: error 0. Switch the high voltage OFF at the amplifier "
         "itself before anybody touches the specimen"
@@ -393,6 +399,24 @@ def test_it_gives_up_after_its_patience_and_names_the_first_failure(start: Calla
     )
     assert loop.stderr.getvalue() == "".join(f"tactor-bench watchdog: {line}\n" for line in loop.log)
     assert any(line.startswith("could-not ") for line in loop.heard())
+
+
+def test_a_program_that_runs_again_takes_the_source_back_after_a_failed_attempt_and_is_watched(
+    start: Callable[..., Loop],
+) -> None:
+    loop = ready(start)
+    Source.errors += [LinkError(f"error {i}") for i in range(3)]
+    loop.say("live")
+    loop.said_in_sleep = "mine"
+    loop.pass_time(0.5)
+    heard = [loop.next() for _ in range(3)]
+    assert [line.partition(" ")[0] for line in heard] == ["acting", "failing", "could-not"]
+    assert (loop.slept, len(Source.errors)) == (1, 2)
+    loop.settle()
+    loop.said_in_sleep, Source.errors[:] = "", []
+    loop.pass_time(0.5)  # the program is silent again
+    heard = [line for line in (loop.next(), loop.next(), loop.next()) if line != "tick"]
+    assert [line.partition(" ")[0] for line in heard[:2]] == ["acting", "done"]
 
 
 def test_a_source_that_obeys_but_does_not_rest_is_tried_again(start: Callable[..., Loop]) -> None:

@@ -67,7 +67,7 @@ def json_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], N
 
 
 def _write_json(run: Run, record: Any, with_raw: bool, path: Path, progress: Progress) -> None:
-    with path.open("w", encoding="utf-8") as file:
+    with path.open("w", encoding="utf-8", errors="backslashreplace") as file:
         text = json.dumps(record, ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
         if with_raw:
@@ -103,12 +103,13 @@ def write_parquet(run: Run, table: Table | None, path: Path, progress: Progress)
     if table is not None:
         columns = [(c.name, c.unit, pa.array(_plain(c.values))) for c in table.columns]
         schema = pa.schema([field(name, values.type, unit) for name, unit, values in columns], about)
-        pq.write_table(pa.table([values for *_, values in columns], schema=schema), path, compression=COMPRESSION)
+        with path.open("wb") as file:  # its own opening takes UTF-8 names only
+            pq.write_table(pa.table([values for *_, values in columns], schema=schema), file, compression=COMPRESSION)
         return
     schema = pa.schema([field(name, pa.float64(), unit) for name, unit in raw_columns(run)], about)
-    with pq.ParquetWriter(path, schema, compression=COMPRESSION) as file:
+    with path.open("wb") as file, pq.ParquetWriter(file, schema, compression=COMPRESSION) as writer:
         for chunk in raw_chunks(run, progress):
-            file.write_table(pa.table([pa.array(column, pa.float64()) for column in chunk], schema=schema))
+            writer.write_table(pa.table([pa.array(column, pa.float64()) for column in chunk], schema=schema))
 
 
 def _plain(values: Iterable[Any]) -> Any:

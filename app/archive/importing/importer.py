@@ -25,7 +25,7 @@ from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
 from model import current_parameter
 from protocols import PROTOCOLS
-from protocols.base import TableImportError
+from protocols.base import TableImportError, open_regular
 from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
 
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
@@ -94,7 +94,8 @@ def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
     try:
         if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
             raise TableImportError(f"{path} has more than {MAX_FILE_BYTES / 1e6:.0f} MB; cut it into smaller files")
-        data = path.read_bytes()
+        with open_regular(path) as file:
+            data = file.read()
     except FileNotFoundError:
         raise TableImportError(f"there is no file {path}") from None
     except OSError as error:

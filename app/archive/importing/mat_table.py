@@ -11,6 +11,7 @@ import numpy as np
 
 from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import truncate_text
+from drivers import Deadline
 from drivers.watchdog import python_command, python_environment
 from protocols.base import TableImportError
 
@@ -96,7 +97,6 @@ check_file_structure(sys.argv[1])
 named = {name: plain(value) for name, value in loadmat(sys.argv[1]).items()}
 sys.stdout.buffer.write(pickle.dumps({name: value for name, value in named.items() if value is not None}))"""
 """As READER_SCRIPT, for version 7.3; links to other files and sizes beyond the file are refused before anything is read."""
-READ_TIMEOUT_S = 120.0
 
 
 def _load_mat(path: Path, script: str) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def _load_mat(path: Path, script: str) -> dict[str, Any]:
             python_command("-c", script, str(path.resolve())),
             env=python_environment(),
             capture_output=True,
-            timeout=READ_TIMEOUT_S,
+            timeout=Deadline.MAT_READER.seconds,
             check=False,
         )
         if done.returncode == 0:

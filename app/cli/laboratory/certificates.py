@@ -17,6 +17,7 @@ from app.config import (
     read_certificates,
     store_certificate,
 )
+from protocols.base import open_regular
 
 
 @command("dcc.xml --role weights --due 2027-05-31")
@@ -71,7 +72,7 @@ def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
         CertificateError: it cannot be read, or a cell is no number.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
+        with open_regular(path, "r", newline="", encoding="utf-8-sig") as file:
             head, *rows = [row for row in csv.reader(file) if row]
         columns = {name.strip(): [float(row[i]) for row in rows] for i, name in enumerate(head)}
     except (OSError, ValueError, IndexError, csv.Error) as error:

@@ -15,6 +15,7 @@ from app.common import (
     print_line,
     print_message,
     read_stated,
+    specimen_argument,
     usage_errors,
 )
 from app.identification import (
@@ -82,7 +83,7 @@ def _format(entry: SheetEntry) -> str:
 class NewSheetCommand:
     """Write a commented sheet, with no value in use."""
 
-    specimen: str = argument()
+    specimen: str = argument(type=specimen_argument)
     folder: Path = FOLDER
 
     @usage_errors(SheetError)
@@ -96,7 +97,7 @@ class NewSheetCommand:
 class SetSheetCommand:
     """Set values with their uncertainties, serial number, batch, photograph or notes."""
 
-    specimen: str = argument()
+    specimen: str = argument(type=specimen_argument)
     settings: Sequence[str] = argument(
         "'L=22.1 mm +- 0.05 mm', 'rho1=11.2 g/m +- 1 %%', serial=MFC-042, batch=B1, photograph=FILE or notes=TEXT",
         nargs="+",

@@ -7,6 +7,7 @@ from pathlib import Path
 from app.cli.options import FOLDER, argument, command, option
 from app.common import ExitCode, UsageError, print_line, print_message, specimen_argument, usage_errors
 from app.identification import SheetError, make_label
+from protocols.base import open_regular
 from protocols.runfile import safe_name
 
 SUFFIXES = (".pdf", ".png", ".svg")
@@ -77,7 +78,7 @@ def _read_names(path: Path | None) -> list[str]:
     if path is None:
         return []
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with open_regular(path, "r", encoding="utf-8-sig") as file:
             lines = file.read(MAX_LIST_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"--list {path} cannot be read: {getattr(error, 'strerror', None) or error}") from None

@@ -1,6 +1,5 @@
 """Laboratory page: many specimens, control charts, calibration certificates and audit trail of the folder of runs."""
 
-import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
@@ -97,7 +96,7 @@ def read_records(
         fleet = read_fleet(folder, catalogue, simulated, threshold)
     except FleetError as error:
         problem = f"No specimens: {error}"
-    except (sqlite3.Error, OSError) as error:
+    except OSError as error:
         problem = f"The index of {folder} cannot be used: {error}"
     if (path := folder / LIMITS_FILE_NAME).exists():
         try:

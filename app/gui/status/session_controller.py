@@ -45,8 +45,7 @@ class SessionController(QObject):
         return self.state.can_run and not self.closing
 
     def process_events(self) -> None:
-        """Reduce the events since the last call to the window state; give up a stopped session that hangs in a driver."""
-        self.adapter.session.abandon_if_hung()
+        """Reduce the events since the last call to the window state."""
         if self.commissioning is not None:
             self._follow_commissioning(self.commissioning)
         if self._reconnecting and not self.closing and self.adapter.reconnect():

@@ -16,6 +16,7 @@ from app.gui.shell.main_window import MainWindow
 from app.gui.status.notices import INPUT_GUARD_S
 from app.session.bench_connection import connect
 from app.session.state import BenchState
+from drivers.deadlines import Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.generators.keysight import Keysight33500
 from protocols.base import RunStatus
@@ -100,7 +101,7 @@ def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the
         hangs.set()
         over.wait()
 
-    monkeypatch.setattr("app.session.session.HUNG_S", 0.2)
+    monkeypatch.setattr(Deadline.STOPPED_RUN, "seconds", 0.2)
     monkeypatch.setattr(Keysight33500, "start_drive", hang)
     bench = Bench(config)
     with whole_window(bench, config, SineDwell(frequencies_hz=(100.0,)), tmp_path, settings) as window:
