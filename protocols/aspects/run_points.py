@@ -87,13 +87,12 @@ class RunPoints:
 
     def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
         """Return the errors of sensor and amplifier that act on these targets, whether the run is simulated, and its temperature."""
-        sensor, bench = self.run.record.sensor, self.run.record.configuration
-        amplifier = bench.get("amplifier", {})
+        sensor, amplifier = self.run.record.sensor, self.run.record.configuration.get("amplifier", {})
         label = f"{sensor.name} {sensor.serial}".strip()
         slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
         stated: tuple[tuple[str, ErrorTarget, float], ...] = (
             (f"gain of {label}", "displacement", sensor.gain_relative_uncertainty),
-            (f"delay of {label}", "delay", float(bench.get("sensor", {}).get("delay_uncertainty_s", 0.0))),
+            (f"delay of {label}", "delay", sensor.delay_uncertainty_s),
             (slopes, "volts", float(amplifier.get("slope_relative_uncertainty", 0.0))),
         )
         errors = tuple(SharedError(name, on, size) for name, on, size in stated if size > 0 and on in acting)
