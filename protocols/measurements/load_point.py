@@ -167,9 +167,6 @@ def load_point(
         Quality.NO_RESPONSE: abs(deflection) <= 5 * error,
     }
     load, load_error = load_n
-    begins = [part.start_s for part in parts]
-    ends = [part.start_s + part.displacement_m.size / part.rate_hz for part in parts]
-    zero_before_time, read, zero_after_time = (end - record_s / 2 for end in ends)
     return LoadPoint(
         side=side,
         mass=mass_kg,
@@ -183,13 +180,18 @@ def load_point(
         drift=drift,
         creep=under.drift_per_s,
         noise=under.noise,
-        zero_before_time=zero_before_time,
-        placed=max(begins[1] - record_s, ends[0]),
-        read=read,
-        lifted=max(begins[2] - record_s, ends[1]),
-        zero_after_time=zero_after_time,
+        **_times(parts, record_s),
         quality=point_quality(parts, simulated, detected),
     )
+
+
+def _times(parts: Sequence[Recording], record_s: float) -> dict[str, float]:
+    """Return the times of a point; a weight is detected by quiet samples before its recording."""
+    begins = [part.start_s for part in parts]
+    ends = [part.start_s + part.displacement_m.size / part.rate_hz for part in parts]
+    before, read, after = (end - record_s / 2 for end in ends)
+    placed, lifted = max(begins[1] - record_s, ends[0]), max(begins[2] - record_s, ends[1])
+    return {"zero_before_time": before, "placed": placed, "read": read, "lifted": lifted, "zero_after_time": after}
 
 
 DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
