@@ -18,7 +18,7 @@ from pathlib import Path
 from app.config.bench_file import load_bench
 from app.live.minmax_trace import MinMaxTrace
 from app.session.bench_connection import connect
-from drivers.bench.shutdown import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
+from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
 from protocols.base import BlockDiscarded, BlockStored, EventBus, PointMeasured, RecordingFinished, StreamStarted
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run

@@ -4,12 +4,14 @@ from .bench.amplifier import DriveLimits as DriveLimits
 from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
 from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
+from .bench.armed_bench import longest_unmoved_s as longest_unmoved_s
 from .bench.armed_bench import safety_statement as safety_statement
 from .bench.bench import Bench as Bench
+from .bench.card_reading import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
+from .bench.card_reading import DRIVE_CHANNEL as DRIVE_CHANNEL
+from .bench.card_reading import CardReading as CardReading
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
-from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
-from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.shutdown import LiveWarning as LiveWarning
 from .bench.shutdown import channel_skew_s as channel_skew_s
 from .bench.shutdown import live_warning as live_warning
@@ -80,7 +82,6 @@ from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
 from .interfaces import OutputReporter as OutputReporter
 from .interfaces import Reading as Reading
-from .interfaces import RestartableStream as RestartableStream
 from .interfaces import RestTimer as RestTimer
 from .interfaces import Scale as Scale
 from .interfaces import Source as Source
@@ -98,6 +99,7 @@ from .sensors.optoncdt import OptoNcdt as OptoNcdt
 from .supplies.dc_supply import DcSupply as DcSupply
 from .supplies.dialects import SUPPLY_DIALECTS as SUPPLY_DIALECTS
 from .transport.lock import InstrumentLocks as InstrumentLocks
+from .transport.observed_link import ObservedLink as ObservedLink
 from .transport.safe_ramp_down import RampDown as RampDown
 from .transport.scpi import Link as Link
 from .transport.scpi import ScpiSession as ScpiSession

@@ -191,13 +191,14 @@ def headless_session(
         can_poll_keyboard,
         handling_stop_signals,
     )
-    from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
+    from app.session import UNATTENDED_BLOCK_S, BenchFollower, FaultPlan, connect, parse_planned_fault
 
     _ask_operator(bench)
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()
     keys = KEY_HELP if can_poll_keyboard() else ""
-    observer = JsonObserver() if as_json else ConsoleObserver(StderrConsole(), keys)
+    follower = BenchFollower(bench.config.amplifier.amplifier_map)
+    observer = JsonObserver(follower) if as_json else ConsoleObserver(StderrConsole(), keys, follower=follower)
     with observer:
         opener = plan.wrap(
             lambda: connect(
@@ -211,6 +212,7 @@ def headless_session(
             )
         )
         plan.on_switched = session.session.inject_event
+        follower.observe = lambda: session.session.observation
         with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
             session.session.start()
             try:

@@ -97,6 +97,12 @@ class LiveFeed:
         with self._lock:
             return self._scans / self._rate_hz
 
+    @property
+    def last_block_s(self) -> float:
+        """Time (time.monotonic) at which the last block arrived; NaN without one."""
+        with self._lock:
+            return self._arrivals[-1][0] if self._arrivals else math.nan
+
     def displayed_s(self, now_s: float) -> float:
         """Return the bench time to display at a monotonic time: it moves evenly and is never beyond the last sample.
 

@@ -2,6 +2,7 @@
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, suppress
 from datetime import datetime
@@ -12,11 +13,13 @@ from app.session import (
     ConnectedBench,
     FaultPlan,
     MonitorStarted,
+    Observation,
     Observer,
     Session,
     SessionEvent,
     SimulationSettings,
     TimedEvent,
+    WindowEvent,
     practise,
 )
 from protocols.base import BlockDiscarded, BlockStored, EventBus, Operator, Prompt, RunEnded, RunStarted, StreamStarted
@@ -89,6 +92,7 @@ class SessionAdapter:
         self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
+        self._seen = Observation()
         self.session = self._new_session()
 
     def reconnect(self) -> bool:
@@ -117,8 +121,6 @@ class SessionAdapter:
             return
         if isinstance(event, StreamStarted | MonitorStarted) and (bench := self.session.bench) is not None:
             self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
-        if isinstance(event, MonitorStarted):
-            return
         if isinstance(event, RunEnded):
             self.mailbox.clear()
         try:
@@ -126,9 +128,22 @@ class SessionAdapter:
                 self.faults(event)
             self.events.publish(event)
         finally:
-            self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
+            self._events.put(self.timed(event))
+
+    def timed(self, event: WindowEvent) -> TimedEvent:
+        """Return an event with the present time."""
+        return TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s, time.monotonic())
+
+    @property
+    def observation(self) -> Observation:
+        """What the instruments answered last, also those of a session before this one."""
+        seen = self.session.observation
+        if seen.card is not None:
+            self._seen = seen
+        return self._seen
 
     def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)
+        session.monitor(active=True)
         self.faults.on_switched = session.inject_event
         return session

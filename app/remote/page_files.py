@@ -140,6 +140,7 @@ function render(state) {
     sign.textContent = state.state;
     sign.className = state.urgent ? "urgent" : state.live ? "live" : state.state === "at rest" ? "rest" : "";
     show("voltage", state.voltage);
+    at("voltage").style.opacity = state.voltage_present ? 1 : 0.6;
     show("note", state.voltage_note);
     show("trouble", state.unsafe || state.problem);
   }

@@ -1,11 +1,11 @@
 """Record of the window's state for a web page: sign, voltage, progress, prompt, points and result as plain JSON values."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from app.common import OUTCOME_SYMBOLS, axis_name, typeset
-from app.session import BenchState, WindowState, format_bench_duration, protocol_title
+from app.session import BenchState, Observation, WindowState, format_bench_duration, protocol_title, strip_view
 from drivers import Bench
 from model import format_estimate, shown_unit
 from protocols import PROTOCOLS
@@ -15,8 +15,8 @@ from protocols.runfile import point_columns
 MAX_POINTS = 2000
 """Points of a record; of more, the newest."""
 MAX_MESSAGES = 6
-URGENT = (BenchState.UNSAFE, BenchState.DRIVE_LOST)
-"""States that are shown as danger."""
+LIVE = (BenchState.LIVE, BenchState.PAUSING, BenchState.PAUSED)
+"""States of a run with high voltage on."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Snapshot:
         streamed_s: bench time of the samples since the begin of the run.
         bench: connected bench, for the speed of a simulated one.
         age_s: seconds since the window's last frame.
+        seen: what the instruments answered last.
+        now_s: present time (time.monotonic).
     """
 
     state: WindowState
@@ -36,23 +38,28 @@ class Snapshot:
     streamed_s: float = 0.0
     bench: Bench | None = None
     age_s: float = 0.0
+    seen: Observation = field(default_factory=Observation)
+    now_s: float = 0.0
 
 
 def snapshot_record(snapshot: Snapshot) -> dict[str, Any]:
     """Return a snapshot as JSON values; non-finite values are null."""
     view = snapshot.state
     progress = view.progress if view.busy else None
+    strip = strip_view(view, snapshot.seen, snapshot.now_s)
     title = "" if not view.protocol else protocol_title(view.protocol)
     return {
         "age_s": round(snapshot.age_s, 1),
         "bench": view.bench_name,
         "simulated": view.simulated,
         "specimen": snapshot.specimen,
-        "state": str(view.bench_state),
-        "urgent": view.bench_state in URGENT or bool(view.unsafe),
-        "live": view.bench_state in (BenchState.LIVE, BenchState.DRIVE_LOST),
-        "voltage": view.voltage_text,
-        "voltage_note": view.voltage_note,
+        "state": str(strip.state),
+        "urgent": strip.danger or bool(view.unsafe),
+        "live": strip.state in LIVE,
+        "voltage": strip.measured,
+        "voltage_note": strip.note,
+        "voltage_present": strip.present,
+        "instruments": dict(strip.instruments),
         "unsafe": view.unsafe,
         "problem": view.problem,
         "protocol": title,

@@ -3,13 +3,14 @@
 import json
 import os
 import sys
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
 from rich.text import Text
 
 from app.common import SEVERITY_STYLES, format_duration, format_point, outcome_severity, print_message
-from app.session import BenchOpened, SessionEvent, describe_event
+from app.session import BenchFollower, BenchOpened, SessionEvent
 from model import format_value, quantity_label
 from protocols.base import (
     BlockDiscarded,
@@ -40,6 +41,20 @@ class StderrConsole(Console):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
+class VoltsColumn(ProgressColumn):
+    """Shows the bench's state and the measured volts."""
+
+    def __init__(self, follower: BenchFollower) -> None:
+        super().__init__()
+        self._follower = follower
+
+    def render(self, _task: Task) -> Text:
+        """Return state and volts as they are now; volts that are not present have their age."""
+        strip = self._follower.strip()
+        volts = strip.measured if strip.present else " ".join(filter(None, (strip.measured, f"({strip.caption})")))
+        return Text(f"{strip.state.upper()} {volts}", "bold red" if strip.danger else "" if strip.present else "dim")
+
+
 class ConsoleObserver:
     """Shows a run on a terminal: a progress bar, a line per point, and messages.
 
@@ -47,14 +62,17 @@ class ConsoleObserver:
     is not an instruction to the terminal.
     """
 
-    def __init__(self, console: Console, key_help: str = "", simulated: bool = True) -> None:
+    def __init__(
+        self, console: Console, key_help: str = "", simulated: bool = True, follower: BenchFollower | None = None
+    ) -> None:
         """`key_help` names the keys of a run and is printed at its start; `simulated` holds until a bench opens."""
-        self._key_help = key_help
+        self._key_help, self._follower = key_help, follower or BenchFollower()
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=None),
             MofNCompleteColumn(),
             TextColumn("{task.fields[left]}", markup=False),
+            VoltsColumn(self._follower),
             console=console,
             transient=False,
             expand=True,
@@ -70,6 +88,7 @@ class ConsoleObserver:
         self._progress.stop()
 
     def __call__(self, event: SessionEvent) -> None:
+        lines = self._follower.follow(event)
         self._update_progress(event)
         match event:
             case BenchOpened(name, simulated, identities):
@@ -91,9 +110,9 @@ class ConsoleObserver:
                 if not self._simulated:
                     self._print((STILL_ON, "bold yellow"))
                 self._print((event.summary, SEVERITY_STYLES[outcome_severity(event.verdict.outcome)]))
-            case _ if message := describe_event(event):
-                severity, text = message
-                self._print((text, SEVERITY_STYLES[severity]))
+            case _:
+                for line in lines:
+                    self._print((line.text, SEVERITY_STYLES[line.severity]))
 
     def _update_progress(self, event: SessionEvent) -> None:
         if isinstance(event, RunStarted):
@@ -114,10 +133,11 @@ class ConsoleObserver:
 
 
 class JsonObserver:
-    """Prints every event except blocks as one JSON object per line, in SI units."""
+    """Prints every event except blocks as one JSON object per line, in SI units; and `BenchState` whenever that changes."""
 
-    def __init__(self) -> None:
-        self._reader_present = True
+    def __init__(self, follower: BenchFollower | None = None) -> None:
+        self._reader_present, self._follower = True, follower or BenchFollower()
+        self._shown = self._follower.state
 
     def __enter__(self) -> "JsonObserver":
         return self
@@ -125,9 +145,18 @@ class JsonObserver:
     def __exit__(self, *_: object) -> None: ...
 
     def __call__(self, event: SessionEvent) -> None:
-        if isinstance(event, BlockStored | BlockDiscarded) or not self._reader_present:
+        self._follower.follow(event)
+        if not isinstance(event, BlockStored | BlockDiscarded):
+            self._print({"event": event.kind, **event_record(event)})
+        before, self._shown = self._shown, self._follower.state
+        if any(
+            getattr(before, name) != getattr(self._shown, name) for name in ("bench_state", "danger", "instruments")
+        ):
+            self._print({"event": "BenchState", **event_record(self._follower.strip())})
+
+    def _print(self, line: dict[str, Any]) -> None:
+        if not self._reader_present:
             return
-        line = {"event": event.kind, **event_record(event)}
         try:
             sys.stdout.write(json.dumps(line, allow_nan=False) + "\n")
             sys.stdout.flush()

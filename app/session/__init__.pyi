@@ -1,5 +1,9 @@
 from .bench_connection import UNATTENDED_BLOCK_S as UNATTENDED_BLOCK_S
 from .bench_connection import connect as connect
+from .bench_state import BenchState as BenchState
+from .bench_state import InstrumentStatus as InstrumentStatus
+from .bench_state import Lamp as Lamp
+from .bench_state import Observation as Observation
 from .commissioning import CommissionedSource as CommissionedSource
 from .commissioning import commission as commission
 from .commissioning_record import make_record as make_record
@@ -8,6 +12,8 @@ from .fault_injection import parse_planned_fault as parse_planned_fault
 from .messages import LogLine as LogLine
 from .messages import describe_event as describe_event
 from .messages import protocol_title as protocol_title
+from .reducer import BenchFollower as BenchFollower
+from .reducer import observe as observe
 from .reducer import reduce as reduce
 from .request import build_protocol as build_protocol
 from .request import choose_bench as choose_bench
@@ -29,14 +35,13 @@ from .simulation import format_bench_duration as format_bench_duration
 from .simulation import practise as practise
 from .simulation import real_duration_s as real_duration_s
 from .state import UNSAFE_EXIT as UNSAFE_EXIT
-from .state import BenchState as BenchState
 from .state import CommissioningEnded as CommissioningEnded
-from .state import InstrumentStatus as InstrumentStatus
-from .state import Lamp as Lamp
 from .state import OperatorAction as OperatorAction
 from .state import RunRequested as RunRequested
 from .state import TimedEvent as TimedEvent
 from .state import WindowEvent as WindowEvent
 from .state import WindowState as WindowState
-from .state import format_voltage_range as format_voltage_range
 from .state import initial_window_state as initial_window_state
+from .strip import StripView as StripView
+from .strip import format_voltage_range as format_voltage_range
+from .strip import strip_view as strip_view

@@ -1,6 +1,7 @@
 """Composition root: opens the real or simulated instruments of a bench file."""
 
 import importlib
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -177,11 +178,14 @@ def _open_instruments(
         InstrumentError: one does not reply, is another one, or is controlled by another program.
         UnsafeError: the same, after a program that ended without releasing the bench.
     """
-    from drivers import InstrumentLocks, VisaLink
+    from drivers import InstrumentLocks, ObservedLink, VisaLink
+
+    answered_s: dict[str, float] = {}
 
     def open_link(timeout_s: float) -> Link:
         wire = VisaLink(resource, timeout_s, backend=_backend(config), baud=config.source_connection.baud)
-        return wrap_link(wire, clock)
+        noted = ObservedLink(wire, lambda _: None, lambda: answered_s.update(generator=time.monotonic()))
+        return wrap_link(noted, clock)
 
     open_source_here = partial(open_source, config, clock, open_link, server, stack)
     own_source, card = config.source.kind != "card-output", f"{server or 'this computer'}/{config.card.device}"
@@ -209,6 +213,7 @@ def _open_instruments(
         meters = open_meters(config.meters, clock, stack, read_displacement)
         watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
         bench = _make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed)
+    bench.answered_s = answered_s
     locks.forget_earlier_program()
     return bench
 

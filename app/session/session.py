@@ -12,10 +12,12 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from app.common import current_conditions, record_audit, with_sensor
+from app.session.bench_state import UNSEEN, Observation
 from app.session.supervisor import Rescue, Signs, Supervisor
 from drivers import (
     MEMORY_SHORT,
@@ -25,6 +27,7 @@ from drivers import (
     Block,
     Deadline,
     Scale,
+    ScansLostError,
     UnsafeError,
     is_memory_short,
     overdue_s,
@@ -53,8 +56,13 @@ log = logging.getLogger(__name__)
 
 CLOSING_POLL_S = 0.1
 
-MONITOR_RATE_HZ = 10e3
-"""Scans per second while the card is watched between runs."""
+MONITOR_RATE_HZ, MONITOR_BLOCK_S = 10e3, 0.1
+"""Scans per second, and duration of a block, while the card is watched between runs."""
+
+MONITOR_RETRY_S = 2.0
+"""Real seconds until a card that could not be watched is tried again."""
+
+NO_LIVE_VALUES = "There are no live values"
 
 
 class SessionState(StrEnum):
@@ -173,8 +181,9 @@ class Session:
         self._restore_id: int | None = None
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
-        self._monitoring = threading.Event()
+        self._monitoring, self._monitor_failed = threading.Event(), False
         self._watches_card = False
+        self._seen = UNSEEN
         self.runner: Runner | None = None
         """Runner of the present run."""
         self._thread = AbandonableThread(target=self._work, name="bench", daemon=False)
@@ -188,7 +197,7 @@ class Session:
         self.bench: Bench | None = None
         self.unsafe = False
         """Whether the bench could not be opened and was left live by an earlier program."""
-        self._stop_requested_s = math.inf
+        self._stop_requested_s = self._closing_s = math.inf
         self._last_event_s = time.monotonic()
 
     @property
@@ -226,17 +235,24 @@ class Session:
         self.outcome = None
         self._stop_requested_s = math.inf
         self.finished.clear()
-        self._requests.put(lambda connected: self._run(connected, load))
+        self._requests.put(partial(self._run, load=load))
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
-            self.finished.set()
+            self._reject_requests()
 
     def monitor(self, active: bool) -> None:
-        """Watch the card between runs, or stop watching; returns immediately. A run ends it, and it is requested again after it."""
-        if not active:
-            self._monitoring.clear()
-        elif not self._monitoring.is_set():
+        """Watch the card whenever no run is in progress, or stop watching; returns immediately."""
+        if active:
             self._monitoring.set()
-            self._requests.put(self._monitor)
+            self._requests.put(lambda _: None)
+        else:
+            self._monitoring.clear()
+
+    @property
+    def observation(self) -> Observation:
+        """What the instruments answered last, from any thread; kept when the bench is closed."""
+        if (bench := self.bench) is not None:
+            self._seen = Observation(bench.reading, bench.answered_s)
+        return self._seen
 
     @property
     def pause_requested(self) -> bool:
@@ -264,31 +280,27 @@ class Session:
 
     def close(self, timeout_s: float | None = None) -> bool:
         """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`, None: within its deadlines."""
+        self._closing_s = min(self._closing_s, time.monotonic())
         self.stop()
         self._requests.put(None)
-        closing_s = time.monotonic()
         while self._thread.is_alive() and not self.abandoned:
             self._thread.join(CLOSING_POLL_S if timeout_s is None else timeout_s)
             if timeout_s is not None:
                 break
-            # These states end by themselves, or the supervisor gives them up.
-            if self.state in (SessionState.CONNECTING, SessionState.RUNNING):
-                closing_s = time.monotonic()
-            if time.monotonic() - closing_s > Deadline.BENCH_CLOSING.seconds:
-                self._thread.given_up = True
         return not self._thread.is_alive()
 
     def _work(self) -> None:
         try:
             if self._folder is not None:
-                self._report_watchdog_log(self._folder)
+                for note in unreported_watchdog_messages(self._folder):
+                    self._events.publish(note)
             with self._connect() as connected:
                 self.bench = connected.bench
                 identities = dict(connected.bench.configuration.get("identities", {}))
                 self.state = SessionState.IDLE
                 gain = connected.bench.sensor.gain_relative_uncertainty
                 self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities, gain))
-                while (request := self._requests.get()) is not None:
+                while (request := self._next_request(connected)) is not None:
                     request(connected)
         except BenchError as error:
             self.unsafe = isinstance(error, UnsafeError)
@@ -300,22 +312,22 @@ class Session:
                 log.exception("the session failed by an error of this program")
                 self._fail(f"an error of this program: {type(error).__name__}: {error}")
         finally:
+            _ = self.observation
             self._supervisor.ended.set()
             if self._rescue is not None:
                 self._rescue.close()
             self.bench = None
             if self.state is not SessionState.NO_BENCH:
                 self.state = SessionState.CLOSED
-            self.finished.set()
+            self._reject_requests()
 
-    @staticmethod
-    def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
-        """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
-        from app.config import bench_warnings
-
-        conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
-        expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
-        return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
+    def _reject_requests(self) -> None:
+        """Reject the runs that were requested of a bench that is closed; one that failed has said why."""
+        with suppress(queue.Empty):
+            while True:
+                if isinstance(self._requests.get_nowait(), partial) and self.state is SessionState.CLOSED:
+                    self._events.publish(RunRejected("the bench was closed before the run began; nothing was measured"))
+        self.finished.set()
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
@@ -327,7 +339,8 @@ class Session:
         self._forward_injected()
         try:
             request = load()
-            self._report_watchdog_log(request.folder)
+            for note in unreported_watchdog_messages(request.folder):
+                self._events.publish(note)
             for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
@@ -337,7 +350,11 @@ class Session:
             operator = connection.operator or self._operator
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
-            request = self._with_conditions(self._with_restored_setup(request), connection.bench)
+            left = request.protocol.restore
+            if self._restore is not None and self._restore != left:
+                request = replace(request, prepare=(self._restore, *request.prepare))
+            self._restore = left or self._restore
+            request = _with_conditions(request, connection.bench)
             self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
@@ -358,37 +375,34 @@ class Session:
                 )
         self.finished.set()
 
+    def _next_request(self, connection: ConnectedBench) -> Callable[[ConnectedBench], None] | None:
+        """Return the next request; watches the card until then, where that is wanted, and tries again where it fails."""
+        while True:
+            if self._monitoring.is_set() and self._requests.empty():
+                self._monitor(connection)
+            with suppress(queue.Empty):
+                return self._requests.get(timeout=MONITOR_RETRY_S if self._monitoring.is_set() else None)
+
     def _monitor(self, connection: ConnectedBench) -> None:
-        """Publish blocks of the card until another request arrives; nothing is commanded."""
+        """Publish blocks of the card until a request arrives; nothing is commanded."""
         bench = connection.bench
         self._last_event_s, self._watches_card = time.monotonic(), True
         waits = not isinstance(bench.configuration.get("speed", 1.0), int | float)  # the virtual clock does not
         try:
-            with bench.open_stream(MONITOR_RATE_HZ) as stream:
+            with bench.open_stream(MONITOR_RATE_HZ, MONITOR_BLOCK_S) as stream:
+                self._monitor_failed = False
                 self._events.publish(MonitorStarted(stream.rate_hz, stream.scales))
                 while self._monitoring.is_set() and self._requests.empty():
-                    self._events.publish(BlockMonitored(stream.read()))
+                    with suppress(ScansLostError):
+                        self._events.publish(BlockMonitored(stream.read()))
                     if waits:
-                        time.sleep(bench.block_s)
+                        time.sleep(MONITOR_BLOCK_S)
         except BenchError as error:
-            self._events.publish(
-                MonitorFailed(f"There are no live values: {error}. Then connect again on the page Bench")
-            )
+            if not self._monitor_failed:
+                self._events.publish(MonitorFailed(f"{NO_LIVE_VALUES}: {error}"))
+            self._monitor_failed = True
         finally:
-            self._monitoring.clear()
             self._watches_card = False
-
-    def _report_watchdog_log(self, folder: Path) -> None:
-        for note in unreported_watchdog_messages(folder):
-            self._events.publish(note)
-
-    def _with_restored_setup(self, request: RunRequest) -> RunRequest:
-        """Return the request with a prompt that undoes the set-up of the last run, and note the set-up left by this one."""
-        left = request.protocol.restore
-        if self._restore is not None and self._restore != left:
-            request = replace(request, prepare=(self._restore, *request.prepare))
-        self._restore = left or self._restore
-        return request
 
     def _on_event(self, event: SessionEvent) -> None:
         self._last_event_s = time.monotonic()
@@ -417,6 +431,9 @@ class Session:
             may_be_live=runner is not None and runner.may_be_live,
             at_end=runner is not None and runner.at_end,
             told_unsafe=ended is not None and ended.status is RunStatus.UNSAFE and not self.finished.is_set(),
+            closing_s=-math.inf
+            if self.state in (SessionState.CONNECTING, SessionState.RUNNING)
+            else now_s - self._closing_s,
             quiet_s=now_s - self._last_event_s,
             stopped_s=now_s - self._stop_requested_s,
             call_overdue_s=overdue_s(self._thread),
@@ -448,6 +465,15 @@ class Session:
     def _fail(self, reason: str) -> None:
         self.state = SessionState.NO_BENCH
         self._events.publish(BenchFailed(reason))
+
+
+def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
+    """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
+    from app.config import bench_warnings
+
+    conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
+    expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
+    return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
 
 
 def _complete_results(path: Path) -> str:

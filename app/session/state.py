@@ -1,60 +1,23 @@
-"""Window state as one frozen value with its texts, and the commands that change it."""
+"""Window state as one frozen value, and the commands that change it."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
+from app.session.bench_state import BenchState, InstrumentStatus, Lamp
 from app.session.messages import LogLine
 from app.session.session import SessionEvent
-from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers import Drive
 from model import AmplifierMap
 from protocols.base import PromptShown, Quality, RestMeasured, RunEnded, RunStatus, Series
 
 UNSAFE_EXIT = 3
 
-
-class BenchState(StrEnum):
-    """State of the bench in a word that can be read from two metres."""
-
-    CONNECTING = "connecting"
-    IDLE = "not armed"
-    """The instruments answer; rest has not been measured yet."""
-    ARMING = "arming"
-    LIVE = "live"
-    DRIVE_LOST = "drive lost"
-    """The card sees another voltage at the amplifier's input than the drive."""
-    PAUSED = "paused"
-    """At measured rest, high voltage still on."""
-    HV_OFF = "hv off"
-    """Rest is measured and the operator has switched high voltage off: the specimen may be touched."""
-    GOING_TO_REST = "going to rest"
-    AT_REST = "at rest"
-    UNSAFE = "unsafe"
-    NO_BENCH = "no bench"
-
-
-ENERGIZED = (BenchState.LIVE, BenchState.DRIVE_LOST)
-"""States of a run with high voltage on."""
-
-
-class Lamp(StrEnum):
-    """Status of an instrument."""
-
-    WAITING = "connecting"
-    READY = "ready"
-    SUSPECT = "see the message"
-    MISSING = "not connected"
-
-
-@dataclass(frozen=True, slots=True)
-class InstrumentStatus:
-    """One instrument of the status bar."""
-
-    role: str
-    identity: str
-    lamp: Lamp
+ENERGIZED = (BenchState.LIVE, BenchState.PAUSED)
+"""Phases of a run with high voltage on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +44,7 @@ class RunProgress:
 
 @dataclass(frozen=True, slots=True)
 class RunRequested:
-    """The operator pressed Run."""
+    """The operator pressed Run; the run waits while the bench is being connected."""
 
     title: str
     resumed_file: str = ""
@@ -113,11 +76,12 @@ WindowEvent = SessionEvent | RunRequested | CommissioningEnded | OperatorAction
 
 @dataclass(frozen=True, slots=True)
 class TimedEvent:
-    """An event, the time it was received, and the bench time streamed by then."""
+    """An event, the time it was received, the bench time streamed by then, and the same time on time.monotonic."""
 
     event: WindowEvent
     time: datetime
     streamed_s: float = 0.0
+    at_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +91,28 @@ class WindowState:
     amplifier: AmplifierMap
     bench_name: str
     simulated: bool
-    instruments: tuple[InstrumentStatus, ...]
-    bench_state: BenchState = BenchState.CONNECTING
+    fitted: tuple[InstrumentStatus, ...]
+    """The instruments as they were connected; see `instruments`."""
+    phase: BenchState = BenchState.CONNECTING
+    """State of the bench by the events of the program; see `bench_state`."""
+    off_aim: bool = False
+    """Whether the card sees another voltage at the amplifier's input than the drive, or than rest where rest is wanted."""
+    suspects: frozenset[str] = frozenset()
+    """Roles of the instruments at which a message has pointed, until the bench is armed again."""
+    remarks: Mapping[str, str] = field(default_factory=dict)
+    """By role: what the card sees of an instrument that is not as it should be."""
+    unread: bool = False
+    """Whether the card has not been read for a while although high voltage may be on."""
+    warned: bool = False
+    """Whether the program has warned that the specimen may be live, and has not measured rest since."""
+    obey_by_s: float = math.inf
+    """Time (time.monotonic) at which a bench that goes to rest must be on its way."""
+    watched: bool = False
+    """Whether the card is watched between runs."""
     connected: bool = False
     """The instruments answered at the last connection."""
+    queued: str = ""
+    """Title of the run that begins when the bench is connected."""
     busy: bool = False
     """A run was requested and has not ended."""
     pause_requested: bool = False
@@ -138,15 +120,12 @@ class WindowState:
     paused: bool = False
     protocol: str = ""
     """Name of the protocol of the present or last run."""
-    high_voltage: bool = True
-    """Whether high voltage is on in the present run."""
+    high_voltage: bool | None = None
+    """Whether high voltage is on, by the operator's answers in the present run; None where that is not known."""
     drive: Drive | None = None
+    """The drive that is wanted; None where rest is."""
     rest: RestMeasured | None = None
     """The last rest measurement; None before the first."""
-    seen_v: tuple[float, float] | None = None
-    """Lowest and highest volts that the card saw last at the amplifier's input, where they are not the drive's."""
-    may_be_live: bool = False
-    """The specimen may be live although the program goes to rest; until rest is measured."""
     rest_lost: bool = False
     """Rest was not confirmed, and has not been measured since."""
     progress: RunProgress | None = None
@@ -176,80 +155,65 @@ class WindowState:
         return sum(not flag.usable and Quality.SUPERSEDED not in flag for flag in flags)
 
     @property
+    def bench_state(self) -> BenchState:
+        """State of the bench: that of the program's events, unless the card sees otherwise."""
+        if self.off_aim and self.phase in (*ENERGIZED, BenchState.GOING_TO_REST, BenchState.AT_REST):
+            return BenchState.DRIVE_LOST
+        if self.phase is BenchState.LIVE and self.pause_requested:
+            return BenchState.PAUSING
+        return self.phase
+
+    @property
+    def instruments(self) -> tuple[InstrumentStatus, ...]:
+        """The instruments; one that is connected, and at which a message or what the card sees points, is suspect."""
+        remarks = {**self.remarks, **({"generator": "the card sees another voltage"} if self.off_aim else {})}
+        return tuple(
+            InstrumentStatus(each.role, each.identity, Lamp.SUSPECT, remarks.get(each.role, ""))
+            if each.lamp is Lamp.READY and (each.role in self.suspects or each.role in remarks)
+            else each
+            for each in self.fitted
+        )
+
+    @property
+    def danger(self) -> bool:
+        """Whether the specimen may carry a voltage that the program does not want."""
+        strays = self.off_aim and self.phase is BenchState.IDLE and self.high_voltage is not False
+        return strays or self.warned or self.unread or self.bench_state in (BenchState.UNSAFE, BenchState.DRIVE_LOST)
+
+    @property
     def can_run(self) -> bool:
         return self.connected and not self.busy and not self.unsafe
 
     @property
+    def can_queue(self) -> bool:
+        """Whether a run may be requested that begins when the bench is connected."""
+        connecting = not self.connected and any(each.lamp is Lamp.WAITING for each in self.fitted)
+        return connecting and not (self.busy or self.unsafe or self.queued)
+
+    @property
     def blocked_reason(self) -> str:
-        """Why no run can begin; empty if one can."""
+        """Why no run can begin now; empty if one can."""
         if self.busy:
             return "a run is in progress"
         if self.unsafe:
             return "read and acknowledge the message first"
+        if self.queued:
+            return f"{self.queued} begins when the bench is connected"
+        if self.can_queue:
+            return "the bench is still being connected"
         return "" if self.connected else "there is no bench"
 
     @property
     def can_pause(self) -> bool:
-        return self.busy and self.bench_state in (*ENERGIZED, BenchState.HV_OFF, BenchState.PAUSED)
-
-    @property
-    def voltage_text(self) -> str:
-        """Voltage on the specimen as text."""
-        match self.bench_state:
-            case BenchState.LIVE if self.drive is not None:
-                low, high = self.amplifier.specimen_v([self.drive.low_v, self.drive.high_v])
-                return format_voltage_range(float(low), float(high))
-            case BenchState.LIVE | BenchState.AT_REST | BenchState.PAUSED | BenchState.HV_OFF:
-                return "0 V"
-            case BenchState.GOING_TO_REST if not self.may_be_live:
-                return "to 0 V"
-            case BenchState.UNSAFE | BenchState.DRIVE_LOST | BenchState.GOING_TO_REST if self.seen_v is not None:
-                low, high = self.amplifier.specimen_v(self.seen_v)
-                return f"about {format_voltage_range(float(low), float(high))}"
-            case BenchState.IDLE | BenchState.ARMING:
-                return "not measured"
-            case _:
-                return "unknown"
-
-    @property
-    def voltage_note(self) -> str:
-        """Note below the voltage."""
-        match self.bench_state:
-            case BenchState.LIVE:
-                return (
-                    f"on the specimen, {describe_drive(self.drive)}"
-                    if self.drive
-                    else "on the specimen, high voltage on"
-                )
-            case BenchState.PAUSED:
-                return "rest measured, high voltage still on"
-            case BenchState.HV_OFF:
-                return f"{'paused; ' * self.paused}rest measured, high voltage off"
-            case BenchState.AT_REST if self.rest is not None:
-                return f"on the specimen; input at {self.rest.measured_v:.3f} V"
-            case BenchState.GOING_TO_REST if self.may_be_live:
-                return "may be live: switch the high voltage OFF at the amplifier now"
-            case BenchState.GOING_TO_REST:
-                return "rest is measured next"
-            case BenchState.IDLE:
-                return "every run measures rest first"
-            case BenchState.ARMING:
-                return "rest is not measured yet"
-            case BenchState.UNSAFE | BenchState.DRIVE_LOST if self.seen_v is not None:
-                seen = " … ".join(dict.fromkeys(f"{round(v, 3) + 0.0:.3f}" for v in self.seen_v))
-                return f"if the high voltage is on; the card sees {seen} V"
-            case BenchState.UNSAFE:
-                return "may carry high voltage"
-            case _:
-                return "volts on the specimen"
+        return self.busy and self.phase in (*ENERGIZED, BenchState.HV_OFF)
 
     @property
     def exit_code(self) -> int:
         """Exit code of the program: 3 unsafe, 1 failed or no bench, else 0."""
-        if self.bench_state is BenchState.UNSAFE or self.rest_lost:
+        if self.phase is BenchState.UNSAFE or self.rest_lost:
             return UNSAFE_EXIT
         failed = self.outcome is not None and self.outcome.status is RunStatus.FAILED
-        return int(failed or self.bench_state is BenchState.NO_BENCH)
+        return int(failed or self.phase is BenchState.NO_BENCH)
 
 
 def initial_window_state(amplifier: AmplifierMap, bench: str, simulated: bool, names: Mapping[str, str]) -> WindowState:
@@ -257,22 +221,3 @@ def initial_window_state(amplifier: AmplifierMap, bench: str, simulated: bool, n
     return WindowState(
         amplifier, bench, simulated, tuple(InstrumentStatus(r, n, Lamp.WAITING) for r, n in names.items())
     )
-
-
-def format_voltage_range(low: float, high: float) -> str:
-    """`−500 … +1500 V`, `0 V`."""
-    figures = [("0" if abs(v) < 0.5 else f"{v:+.0f}").replace("-", "−") for v in (low, high)]
-    return f"{figures[0]} V" if figures[0] == figures[1] else f"{figures[0]} … {figures[1]} V"
-
-
-def describe_drive(drive: Drive) -> str:
-    """Describe the frequency of a drive: `160 Hz`, `25 … 525 Hz`, `held`."""
-    match drive:
-        case Sine(frequency_hz=f) | SquareWave(frequency_hz=f):
-            return f"{f:g} Hz"
-        case LinearSweep(start_hz=a, stop_hz=b) | PeriodicSweep(start_hz=a, stop_hz=b):
-            return f"{a:g} … {b:g} Hz"
-        case Hold():
-            return "held"
-        case Ramp() | Steps():
-            return drive.kind.lower()

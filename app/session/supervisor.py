@@ -24,6 +24,7 @@ class Signs:
     Attributes:
         at_end: whether the run has left its drive behind and computes or stores its result.
         told_unsafe: whether the run was reported unsafe, and its thread has not done what follows.
+        closing_s: since the session was to close, without a run.
         quiet_s: since its last event.
         stopped_s: since a stop was requested.
         call_overdue_s: for which it is in a call of the card's driver beyond its deadline.
@@ -37,6 +38,7 @@ class Signs:
     may_be_live: bool = False
     at_end: bool = False
     told_unsafe: bool = False
+    closing_s: float = -1.0
     quiet_s: float = 0.0
     stopped_s: float = -1.0
     call_overdue_s: float = -1.0
@@ -54,6 +56,8 @@ class Signs:
             return f"An instrument's driver hangs: the bench is not open after {self.quiet_s:.0f} s. Nothing was driven"
         if self.told_unsafe and self.quiet_s > Deadline.BENCH_CLOSING.seconds:
             return f"The run was reported unsafe, and its thread has not ended after {self.quiet_s:.0f} s"
+        if min(self.closing_s, self.quiet_s) > Deadline.BENCH_CLOSING.seconds:
+            return f"An instrument's driver hangs: the bench is not released after {self.closing_s:.0f} s"
         waits_s = min(self.quiet_s, self.stopped_s)
         early = self.connecting or self.watching_card or (self.running and not live and not self.at_end)
         if early and waits_s > early_stop.seconds:

@@ -2,16 +2,21 @@
 
 import contextlib
 import math
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.bench.amplifier import HvAmplifier
+from drivers.bench.card_reading import WatchedStream
 from drivers.bench.rest import RestMeasurement
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.drive_shapes import Drive
-from drivers.errors import BenchError
-from drivers.interfaces import Block, Scale, Stream
+from drivers.errors import AcquisitionError, BenchError, ScansLostError
+from drivers.interfaces import Block, Scale
+
+CATCH_UP_S = 0.3
+"""Longest wait for the present volts of a warning, real seconds."""
 
 
 class HighVoltageSwitch(Protocol):
@@ -43,7 +48,7 @@ class ArmedBench:
     """An armed bench: starts drives and reads blocks. Every block goes to `block_sink` before it is returned."""
 
     amplifier: HvAmplifier
-    stream: Stream
+    stream: WatchedStream
     block_sink: Callable[[Block], None]
     watchdog: Watchdog
     measure_rest: Callable[[], RestMeasurement]
@@ -121,15 +126,25 @@ class ArmedBench:
         return block
 
     def catch_up(self, now_s: float) -> None:
-        """Read and store the blocks sampled until `now_s`. Errors are suppressed: the caller reports a warning."""
-        with contextlib.suppress(Exception):
-            while (
-                self.last_block is None
-                or self.stream.start_time_s + (self.last_block.stop + self.last_block.raw.shape[1]) / self.rate_hz
-                < now_s
-            ):
-                self.last_block = self.stream.read()
-                self.block_sink(self.last_block)
+        """Read and store the blocks that were sampled until `now_s`, also after lost scans and where storing fails.
+
+        Errors are suppressed: the caller reports a warning.
+        """
+        stores, give_up_s = True, time.monotonic() + CATCH_UP_S
+        while (
+            self.last_block is None
+            or self.stream.start_time_s + (self.last_block.stop + self.last_block.raw.shape[1]) / self.rate_hz < now_s
+        ) and time.monotonic() < give_up_s:
+            try:
+                self.last_block = self.stream.read_within(CATCH_UP_S)
+                if stores:
+                    self.block_sink(self.last_block)
+            except ScansLostError:
+                continue
+            except AcquisitionError:
+                return
+            except Exception:  # noqa: BLE001 - the disk is full: the volts are needed all the same
+                stores = False
 
     def discard_block(self) -> Block:
         """Read a block without storing it: the card must also be read while the run waits for the operator."""
@@ -163,3 +178,16 @@ def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, predicted_rest_
         both = "program and watchdog die" if math.isfinite(watchdog.notices_after_s) else "this program dies"
         clauses.append(f"if {both}, {amplifier.unattended_end}")
     return "; ".join(clauses)
+
+
+def longest_unmoved_s(amplifier: HvAmplifier, predicted_rest_s: float) -> float:
+    """Return the longest time without a change of the output on a way to rest: end of the drive, and replies, seconds.
+
+    Args:
+        amplifier: amplifier with the source.
+        predicted_rest_s: duration of the way to rest from the farthest level, NaN if unknown.
+    """
+    levels = amplifier.map
+    farthest_v = max(levels.high_v - levels.rest_v, levels.rest_v - levels.low_v)
+    replies_s = predicted_rest_s - farthest_v / amplifier.limits.ramp_v_per_s
+    return amplifier.stop_wait_s + (max(replies_s, 0.0) if math.isfinite(replies_s) else 0.0)

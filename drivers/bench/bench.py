@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 from drivers.bench.abort_level_settings import LevelSettings
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
+from drivers.bench.card_reading import CardReading, WatchedStream
 from drivers.bench.rest import REST_TOLERANCE_V
-from drivers.bench.shutdown import REST_TIMEOUT_S, LiveWarning, SafeShutdown, drive_voltage, live_warning
+from drivers.bench.shutdown import REST_TIMEOUT_S, LiveWarning, SafeShutdown, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.errors import (
@@ -70,8 +71,17 @@ class Bench:
     """Reason why high voltage must stay off, with the remedy: the source is not commissioned. Empty if high voltage is allowed."""
     commissioning_note: str = ""
     """Remark on the commissioning of the source for the log of each run; may be empty."""
+    answered_s: dict[str, float] = field(default_factory=dict)
+    """Time (time.monotonic) of the last reply of the instruments that answer by messages, by role."""
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was on since this bench was opened."""
+    _stream: WatchedStream | None = field(default=None, init=False)
+    """The acquisition that was opened last."""
+
+    @property
+    def reading(self) -> CardReading | None:
+        """The card's last reading, from any thread; None before its first block."""
+        return None if self._stream is None else self._stream.reading
 
     @property
     def high_voltage_enabled(self) -> bool:
@@ -91,22 +101,23 @@ class Bench:
                 instrument.close()
         self.watchdog.close()
 
-    def open_stream(self, rate_hz: float) -> Stream:
-        """Start an acquisition.
+    def open_stream(self, rate_hz: float, block_s: float = 0.0) -> WatchedStream:
+        """Start an acquisition, which is read from now on; `block_s` where its blocks are longer than the bench's.
 
         Raises:
             AcquisitionError: the card is absent or in use, or has another sample rate than requested.
         """
-        stream = self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
+        block_s = max(block_s, self.block_s)
+        stream = self.digitizer.stream(rate_hz, max(round(rate_hz * block_s), 1))
         if abs(stream.rate_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
             stream.__exit__(None, None, None)
             raise AcquisitionError(
                 f"the card runs at {stream.rate_hz:g} Hz instead of the requested {rate_hz:g} Hz; choose a rate that it supports"
             )
-        return stream
+        return self._watch(stream, block_s)
 
-    def open_scan(self, order: Sequence[int], rate_hz: float) -> Stream:
-        """Start an acquisition of the card's channels in this order.
+    def open_scan(self, order: Sequence[int], rate_hz: float) -> WatchedStream:
+        """Start an acquisition of the card's channels in this order, which is read from now on.
 
         Raises:
             ScanOrderError: the card cannot convert a channel several times in a scan.
@@ -114,7 +125,11 @@ class Bench:
         """
         if not isinstance(self.digitizer, ScanLister):
             raise ScanOrderError(f"the driver of {self.digitizer.identity} takes each input once in a scan")
-        return self.digitizer.scan(order, rate_hz, max(round(rate_hz * self.block_s), 1))
+        return self._watch(self.digitizer.scan(order, rate_hz, max(round(rate_hz * self.block_s), 1)), self.block_s)
+
+    def _watch(self, stream: Stream, block_s: float) -> WatchedStream:
+        self._stream = WatchedStream(stream, self.clock, block_s, self.sensor, self.channels, self.reading)
+        return self._stream
 
     @contextlib.contextmanager
     def armed(
@@ -164,7 +179,7 @@ class Bench:
                     warned.append(reason)
                     if not isinstance(reason, AcquisitionError):
                         armed.catch_up(self.clock.now())
-                    on_warning(live_warning(str(reason), armed.last_block, stream.scales, self.amplifier.map))
+                    on_warning(live_warning(reason, self.reading, self.amplifier.map))
 
             self.amplifier.on_failure = warn
             failure: BaseException | None = None
@@ -244,7 +259,7 @@ class Bench:
             or not self.amplifier.may_be_left_live()
         ):
             return
-        on_warning(live_warning(f"the card cannot be had: {error}", None, (), self.amplifier.map))
+        on_warning(live_warning(AcquisitionError(f"the card cannot be had: {error}"), self.reading, self.amplifier.map))
         trouble = shutdown.command_rest(self.amplifier.force_rest)
         message = f"the card cannot see the drive: {error}.{trouble}"
         self.watchdog.log(f"the program could not confirm rest: {message}")
@@ -261,9 +276,9 @@ class Bench:
         armed.high_voltage_may_be_on = True
         self.watchdog.arm()
         armed.catch_up(self.clock.now())
-        volts = drive_voltage(armed.last_block, armed.scales) if armed.last_block is not None else None
+        reading = self.reading
         # An ended burst leaves its amplitude set, with the output at rest: no reason for a warning.
-        if volts is None or abs(volts - self.amplifier.map.rest_v).max() > REST_TOLERANCE_V:
+        if reading is None or max(abs(v - self.amplifier.map.rest_v) for v in reading.block_v) > REST_TOLERANCE_V:
             warn("an earlier program left a drive or a level on the source, which is ramped to rest now")
         self.amplifier.force_rest()
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,16 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bench.amplifier import HvAmplifier
+from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LEVEL_V, CardReading
 from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
 from drivers.deadlines import Deadline
-from drivers.errors import BenchError
+from drivers.errors import AcquisitionError, BenchError, InstrumentError
 from drivers.interfaces import Block, Scale, Stream
 from model import AmplifierMap
-
-DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
-"""Rows of a block."""
 
 REST_TIMEOUT_S = 2.0
 MAX_DRIVE_WAIT_S = 10.0
@@ -40,39 +39,49 @@ class LiveWarning:
     """Warning that the specimen may be live, published before the program acts.
 
     Attributes:
-        message: the reason, the last volts at the card, and the manual steps.
-        low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none.
+        message: the reason, the last volts at the card with their age, and the manual steps.
+        low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none, or if
+            it is older than PRESENT_S.
+        age_s: age of that block in real seconds; infinite if there was none.
+        part: the instrument that failed, `generator` or `card`; empty if it was neither.
     """
 
     message: str
     low_v: float = math.nan
     high_v: float = math.nan
+    age_s: float = math.inf
+    part: str = ""
 
 
-def live_warning(
-    reason: str, last_block: Block | None, scales: Sequence[Scale], amplifier_map: AmplifierMap
-) -> LiveWarning:
-    """Return the warning for a reason and the last block of the card."""
-    if last_block is None:
-        return LiveWarning(
-            f"The specimen may be live: {reason.rstrip('.')}. The card has not seen the amplifier's input yet. {SWITCH_OFF_NOW}"
-        )
-    volts = drive_voltage(last_block, tuple(scales))
-    low_v, high_v = float(volts.min()), float(volts.max())
+PRESENT_S = 0.3
+"""Largest age of a block whose volts a warning names."""
+
+
+def live_warning(reason: object, reading: CardReading | None, amplifier_map: AmplifierMap) -> LiveWarning:
+    """Return the warning for a reason, an error or a text, and what the card measured last."""
+    part = (
+        "card" if isinstance(reason, AcquisitionError) else "generator" if isinstance(reason, InstrumentError) else ""
+    )
+    begin = f"The specimen may be live: {str(reason).rstrip('.')}."
+    if reading is None:
+        return LiveWarning(f"{begin} The card has not seen the amplifier's input yet. {SWITCH_OFF_NOW}", part=part)
+    age_s = reading.age_s(time.monotonic())
+    if age_s > PRESENT_S:
+        unread = f"The card has not been read for {age_s:.1f} s: do not rely on volts that were shown before"
+        return LiveWarning(f"{begin} {unread}. {SWITCH_OFF_NOW}", age_s=age_s, part=part)
+    low_v, high_v = reading.block_v
     low, high = (float(volts) for volts in amplifier_map.specimen_v([low_v, high_v]))
-    one_level = high_v - low_v <= ONE_LEVEL_V
-    seen = f"{volts.mean():z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
+    one_level = high_v - low_v <= LEVEL_V
+    seen = f"{(low_v + high_v) / 2:z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
     means = f"about {(low + high) / 2:z.0f} V" if one_level else f"about {low:z.0f} to {high:z.0f} V"
     return LiveWarning(
-        f"The specimen may be live: {reason.rstrip('.')}. The card last saw {seen} at the amplifier's input, where rest is "
+        f"{begin} The card last saw {seen} at the amplifier's input, {age_s:.1f} s before this warning; rest is "
         f"{amplifier_map.rest_v:g} V: {means} on the specimen if the high voltage is on. {SWITCH_OFF_NOW}",
         low_v,
         high_v,
+        age_s,
+        part,
     )
-
-
-ONE_LEVEL_V = 0.05
-"""Largest difference within a block reported as one level."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ also serves the simulated card. Raw 16-bit integers are kept, with the card's ow
 
 import contextlib
 import math
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -40,7 +41,7 @@ the death of the program that created it. Therefore its tasks are sessions with 
 ABANDONED_AFTER_S = 3.0
 """Time without a read after which an input session counts as left by an ended program: a running one reads every block."""
 
-POLL_S = 0.25
+POLL_S, ARRIVAL_POLL_S = 0.25, 0.005
 _RUNNING: "WeakValueDictionary[tuple[str, str], NiStream]" = WeakValueDictionary()
 """Running acquisitions of this program, by the `key` of their card."""
 
@@ -308,6 +309,9 @@ class NiStream(Closeable):
         self._task, self._description, self._next_scan, self._clock = task, description, 0, clock
         self._close_task = close_task
         self._read_ahead: deque[Block] = deque()
+        self._reading_thread = 0
+        """Identity of the thread that has called `read` last; blocks are read in one thread at a time."""
+        self._newest: Block | None = None
         self._grounded = grounded
         self._count_s, self._counted_s = count_s, -math.inf
         self._restarted_scan = 0
@@ -339,18 +343,23 @@ class NiStream(Closeable):
         return float(max(start_s, begin_s))
 
     def read(self) -> Block:
-        return self._read_ahead.popleft() if self._read_ahead else self._read_block()
+        self._reading_thread = threading.get_ident()
+        self._newest = block = self._read_ahead.popleft() if self._read_ahead else self._read_block()
+        return block
 
     def newest_drive_volts(self, timeout_s: float) -> NDArray[np.float64] | None:
         """Return the drive in a block acquired after this call; `read` returns this block and earlier ones later.
 
         None if no such block arrives in time: on a slow connection this program lags behind the card.
         """
-        called_s = self._clock.now()
+        called_s, read_here = self._clock.now(), self._reading_thread in (0, threading.get_ident())
         while self._clock.now() - called_s <= timeout_s:
-            block = self._read_block()
-            self._read_ahead.append(block)
-            if self.start_time_s + block.start / self.rate_hz >= called_s:
+            if read_here:
+                self._read_ahead.append(self._read_block())
+            else:  # another thread reads
+                time.sleep(ARRIVAL_POLL_S)
+            block = self._read_ahead[-1] if read_here else self._newest
+            if block is not None and self.start_time_s + block.start / self.rate_hz >= called_s:
                 return self.scales[0].to_volts(block.raw[0])
         return None
 

@@ -234,7 +234,12 @@ class InjectedFaultChanged(Event, kind="FaultSwitched"):
 
 @dataclass(frozen=True, slots=True)
 class ShutdownStarted(Event, kind="GoingToRest"):
-    """The shutdown has started; no further measurement."""
+    """The shutdown has started; no further measurement.
+
+    `wait_s` is the longest time without a change of the output: the natural end of its drive, and the replies of the source.
+    """
+
+    wait_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,12 +247,15 @@ class SpecimenMayBeLive(Event, kind="MayBeLive"):
     """A start, arming or an answer failed while high voltage may be on; the source is brought to rest next.
 
     `low_v` and `high_v` are the lowest and highest volts at the amplifier's input in the card's last block, NaN if there was
-    none; `words` has the reason and the manual steps.
+    none or if it is too old to count; `words` has the reason and the manual steps, `part` is the instrument that failed
+    (`generator`, `card` or empty), and `age_s` the age of the block in real seconds.
     """
 
     low_v: float
     high_v: float
     words: str
+    part: str = ""
+    age_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from drivers import (
     Deadline,
     LevelAction,
     OverdueError,
-    RestartableStream,
     ScansLostError,
 )
 from protocols.base import (
@@ -148,9 +147,6 @@ class RunAcquisition:
         try:
             block = armed.discard_block()
         except ScansLostError:
-            if not isinstance(armed.stream, RestartableStream):
-                raise
-            armed.stream.restart()
             block = armed.discard_block()
         self._scans_read = block.stop
         self._recorder.notify(BlockDiscarded(block))

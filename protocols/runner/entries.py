@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from drivers import ArmedBench, RestartableStream, ScansLostError
+from drivers import ArmedBench, ScansLostError
 from protocols.base import (
     EntryStarted,
     LevelExceeded,
@@ -181,10 +181,9 @@ class EntryRunner:
         self._recorder.publish(RunResumed())
 
     def _recover_from_lost_scans(self, armed: ArmedBench, index: int, error: ScansLostError) -> None:
-        """Start the acquisition again and return to rest, so that the entry can be measured again; once per entry."""
-        if index in self._lost_scans or not isinstance(armed.stream, RestartableStream):
+        """Return to rest, so that the entry can be measured again; once per entry."""
+        if index in self._lost_scans:
             raise error
-        armed.stream.restart()
         armed.return_to_verified_rest()
         self._repeat_once(index, str(error))
 

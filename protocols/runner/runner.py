@@ -19,6 +19,7 @@ from drivers import (
     LiveWarning,
     is_memory_short,
     live_warning,
+    longest_unmoved_s,
     safety_statement,
 )
 from protocols.base import (
@@ -171,10 +172,8 @@ class Runner:
 
     def live_warning(self, reason: str) -> SpecimenMayBeLive:
         """Return the warning that the specimen may be live, for another thread. It is not stored: the disk may hang, too."""
-        armed = self._armed
-        block, scales = (None, ()) if armed is None else (armed.last_block, armed.scales)
-        warning = live_warning(reason, block, scales, self._bench.amplifier.map)
-        return SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message)
+        warning = live_warning(reason, self._bench.reading, self._bench.amplifier.map)
+        return SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message, warning.part, warning.age_s)
 
     def give_up(self, status: RunStatus, reason: str) -> RunEnded:
         """Conclude from another thread a run whose own thread does not return; it publishes nothing afterwards."""
@@ -216,7 +215,8 @@ class Runner:
                 finally:
                     with contextlib.suppress(StorageError):
                         self._recorder.publish_external()
-                    self._recorder.notify(ShutdownStarted())
+                    unmoved_s = longest_unmoved_s(self._bench.amplifier, armed.predicted_rest_s)
+                    self._recorder.notify(ShutdownStarted(unmoved_s))
                     if (wait_s := self._bench.amplifier.stop_wait_s) > STATED_WAIT_S:
                         self._recorder.notify(LogMessage(WAITING_TEXT.format(wait_s)))
             self._report_folded_lines()
@@ -301,7 +301,9 @@ class Runner:
         self._recorder.publish(StreamStarted(armed.rate_hz, armed.scales))
 
     def _warn_of_live_specimen(self, warning: LiveWarning) -> None:
-        self._recorder.publish_always(SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message))
+        self._recorder.publish_always(
+            SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message, warning.part, warning.age_s)
+        )
 
 
 def separate_folded_lines(

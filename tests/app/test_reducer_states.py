@@ -2,7 +2,8 @@
 
 import pytest
 
-from app.session.state import BenchState, OperatorAction, RunRequested, WindowEvent
+from app.session.bench_state import BenchState
+from app.session.state import OperatorAction, RunRequested, WindowEvent
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
@@ -74,7 +75,7 @@ def test_a_bench_that_was_armed_is_at_a_rest_that_was_measured() -> None:
             "Pause was requested",
         ),
         ((OperatorAction.STOP,), "Stop was requested; the bench goes to rest"),
-        ((OperatorAction.RECONNECT,), "Connecting again"),
+        ((FAILED, OperatorAction.RECONNECT), "Connecting again"),
     ],
 )
 def test_the_log_says_what_the_operator_asked_for(events: tuple[WindowEvent, ...], said: str) -> None:
@@ -83,7 +84,7 @@ def test_the_log_says_what_the_operator_asked_for(events: tuple[WindowEvent, ...
 
 def test_a_drive_that_is_lost_and_seen_again_is_in_the_log_while_the_bench_is_live_only() -> None:
     lost = DriveReadbackChanged(True, 0.0, 0.0)
-    assert view_after(*LIVE, lost).messages[-1].text.startswith("The drive is not seen: ")
+    assert view_after(*LIVE, lost).messages[-1].text.startswith("The card does not see the drive, but ")
     again = view_after(*LIVE, lost, DriveReadbackChanged(False, 0.0, 5.0))
     assert again.messages[-1].text == "The card sees the drive again"
     stopped = view_after(*LIVE, ShutdownStarted())

@@ -5,11 +5,10 @@ from datetime import UTC, datetime
 
 import pytest
 
+from app.session.bench_state import BenchState, Lamp
 from app.session.reducer import reduce
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
-    BenchState,
-    Lamp,
     OperatorAction,
     RunProgress,
     RunRequested,
@@ -18,7 +17,7 @@ from app.session.state import (
     WindowState,
     initial_window_state,
 )
-from drivers.drive_shapes import Hold, LinearSweep, Sine
+from drivers.drive_shapes import Sine
 from model.amplifier_map import AmplifierMap
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
@@ -40,7 +39,6 @@ from protocols.base import (
     RunStatus,
     SettlingFinished,
     ShutdownStarted,
-    SpecimenMayBeLive,
     StreamStarted,
     Verdict,
 )
@@ -53,7 +51,6 @@ STARTED = RunStarted("sine-dwell", "/somewhere/run.h5", 27.0, 18, True)
 SINE = Sine(160.0, 2.5, 2.5, 1000)
 BEGUN = (OPENED, RunRequested("Sine dwell"), STARTED)
 LIVE = (*BEGUN, BenchArmed(), DriveStarted(SINE))
-NO_ANSWER = SpecimenMayBeLive(2.06, 2.06, "The specimen may be live: no answer")
 AT_REST = RestMeasured(True, 2.5, "the card sees 2.500 V")
 NOT_AT_REST = RestMeasured(False, 0.0, "the card sees 0.000 V")
 COMPLETED = RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5")
@@ -61,7 +58,6 @@ STOPPED = RunEnded(RunStatus.STOPPED, "stopped by the operator", "run.h5")
 FAILED = RunEnded(RunStatus.FAILED, "function generator 33511B: no answer; check its cable to the card", "run.h5")
 UNSAFE = RunEnded(RunStatus.UNSAFE, "UNSAFE: switch the high voltage off by hand", "run.h5")
 POLARITY = CheckResult("polarity", -1.0, "1", 1.0, None, "swap the sign", Outcome.DID_NOT_PASS)
-MAY_BE_LIVE = SpecimenMayBeLive(0.0, 5.0, "the specimen may be live")
 DRIVE_GONE = DriveReadbackChanged(True, -0.0001, 0.0002)
 LOST = (*LIVE, ShutdownStarted(), NOT_AT_REST, UNSAFE)
 
@@ -97,7 +93,7 @@ def view_after(*events: WindowEvent) -> WindowState:
         ((*LIVE, ShutdownStarted(), AT_REST), BenchState.AT_REST),
         ((*LIVE, ShutdownStarted(), AT_REST, COMPLETED), BenchState.AT_REST),
         ((*LIVE, DRIVE_GONE), BenchState.DRIVE_LOST),
-        ((*LIVE, DRIVE_GONE, OperatorAction.STOP), BenchState.GOING_TO_REST),
+        ((*LIVE, DRIVE_GONE, OperatorAction.STOP), BenchState.DRIVE_LOST),
         ((*LIVE, OperatorAction.STOP, DRIVE_GONE), BenchState.GOING_TO_REST),
         ((*BEGUN, FAILED), BenchState.IDLE),
         ((*LIVE, ShutdownStarted(), NOT_AT_REST), BenchState.UNSAFE),
@@ -115,35 +111,6 @@ def view_after(*events: WindowEvent) -> WindowState:
 )
 def test_the_bench_state_says_what_is_known(events: tuple[WindowEvent, ...], state: BenchState) -> None:
     assert view_after(*events).bench_state is state
-
-
-@pytest.mark.parametrize(
-    ("events", "volts", "note"),
-    [
-        ((), "unknown", "volts"),
-        ((OPENED,), "not measured", "rest first"),
-        ((*BEGUN, BenchArmed()), "0 V", "high voltage on"),
-        (LIVE, "−500 … +1500 V", "160 Hz"),
-        ((*LIVE, DriveStarted(Sine(50.0, 1.0, 2.5, 10))), "−200 … +600 V", "50 Hz"),
-        ((*LIVE, DriveStarted(LinearSweep(25, 525, 300, 2.5, 2.5))), "−500 … +1500 V", "25 … 525 Hz"),
-        ((*LIVE, DriveStarted(Hold(5.0, 1.0))), "+1500 V", "held"),
-        ((*LIVE, ShutdownStarted()), "to 0 V", "next"),
-        ((*LIVE, ShutdownStarted(), AT_REST), "0 V", "on the specimen; input at 2.500 V"),
-        (LOST, "about −500 V", "if the high voltage is on; the card sees 0.000 V"),
-        ((*LIVE, MAY_BE_LIVE, RestMeasured(False, float("nan"), "blind")), "about −500 … +1500 V", "0.000 … 5.000 V"),
-        ((*LIVE, DRIVE_GONE), "about −500 V", "if the high voltage is on; the card sees 0.000 V"),
-        ((*LIVE, DRIVE_GONE, DriveStarted(SINE)), "about −500 V", "0.000 V"),
-        ((*LIVE, DRIVE_GONE, DriveReadbackChanged(False, 0.0, 5.0)), "−500 … +1500 V", "160 Hz"),
-        ((*LIVE, NO_ANSWER), "about −88 V", "switch the high voltage OFF at the amplifier now"),
-        ((*LIVE, NO_ANSWER, AT_REST), "0 V", "on the specimen; input at 2.500 V"),
-        ((*LIVE, SpecimenMayBeLive(float("nan"), float("nan"), "no card")), "unknown", "may be live"),
-        ((*LIVE, RestMeasured(False, float("nan"), "blind")), "unknown", "may carry high voltage"),
-    ],
-)
-def test_volts_on_the_specimen_follow_the_drive(events: tuple[WindowEvent, ...], volts: str, note: str) -> None:
-    view = view_after(*events)
-    assert view.voltage_text == volts
-    assert note in view.voltage_note
 
 
 VERDICTS = [

@@ -2,17 +2,20 @@
 
 import math
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from app.session.bench_connection import BenchConnection
-from drivers.bench.armed_bench import ArmedBench
+from drivers.bench.armed_bench import ArmedBench, longest_unmoved_s
 from drivers.bench.bench import Bench
-from drivers.bench.shutdown import LiveWarning
+from drivers.bench.card_reading import CardReading
+from drivers.bench.shutdown import LiveWarning, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive_shapes import Hold, Sine
 from drivers.errors import (
@@ -24,6 +27,7 @@ from drivers.errors import (
     UnsafeError,
 )
 from drivers.interfaces import Block
+from model.amplifier_map import AmplifierMap
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import laboratory
@@ -442,3 +446,100 @@ def test_what_is_no_fault_of_an_instrument_is_not_told_as_danger(lab: BenchConne
     with pytest.raises(BenchError, match="meter"), warned(lab, warnings):
         raise BenchError("this bench has no meter")
     assert warnings == []
+
+
+class FullDisk:
+    """A sink of blocks that is full from some moment on; it counts what is brought to it."""
+
+    def __init__(self) -> None:
+        self.full, self.brought = False, 0
+
+    def __call__(self, _block: Block) -> None:
+        if self.full:
+            self.brought += 1
+            raise OSError("no space left on device")
+
+
+def fail(lab: BenchConnection, after_s: float, fault: str = "", disk: FullDisk | None = None) -> None:
+    """Let a fault begin, wait, and lose the generator's answer."""
+    if fault:
+        lab.control.inject(fault)
+    if disk is not None:
+        disk.full = True
+    lab.bench.clock.sleep(after_s)
+    raise LinkError("function generator: no answer")
+
+
+@contextmanager
+def live_at(lab: BenchConnection, volts: float, warnings: list[LiveWarning], sink: Any) -> Iterator[ArmedBench]:
+    """A bench at a level that was read last when it was still at rest; its warnings show the volts at their moment."""
+    with lab.bench.armed(RATE_HZ, sink, Hand(lab.control), on_warning=warnings.append) as armed:
+        armed.read_block()
+        armed.start_drive(Hold(volts, 60.0))
+        yield armed
+
+
+def test_a_disk_that_is_full_does_not_keep_the_volts_of_a_warning_at_those_of_an_earlier_block(
+    lab: BenchConnection,
+) -> None:
+    warnings: list[LiveWarning] = []
+    disk = FullDisk()
+    with pytest.raises(LinkError), live_at(lab, 2.02, warnings, disk):
+        fail(lab, 0.6, disk=disk)
+    assert disk.brought > 0
+    assert warnings[0].low_v == pytest.approx(2.02, abs=0.01)
+    assert "The card last saw 2.0" in warnings[0].message
+
+
+def test_scans_that_were_lost_do_not_keep_the_volts_of_a_warning_at_those_of_an_earlier_block(
+    lab: BenchConnection,
+) -> None:
+    warnings: list[LiveWarning] = []
+    with pytest.raises(LinkError), live_at(lab, 2.02, warnings, lambda _: None):
+        fail(lab, 20.0)  # longer than the card's buffer
+    assert warnings[0].low_v == pytest.approx(2.02, abs=0.01)
+    assert warnings[0].age_s < 0.3
+
+
+def test_a_warning_names_no_volts_that_are_old_and_says_for_how_long_the_card_was_not_read(
+    lab: BenchConnection,
+) -> None:
+    warnings: list[LiveWarning] = []
+    with pytest.raises(UnsafeError), live_at(lab, 2.02, warnings, lambda _: None):
+        fail(lab, 20.0, "card-unplugged")
+    (warning,) = warnings
+    assert math.isnan(warning.low_v)
+    assert math.isnan(warning.high_v)
+    assert warning.age_s > 20.0
+    assert warning.part == "generator"
+    assert re.search(
+        r"The card has not been read for 2\d\.\d s: do not rely on volts that were shown before", warning.message
+    )
+    assert not re.search(r"-?\d+ V", warning.message)
+
+
+@pytest.mark.parametrize(
+    ("reason", "part"),
+    [
+        (AcquisitionError("unplugged"), "card"),
+        (LinkError("no answer"), "generator"),
+        ("an earlier program left a drive", ""),
+    ],
+)
+def test_a_warning_names_the_part_that_failed(lab: BenchConnection, reason: object, part: str) -> None:
+    reading = CardReading((0.0, 5.0), (1.0, 1.02), time.monotonic())
+    for seen in (None, reading, replace(reading, measured_s=time.monotonic() - 1.0)):
+        assert live_warning(reason, seen, lab.bench.amplifier.map).part == part
+    warning = live_warning(reason, reading, lab.bench.amplifier.map)
+    assert (warning.low_v, warning.high_v) == (1.0, 1.02), "those of the last block"
+    assert "about -298 V on the specimen" in warning.message
+
+
+@pytest.mark.parametrize(
+    ("wait_s", "predicted_s", "unmoved_s"), [(0.0, math.nan, 0.0), (0.0, 0.4, 0.0), (0.0, 1.2, 0.7), (9.0, 0.6, 9.1)]
+)
+def test_on_a_way_to_rest_the_output_may_stay_for_the_end_of_its_drive_and_for_the_replies(
+    wait_s: float, predicted_s: float, unmoved_s: float
+) -> None:
+    amplifier = SimpleNamespace(map=AmplifierMap(), limits=SimpleNamespace(ramp_v_per_s=5.0), stop_wait_s=wait_s)
+    assert longest_unmoved_s(amplifier, predicted_s) == pytest.approx(unmoved_s)  # type: ignore[arg-type]

@@ -338,14 +338,16 @@ def test_without_a_card_the_way_to_rest_is_in_the_log_of_the_watchdog(lab: Bench
 )
 def test_the_rate_of_the_card_may_differ_by_a_hundredth(lab: BenchConnection, factor: float, refused: bool) -> None:
     left: list[object] = []
-    stream = SimpleNamespace(rate_hz=factor * RATE_HZ, __exit__=lambda *_: left.append(None))
+    stream = SimpleNamespace(
+        rate_hz=factor * RATE_HZ, scales=(), start_time_s=0.0, __exit__=lambda *_: left.append(None)
+    )
     lab.bench.digitizer.stream = lambda rate_hz, scans: left.append((rate_hz, scans)) or stream  # type: ignore[method-assign, assignment, return-value]
     if refused:
         with pytest.raises(AcquisitionError, match=rf"{factor * RATE_HZ:g} Hz.* {RATE_HZ:g} Hz"):
             lab.bench.open_stream(RATE_HZ)
         assert left == [(RATE_HZ, 100), None]
     else:
-        assert lab.bench.open_stream(RATE_HZ) is stream
+        assert lab.bench.open_stream(RATE_HZ).rate_hz == stream.rate_hz
         assert left == [(RATE_HZ, 100)]
 
 
@@ -354,7 +356,7 @@ def test_a_block_is_a_twentieth_of_a_second_and_a_scan_at_least(lab: BenchConnec
 
     def stream(rate_hz: float, scans: int) -> Any:
         asked.append(scans)
-        return SimpleNamespace(rate_hz=rate_hz)
+        return SimpleNamespace(rate_hz=rate_hz, scales=(), start_time_s=0.0)
 
     lab.bench.digitizer.stream = stream  # type: ignore[method-assign]
     for rate_hz in (2000.0, 50_000.0, 2.0):

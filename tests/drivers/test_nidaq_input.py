@@ -1,6 +1,7 @@
 """Analogue input of the card: an open input shows what was converted before it, and must not look like rest."""
 
 import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -113,3 +114,26 @@ def test_a_late_reply_to_the_start_does_not_date_the_scans_late(
             stream = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(1000.0, 100)
         with stream:
             assert begin_s <= stream.start_time_s < begin_s + 0.01
+
+
+def test_the_newest_volts_are_those_of_the_thread_that_reads_the_card() -> None:
+    """Two threads that read one task would get each other's blocks."""
+    with (
+        at_rest() as bench,
+        NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(5000.0, 100) as stream,
+    ):
+        starts: list[int] = []
+        assert stream.newest_drive_volts(1.0) is not None
+        over = threading.Event()
+
+        def read_on() -> None:
+            while not over.is_set():
+                starts.append(stream.read().start)
+
+        reader = threading.Thread(target=read_on)
+        reader.start()
+        volts = [stream.newest_drive_volts(60.0) for _ in range(5)]
+        over.set()
+        reader.join()
+        assert all(each is not None and each.mean() == pytest.approx(2.5, abs=1e-3) for each in volts)
+        assert starts == list(range(0, 100 * len(starts), 100))

@@ -18,6 +18,7 @@ from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.widgets import collect_garbage_here
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
+from app.session.bench_state import Observation
 from app.session.session import SessionEvent
 from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest
@@ -90,6 +91,7 @@ class ListeningSession:
     lets_go: bool = True
     """Whether it ends immediately when closed."""
     abandoned: bool = False
+    observation: Observation = field(default_factory=Observation)
 
     def start(self) -> None: ...
 

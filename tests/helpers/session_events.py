@@ -1,8 +1,12 @@
 """Session events for tests."""
 
+import math
+
 import numpy as np
 
+from app.session.bench_state import Observation
 from app.session.session import BenchOpened
+from drivers.bench.card_reading import CardReading
 from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale
 from protocols.base import (
@@ -32,6 +36,9 @@ LOST = (
     RestMeasured(False, 0.0, "the card sees 0.000 V"),
     RunEnded(RunStatus.UNSAFE, "UNSAFE: switch the high voltage OFF by hand", "run.h5"),
 )
+
+SEEN_AT_REST = Observation(CardReading((2.5, 2.5), (2.5, 2.5), math.inf))
+"""What a card that sees rest measured last; it does not age."""
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
 

@@ -26,6 +26,8 @@ from protocols.base import (
     RunStatus,
     Settle,
     SettlingFinished,
+    ShutdownStarted,
+    SpecimenMayBeLive,
     Step,
     StreamStarted,
 )
@@ -248,3 +250,16 @@ def test_no_part_of_scipy_is_imported_while_the_card_runs() -> None:
     """It would hold everything up for a second or two: samples, Stop, the window."""
     told = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)
     assert told.stdout.split() == []
+
+
+@pytest.mark.breaks_the_drive
+def test_the_way_to_rest_and_the_warning_state_what_a_front_end_needs(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        silent = Trigger(lambda event: isinstance(event, PointMeasured), lambda: lab.control.inject("scpi-silent"))
+        ran = run(SHORT, tmp_path, lab, silent, safe=False)
+    (armed,) = (event for event in ran.events if isinstance(event, BenchArmed))
+    (going,) = (event for event in ran.events if isinstance(event, ShutdownStarted))
+    assert going.wait_s == pytest.approx(armed.way_to_rest_s - 0.5)
+    (warning,) = (event for event in ran.events if isinstance(event, SpecimenMayBeLive))
+    assert warning.part == "generator"
+    assert 0 <= warning.age_s < 0.3

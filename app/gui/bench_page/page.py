@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
-from PySide6.QtGui import QDesktopServices, QHideEvent
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, QSplitter, QWidget
 
 from app.config import BenchConfig, BenchDraft, bench_files
@@ -117,7 +117,6 @@ class BenchPage(QSplitter):
         self._adapter, self._config, self._open_bench = adapter, config, open_bench
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
-        self._watching = False
         self.benches = BenchList(self._begin_bench)
         self.connect_button = make_button(
             "Save and connect",
@@ -161,8 +160,6 @@ class BenchPage(QSplitter):
 
     def set_state(self, view: WindowState) -> None:
         """Show identity and state of the instruments of the open bench."""
-        if not view.can_run:
-            self._watching = False
         self._state = view
         by_role = {status.role: status for status in view.instruments} if self.is_open else {}
         for tile in self.editor.tiles:
@@ -175,10 +172,7 @@ class BenchPage(QSplitter):
         self.benches.list.setFocus()
 
     def tick(self) -> None:
-        """Show live values of the open bench, which are watched while the page is visible."""
-        if self._state is not None and self._state.can_run and not self._watching and self.isVisible():
-            self._watching = True
-            self._adapter.session.monitor(active=True)
+        """Show live values of the open bench."""
         reading = self._adapter.feed.reading if self.is_open else None
         if reading is not None and reading.age_s > STALE_S:
             reading = None
@@ -189,12 +183,6 @@ class BenchPage(QSplitter):
             self.live.show_reading(reading, self._config.sensor)
             self.live.tick()
         self.commissioning.tick()
-
-    def hideEvent(self, event: QHideEvent) -> None:
-        super().hideEvent(event)
-        if self._watching:
-            self._watching = False
-            self._adapter.session.monitor(active=False)
 
     def restore_state(self, settings: QSettings) -> None:
         """Restore the addresses beside *Scan*."""

@@ -202,8 +202,8 @@ class RunPanel(QWidget):
         self.result_card.set_state(view)
         if not had_result and not self.result_card.isHidden():
             QTimer.singleShot(0, self, lambda: self._content_area.ensureWidgetVisible(self.result_card))
-        self._can_run = view.can_run
-        self._blocked_reason = view.blocked_reason
+        self._can_run = view.can_run or view.can_queue
+        self._blocked_reason = "" if view.can_queue else view.blocked_reason
         self._update_rehearsal()
 
     def show_operator(self, name: str) -> None:

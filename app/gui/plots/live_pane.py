@@ -1,5 +1,6 @@
 """Live plots of a run: its results, and below them the live traces."""
 
+import time
 from functools import cached_property
 
 from PySide6.QtCore import Qt, Signal
@@ -16,6 +17,9 @@ from protocols import PROTOCOLS
 from protocols.base import Protocol, Series
 
 MIN_PLOT_HEIGHT = 56
+
+IDLE_TICK_S = 0.2
+"""Time between two redraws of the traces while no run is in progress."""
 
 
 class LivePane(QSplitter):
@@ -38,7 +42,7 @@ class LivePane(QSplitter):
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
         self._curve: ModelCurves | None = None
-        self._span = 0
+        self._span, self._ticked_s = 0, 0.0
         self._outdated = False
 
     @cached_property
@@ -120,6 +124,9 @@ class LivePane(QSplitter):
 
     def tick(self) -> None:
         """Redraw the live traces and the response of a running sweep; called at every tick of the window."""
-        if self._state is not None and self._state[0].busy and self._running is not self._feed.running_curve.latest:
+        busy = self._state is not None and self._state[0].busy
+        if self._state is not None and busy and self._running is not self._feed.running_curve.latest:
             self.set_state(*self._state)
-        self.time_plot.tick()
+        if busy or time.monotonic() - self._ticked_s >= IDLE_TICK_S:
+            self._ticked_s = time.monotonic()
+            self.time_plot.tick()

@@ -54,7 +54,7 @@ class TimePlot(TracePlotBase):
         """Bench times of the displayed samples and of the right edge: if triggered, the drive's last rising edge before it."""
         self._samples = ((np.empty(0), np.empty(0)),) * 2
         self._edges_s = np.empty(0)
-        self._last_tick_s = self._last_data_s = time.monotonic()
+        self._last_tick_s = time.monotonic()
         self._streamed_s = feed.streamed_s
         self._held_s = 0
         """Age of held traces in whole seconds; 0 while samples arrive, and without any."""
@@ -105,10 +105,8 @@ class TimePlot(TracePlotBase):
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
             self._update_data()
-        streamed_s = self._feed.streamed_s
-        if streamed_s != self._streamed_s:
-            self._streamed_s, self._last_data_s = streamed_s, now
-        self._show_age(int(now - self._last_data_s) if now - self._last_data_s >= HELD_AFTER_S and streamed_s else 0)
+        self._streamed_s, age_s = self._feed.streamed_s, now - self._feed.last_block_s
+        self._show_age(int(age_s) if age_s >= HELD_AFTER_S else 0)
         self._shown_s = self._advance(self._feed.displayed_s(now), elapsed)
         right_s = self._trigger(self._shown_s) if self.span.triggered else self._shown_s
         if fresh or right_s != self._right_s:

@@ -103,6 +103,6 @@ class RemoteController(QObject):
 
         if self._shown is None:
             raise RuntimeError("the window has not been shown yet")
-        age_s = time.monotonic() - self._beat_s
-        adapter = self._adapter
-        return snapshot_record(Snapshot(*self._shown, adapter.feed.streamed_s, adapter.session.bench, age_s))
+        adapter, now_s = self._adapter, time.monotonic()
+        streamed_s, bench, age_s = adapter.feed.streamed_s, adapter.session.bench, now_s - self._beat_s
+        return snapshot_record(Snapshot(*self._shown, streamed_s, bench, age_s, adapter.observation, now_s))

@@ -42,7 +42,7 @@ from app.gui.widgets import (
     update_actions,
 )
 from app.live import SessionAdapter
-from app.session import BenchState, WindowState, build_protocol, initial_window_state, unreported_watchdog_messages
+from app.session import WindowState, build_protocol, initial_window_state, unreported_watchdog_messages
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol
 
@@ -156,10 +156,9 @@ class MainWindow(QMainWindow):
             self.tabs.start_run(protocol)
         else:
             # A key that does nothing looks like a broken program.
-            why = self.state.blocked_reason or "the form has a fault, which is marked"
-            if self.state.bench_state is BenchState.CONNECTING:
-                why = "the bench is still being connected. Press again when its sign says so"
-            self.tabs.show_message(f"Not started: {why}.")
+            self.tabs.show_message(
+                f"Not started: {self.state.blocked_reason or 'the form has a fault, which is marked'}."
+            )
 
     def _on_card_requested(self, action: str, _path: Path) -> None:
         """Start another run from the result card; the pages do the rest."""
@@ -220,8 +219,7 @@ class MainWindow(QMainWindow):
         self.tabs.set_active_file(getattr(self.adapter.session, "path", None) if view.busy else None)
         # The operator's prompt id is set only after the event was emitted.
         self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um)
-        if view.busy:
-            self.status_bar.show_progress(self.adapter.feed.streamed_s, self.adapter.session.bench)
+        self.status_bar.tick()
         self.tabs.tick()
         if self._autostart and view.can_run:
             self._autostart = False

@@ -156,5 +156,4 @@ class NoticeArea(FittedScrollArea):
             self._controller.acknowledge()
 
     def _on_reconnect(self) -> None:
-        if self._no_bench:
-            self._controller.reconnect()
+        self._controller.reconnect()

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QStyle, QSystemTrayIcon
 
 from app.common import OUTCOME_SYMBOLS
 from app.gui.widgets import BackgroundWorker
-from app.session import WindowState
+from app.session import BenchState, WindowState
 
 SOUND_KEY, NOTICE_KEY = "notify/sound", "notify/notice"
 PROMPT_DELAY_MS = 800
@@ -73,6 +73,8 @@ class Notifier(QObject):
             return
         if state.unsafe and not before.unsafe:
             self._announce("unsafe", "UNSAFE: the specimen may carry high voltage", state.unsafe)
+        elif state.bench_state is BenchState.DRIVE_LOST and before.bench_state is not BenchState.DRIVE_LOST:
+            self._announce("unsafe", "DRIVE LOST: the specimen may carry high voltage", state.messages[-1].text)
         if state.prompt is None:
             self._prompt_timer.stop()
         elif before.prompt is None or before.prompt.ask_id != state.prompt.ask_id:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +14,18 @@ from PySide6.QtCore import QObject, Signal
 from app.identification import reference_model
 from app.live import CommissioningJob, SessionAdapter
 from app.session import (
+    BenchFailed,
+    BenchOpened,
     CommissioningEnded,
     OperatorAction,
     RunRequested,
-    TimedEvent,
+    StripView,
     WindowEvent,
     WindowState,
+    observe,
     protocol_title,
     reduce,
+    strip_view,
 )
 from protocols.base import Protocol
 from protocols.runner import RunRequest
@@ -36,6 +43,8 @@ class SessionController(QObject):
     def __init__(self, adapter: SessionAdapter, state: WindowState, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.adapter, self.state, self.closing, self._reconnecting = adapter, state, False, False
+        self._queued: Callable[[], None] | None = None
+        """Starts the run that begins when the bench is connected."""
         self.commissioning: CommissioningJob | None = None
         """The commissioning that has the bench; None if the session has it."""
 
@@ -48,15 +57,31 @@ class SessionController(QObject):
         """Reduce the events since the last call to the window state."""
         if self.commissioning is not None:
             self._follow_commissioning(self.commissioning)
-        if self._reconnecting and not self.closing and self.adapter.reconnect():
+        if self.adapter.session.abandoned:
             self._reconnecting = False
-            self.adapter.session.start()
+        released = self._reconnecting and not self.closing and self.adapter.session.close(0.0)
         view = self.state
         for event in self.adapter.pending_events():
-            view = reduce(view, event)
+            if not (self._reconnecting and isinstance(event.event, BenchOpened)):  # the session that is being closed
+                view = reduce(view, event)
+        view = observe(view, self.adapter.observation, time.monotonic(), datetime.now().astimezone())
         if view is not self.state:
             self.state = view
             self.changed.emit()
+        if released and self.adapter.reconnect():
+            self._reconnecting = False
+            self.adapter.session.start()
+        if self._queued is not None and (self.can_start or not self.state.queued):
+            start, self._queued = self._queued, None
+            if self.state.queued:
+                start()
+
+    def strip(self) -> StripView:
+        """Return what is shown of the bench now."""
+        adapter = self.adapter
+        return strip_view(
+            self.state, adapter.observation, time.monotonic(), adapter.feed.streamed_s, adapter.session.bench
+        )
 
     @property
     def released(self) -> bool:
@@ -67,7 +92,9 @@ class SessionController(QObject):
     def _follow_commissioning(self, job: CommissioningJob) -> None:
         """Start the commissioning when the session has released the bench, and connect again after it."""
         if not job.started:
-            if self.adapter.session.close(0.0):
+            if self.adapter.session.abandoned:
+                self.commissioning = None
+            elif self.adapter.session.close(0.0):
                 job.start()
         elif job.ended:
             self.commissioning = None
@@ -79,14 +106,16 @@ class SessionController(QObject):
                 verdict = worst_verdict(job.result.result.checks)
                 message, passed = f"Commissioning of {job.result.identity}: {verdict}", verdict is OutputVerdict.PASS
             self._apply(CommissioningEnded(message, passed))
-            if not self.closing and self.adapter.reconnect():
-                self.adapter.session.start()
+            self._reconnecting = True
 
     # -- commands ---------------------------------------------------------------------------------------
 
     def start_run(self, protocol: Protocol, folder: Path, specimen: str) -> None:
-        """Start a run."""
-        if self.can_start:
+        """Start a run; where the bench is still being connected, it begins then."""
+        if self.state.can_queue and not self.closing:
+            self._queued = partial(self.start_run, protocol, folder, specimen)
+            self._apply(RunRequested(protocol.title))
+        elif self.can_start:
             self._apply(RunRequested(protocol.title))
             self._set_in_campaign(False)
             name = specimen or "unnamed"
@@ -145,17 +174,20 @@ class SessionController(QObject):
         self._apply(OperatorAction.ACKNOWLEDGE)
 
     def reconnect(self) -> None:
-        """Open the bench again."""
-        if self.adapter.reconnect():
-            self._apply(OperatorAction.RECONNECT)
-            self.adapter.session.start()
+        """Open the bench again, once the present session has released it; not during a run."""
+        if self.state.busy or self.closing or self._reconnecting:
+            return
+        if not self.adapter.session.close(0.0) and self.adapter.session.abandoned:
+            self._apply(BenchFailed("A driver still hangs in this program: end it and start it again"))
+            return
+        self._reconnecting = True
+        self._apply(OperatorAction.RECONNECT)
 
     def change_speed(self, speed: float | None) -> None:
         """Connect to the simulated bench again at another speed, once the present session has released it."""
         if self.adapter.simulation is not None and self.can_start and speed != self.adapter.simulation.speed:
             self.adapter.simulation.speed = speed
-            self._apply(OperatorAction.RECONNECT)
-            self._reconnecting = True
+            self.reconnect()
 
     def close(self) -> None:
         """Go to rest and release the bench; returns immediately."""
@@ -170,5 +202,5 @@ class SessionController(QObject):
             self.adapter.simulation.in_campaign = in_campaign
 
     def _apply(self, event: WindowEvent) -> None:
-        self.state = reduce(self.state, TimedEvent(event, datetime.now().astimezone(), self.adapter.feed.streamed_s))
+        self.state = reduce(self.state, self.adapter.timed(event))
         self.changed.emit()

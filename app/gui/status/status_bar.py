@@ -1,27 +1,24 @@
 """Status bar of the bench: state, voltage, progress, instruments, SIMULATED, Pause and Stop."""
 
-from typing import TYPE_CHECKING
+import time
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
-from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
+from app.common import outcome_severity
 from app.gui.status.session_controller import SessionController
 from app.gui.status.status_sign import StatusSign
 from app.gui.status.symbols import SYMBOLS
 from app.gui.widgets import LIGHT, Theme, WindowTheme, configure, grid, make_button, make_pane, make_progress_bar, row
-from app.session import BenchState, InstrumentStatus, Lamp, WindowState, real_duration_s
-from protocols.base import Outcome
-
-if TYPE_CHECKING:
-    from drivers import Bench
+from app.session import BenchState, InstrumentStatus, Lamp, WindowState
 
 STATE_SYMBOLS = {
     BenchState.CONNECTING: "dots",
     BenchState.IDLE: "open",
     BenchState.ARMING: "dots",
     BenchState.LIVE: "bolt",
+    BenchState.PAUSING: "pause",
     BenchState.DRIVE_LOST: "danger",
     BenchState.PAUSED: "pause",
     BenchState.HV_OFF: "open",
@@ -40,9 +37,11 @@ ALARM_HEIGHTS = (72, 130)
 TASK_WIDTH, LAMPS_WIDTH, ROLES_WIDTH, IDENTITIES_WIDTH = 860, 720, 1180, 1500
 """Least width of a window that shows the run, the instruments' lamps, their roles, and their identities."""
 
-ALARM_STATES = (BenchState.UNSAFE, BenchState.DRIVE_LOST)
-STRIPED_STATES = (BenchState.LIVE, *ALARM_STATES)
-LARGE_STATES = (*STRIPED_STATES, BenchState.GOING_TO_REST)
+STRIPED_STATES = (BenchState.LIVE, BenchState.PAUSING)
+LARGE_STATES = (*STRIPED_STATES, BenchState.GOING_TO_REST, BenchState.DRIVE_LOST, BenchState.UNSAFE)
+
+AGE_S = 0.2
+"""Time between two looks at the age of the measured volts."""
 
 
 class InstrumentLamp(QWidget):
@@ -69,14 +68,14 @@ class InstrumentLamp(QWidget):
     def show_instrument(self, instrument: InstrumentStatus, theme: Theme) -> None:
         """Show an instrument."""
         self.instrument, self._theme = instrument, theme
-        self.setToolTip(f"{instrument.role}: {instrument.identity}\n{instrument.lamp}")
         self.setAccessibleName(f"{instrument.role} {instrument.lamp}: {instrument.identity}")
         self.update()
 
     @property
     def text(self) -> str:
         """The identity, or the status where it is not ready."""
-        return self.instrument.identity if self.instrument.lamp is Lamp.READY else str(self.instrument.lamp)
+        instrument = self.instrument
+        return instrument.identity if instrument.lamp is Lamp.READY else instrument.remark or str(instrument.lamp)
 
     def sizeHint(self) -> QSize:
         line = self.fontMetrics().height()
@@ -122,7 +121,7 @@ class BenchStatusBar(QWidget):
 
     def __init__(self, theme: WindowTheme, controller: SessionController) -> None:
         super().__init__()
-        self._theme = theme
+        self._theme, self._controller = theme, controller
         theme.changed.connect(self._show_again)
         self._state: WindowState | None = None
         self.state_sign, self.voltage_sign, self.task_sign = (
@@ -133,8 +132,7 @@ class BenchStatusBar(QWidget):
         # Otherwise their large text would keep a window large.
         narrow = {"sizePolicy": QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed), "minimumWidth": 72}
         self._window_size = QSize(1280, 720)
-        self._bench: Bench | None = None
-        """That was open last, by whose speed times are real."""
+        self._shown_at_s = 0.0
         self.simulated_label = configure(
             QLabel("SIMULATED"),
             "status.simulated",
@@ -196,16 +194,8 @@ class BenchStatusBar(QWidget):
     def set_state(self, view: WindowState) -> None:
         """Show bench state, voltage, progress and instruments."""
         last, self._state = self._state, view
-        self.state_sign.set_content(view.bench_state.upper(), symbol=STATE_SYMBOLS[view.bench_state])
-        self.state_sign.set_colors(
-            *self._theme.colors.state_colors(view.bench_state), striped=view.bench_state in STRIPED_STATES
-        )
-        self.voltage_sign.set_content(view.voltage_text, view.voltage_note)
-        self.voltage_sign.set_colors(
-            "", self._theme.colors.error if view.bench_state in ALARM_STATES else self._theme.colors.text
-        )
         self.simulated_label.setVisible(view.simulated)
-        self.stop_button.setEnabled(view.busy)
+        self.stop_button.setEnabled(view.busy or bool(view.queued))
         self.pause_button.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pause_requested else "PAUSE\nF8")
         self.pause_button.setToolTip(
             "Measure on, from the start of the interrupted entry: F8"
@@ -217,35 +207,33 @@ class BenchStatusBar(QWidget):
             self._show_lamps(view.instruments)
         if last is None or last.bench_state is not view.bench_state:
             self.scale_to_window(self._window_size)
-        self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s, self._bench)
+        self._show_strip()
 
-    def show_progress(self, streamed_s: float, bench: "Bench | None" = None) -> None:
-        """Update the progress bar and the remaining time between two progress events."""
-        self._bench = bench
-        view = self._state
-        if view is None:
-            return
-        progress, fraction, color = view.progress, 0.0, self._theme.colors.text
-        flagged = f", {view.unusable} not usable" if view.unusable else ""
-        if progress is None:
-            ended = "no run yet" if view.outcome is None else _outcome_text(view.outcome.verdict.outcome)
-            title, note = view.bench_name, ended if view.connected else ""
-        elif view.busy:
-            fraction = progress.fraction_at(streamed_s)
-            title = f"{progress.title} · {progress.label}" if progress.label else progress.title
-            left = format_duration(real_duration_s(progress.remaining_at(streamed_s), bench))
-            note = (
-                f"{progress.done} of {progress.entries} points{flagged}, {left} left" if progress.entries else "begins"
-            )
-        else:
-            fraction = progress.done / max(progress.entries, 1)
-            title, note = progress.title, f"{progress.done} of {progress.entries} points{flagged}"
-            if view.outcome is not None:
-                title, note = _outcome_text(view.outcome.verdict.outcome), f"{title}, {note}"
-                color = self._theme.colors.severity_color(outcome_severity(view.outcome.verdict.outcome))
-        self.task_sign.set_colors("", color)
-        self.task_sign.set_content(title, note)
-        self.progress_bar.setValue(round(1000 * fraction))
+    def tick(self) -> None:
+        """Show the present volts and the run's progress; called at every tick of the window."""
+        if self._state is not None and time.monotonic() - self._shown_at_s >= AGE_S:
+            self._show_strip()
+
+    def _show_strip(self) -> None:
+        self._shown_at_s = time.monotonic()
+        strip, colors = self._controller.strip(), self._theme.colors
+        shown_as = BenchState.UNSAFE if strip.danger else strip.state
+        self.state_sign.set_content(strip.state.upper(), symbol=STATE_SYMBOLS[strip.state])
+        self.state_sign.set_colors(
+            *colors.state_colors(shown_as), striped=strip.danger or strip.state in STRIPED_STATES
+        )
+        present = colors.error if strip.danger else colors.text
+        self.voltage_sign.set_content(strip.measured or "–", strip.note)
+        self.voltage_sign.set_colors("", present if strip.present else colors.secondary_text)
+        run = strip.run
+        self.task_sign.set_colors(
+            "", colors.text if run.outcome is None else colors.severity_color(outcome_severity(run.outcome))
+        )
+        self.task_sign.set_content(run.title, run.note)
+        self.progress_bar.setValue(round(1000 * run.fraction))
+        for lamp in self.lamps:
+            instrument = lamp.instrument
+            lamp.setToolTip(f"{instrument.role}: {instrument.identity}\n{strip.instruments.get(instrument.role, '')}")
 
     def _show_lamps(self, instruments: tuple[InstrumentStatus, ...]) -> None:
         while len(self.lamps) < len(instruments):
@@ -257,8 +245,3 @@ class BenchStatusBar(QWidget):
                 instruments[at] if is_used else InstrumentStatus("", "", Lamp.WAITING), self._theme.colors
             )
         self.scale_to_window(self._window_size)
-
-
-def _outcome_text(outcome: Outcome) -> str:
-    """Return the verdict with its symbol, to be read from a distance: `⊘ DID NOT PASS`."""
-    return f"{OUTCOME_SYMBOLS[outcome]} {outcome.upper()}"

@@ -43,7 +43,9 @@ class Theme:
     def state_colors(self, state: BenchState) -> tuple[str, str]:
         """Background and text colour of the state sign."""
         match state:
-            case BenchState.LIVE | BenchState.GOING_TO_REST | BenchState.ARMING | BenchState.PAUSED:
+            case (
+                BenchState.LIVE | BenchState.PAUSING | BenchState.GOING_TO_REST | BenchState.ARMING | BenchState.PAUSED
+            ):
                 return "#ffc400", "#000000"
             case BenchState.AT_REST:
                 return "#1b7a3d", "#ffffff"

@@ -16,7 +16,7 @@ from app.gui import application
 from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import STOPPED, CommissioningJob
-from app.session.state import BenchState
+from app.session.bench_state import BenchState
 from protocols.measurements.sine_dwell import SineDwell
 from tests.app.test_bench_editing import comment_of
 from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window
@@ -102,9 +102,10 @@ def test_a_run_takes_the_card_from_the_live_values_and_gives_it_back(window: Mai
     until(lambda: window.adapter.feed.reading is not None, "for a reading")
     window.tabs.select_page(MEASURE)
     press(window, Qt.Key.Key_F5)
-    until(lambda: window.state.outcome is not None, "for the run")
-    assert window.state.outcome.verdict.outcome.has_result
+    until(lambda: window.state.phase is BenchState.LIVE, "for the run")
     assert window.adapter.feed.reading is None
+    until(lambda: window.state.outcome is not None, "for its end")
+    assert window.state.outcome.verdict.outcome.has_result
     window.tabs.select_page(BENCH)
     until(lambda: window.adapter.feed.reading is not None, "for a reading after the run")
     until(lambda: find(window, "bench.card.live").text().startswith("ai0 2.500 V"), "for rest")
@@ -219,7 +220,7 @@ def test_a_start_without_any_bench_shows_the_page_behind_the_welcome(open_stage:
     assert not window.central.is_covered
 
 
-def test_a_card_that_fails_between_runs_is_told_with_its_reason_and_is_tried_again_with_the_page(
+def test_a_card_that_fails_between_runs_is_told_with_its_reason_and_is_tried_again(
     window: MainWindow,
 ) -> None:
     until(lambda: window.adapter.feed.reading is not None, "for a reading")
@@ -228,10 +229,11 @@ def test_a_card_that_fails_between_runs_is_told_with_its_reason_and_is_tried_aga
     assert window.state.problem.startswith("There are no live values: ")
     assert find(window, "notices.problem").isVisible()
     until(lambda: not find(window, "bench.card.live").text(), "for the value to go")
+    assert [i.lamp for i in window.state.instruments if i.role == "card"] == ["see the message"]
     window.adapter.faults.clear()
-    window.tabs.select_page(MEASURE)
-    window.tabs.select_page(BENCH)
     until(lambda: find(window, "bench.card.live").text(), "for live values")
+    assert window.state.problem == ""
+    assert {i.lamp for i in window.state.instruments if i.role == "card"} == {"ready"}
 
 
 # -- calibration, wiring check, commissioning ---------------------------------------------------------------------------

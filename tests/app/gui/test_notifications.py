@@ -21,9 +21,10 @@ from app.gui.widgets.actions import ACTIONS
 from app.session import initial_window_state, reduce
 from app.session.state import TimedEvent
 from model import AmplifierMap
-from protocols.base import Prompt, PromptAnswered, PromptShown
+from protocols.base import DriveReadbackChanged, Prompt, PromptAnswered, PromptShown
 from tests.app.laboratory.test_remote import NOW
 from tests.helpers.main_window import OpenStage, Stage, find, until
+from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 ASKED = PromptShown(7, Prompt("place-weight", "Put 200 g on the centre."))
@@ -62,6 +63,12 @@ def test_end_prompt_and_unsafe_are_announced_once(announced: Announced) -> None:
     assert announced.notices[1] == "SIMULATED: Operator needed"
     assert announced.notices[2].startswith("SIMULATED: UNSAFE")
     assert len(announced.notices) == 3
+
+
+def test_a_drive_that_is_lost_is_announced_once(announced: Announced) -> None:
+    announced.happen(OPENED, *LIVE, DriveReadbackChanged(True, 0.0, 0.0), DriveReadbackChanged(True, 0.0, 0.0))
+    assert announced.sounds == ["unsafe"]
+    assert_names(announced.notices[0], "DRIVE", "LOST")
 
 
 def test_a_prompt_that_is_answered_at_once_is_not_announced(announced: Announced) -> None:
@@ -108,7 +115,7 @@ def test_the_web_page_is_off_until_it_is_chosen_and_shows_the_window(stage: Stag
     record = json.loads(connection.getresponse().read())
     connection.close()
     assert record["state"] == "live"
-    assert record["voltage"] == stage.window.state.voltage_text
+    assert record["voltage"] == stage.window.controller.strip().measured
     assert record["specimen"] == "T7"
     assert record["age_s"] < 60
     setting.mode.setCurrentIndex(setting.mode.findData(NETWORK))

@@ -16,7 +16,7 @@ from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
 from app.gui.widgets.theme import WindowTheme
 from app.live.model_overlay import Overlay
-from app.session.state import BenchState
+from app.session.bench_state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run

@@ -2,7 +2,6 @@
 
 import itertools
 import time
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -15,8 +14,9 @@ from PySide6.QtWidgets import QPushButton
 from app.gui.shell.main_window import MainWindow
 from app.gui.status.notices import INPUT_GUARD_S
 from app.gui.widgets.theme import DARK, LIGHT
+from app.session.bench_state import BenchState, Observation
 from app.session.session import BenchFailed, RunRejected
-from app.session.state import BenchState
+from drivers.bench.card_reading import CardReading
 from model import quantity_label
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
@@ -55,7 +55,7 @@ def wait_past_the_guard() -> None:
 def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage: Stage) -> None:
     bar = stage.window.status_bar
     assert find(bar, "status.state").text == "CONNECTING"
-    assert not find(stage.window, "measure.run").isEnabled()
+    assert find(stage.window, "measure.run").isEnabled()  # it begins when the bench is connected
     stage.happen(OPENED)
     assert find(bar, "status.state").text == BenchState.IDLE.upper()
     assert next(lamp.instrument.identity for lamp in bar.lamps) == "Keysight 33511B #1"
@@ -107,10 +107,12 @@ def test_a_fault_in_the_form_is_told_beside_the_field_and_keeps_run_away(stage: 
 def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
+    stage.session.observation = Observation(CardReading((0.0, 5.0), (0.0, 5.0), time.monotonic() + 3600))
     stage.happen(*LIVE, ProgressUpdated(7, 18, 15.0, "160 Hz"))
     bar = stage.window.status_bar
     assert find(bar, "status.state").text == "LIVE"
     assert find(bar, "status.voltage").text == "−500 … +1500 V"
+    assert find(bar, "status.voltage").note == "at the specimen, 0.0 s ago; aim: sine, 160 Hz, −500 … +1500 V"
     assert "160 Hz" in find(bar, "status.task").text
     assert_names(find(bar, "status.task").note, 7, 18)
     assert "15 s left" in find(bar, "status.task").note
@@ -121,10 +123,35 @@ def test_the_time_left_stays_real_when_the_state_changes(stage: Stage) -> None:
     stage.window.start_run()
     stage.happen(*LIVE, ProgressUpdated(7, 18, 300.0, "160 Hz"))
     bar = stage.window.status_bar
-    bar.show_progress(0.0, SimpleNamespace(configuration={"speed": 20.0}))
+    stage.session.bench = SimpleNamespace(configuration={"speed": 20.0})
+    bar.set_state(stage.window.state)
     assert "15 s left" in find(bar, "status.task").note
-    bar.set_state(replace(stage.window.state, pause_requested=True))
+    stage.window.controller.toggle_pause()
+    assert find(bar, "status.state").text == "PAUSING"
     assert "15 s left" in find(bar, "status.task").note
+
+
+def test_a_run_that_is_asked_for_while_the_bench_is_connected_begins_then(stage: Stage) -> None:
+    stage.press(Qt.Key.Key_F5)
+    assert stage.session.runs == []
+    assert_names(find(stage.window.status_bar, "status.task").note, "begins", "connected")
+    assert not find(stage.window, "measure.run").isEnabled()
+    stage.happen(OPENED)
+    assert len(stage.session.runs) == 1
+    assert stage.window.state.busy
+
+
+def test_stop_and_a_bench_that_is_not_there_drop_the_run_that_waits(stage: Stage) -> None:
+    stage.press(Qt.Key.Key_F5)
+    stage.press(Qt.Key.Key_F12)
+    stage.happen(OPENED)
+    assert stage.session.runs == []
+    stage.window.controller.reconnect()
+    stage.window.tick()
+    stage.press(Qt.Key.Key_F5)
+    stage.happen(BenchFailed("no generator"))
+    stage.happen(OPENED)
+    assert stage.session.runs == []
 
 
 @pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12])
@@ -296,6 +323,7 @@ def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
     assert why in find(stage.window, "notices.problem.message").text().casefold()
     stage.press(Qt.Key.Key_F6)
     assert find(stage.window, "status.state").text == "CONNECTING"
+    stage.window.tick()
     stage.happen(OPENED)
     assert stage.window.state.bench_state is BenchState.IDLE
 

@@ -18,7 +18,9 @@ import pytest
 from app.remote.server import MAX_CONNECTIONS, MIN_TOKEN_LENGTH, RemoteView, RemoteViewError
 from app.remote.snapshot import Snapshot, snapshot_record
 from app.session import initial_window_state, reduce
+from app.session.bench_state import Observation
 from app.session.state import TimedEvent, WindowState
+from drivers import CardReading
 from model import AmplifierMap
 from protocols.base import PointMeasured, Prompt, PromptShown, Quality
 from protocols.measurements.sine_dwell import SinePoint
@@ -142,11 +144,18 @@ def state_of(*events: Any) -> WindowState:
 
 def test_the_record_is_what_the_window_shows() -> None:
     live = state_of(*LIVE, point(0, 160.0, 1e-3), point(1, 170.0, math.nan))
-    record = snapshot_record(Snapshot(live, "T7", "Measure sag"))
+    seen = Observation(CardReading((0.0, 5.0), (0.0, 5.0), 10.0))
+    record = snapshot_record(Snapshot(live, "T7", "Measure sag", seen=seen, now_s=10.1))
     assert record["state"] == "live"
     assert record["live"]
     assert record["simulated"]
-    assert record["voltage"] == live.voltage_text
+    assert (record["voltage"], record["voltage_present"]) == ("−500 … +1500 V", True)
+    assert record["voltage_note"] == "at the specimen, 0.1 s ago; aim: sine, 160 Hz, −500 … +1500 V"
+    assert record["instruments"] == {"generator": "connecting"}
+    late = snapshot_record(Snapshot(live, seen=seen, now_s=14.0))
+    assert (late["voltage"], late["voltage_present"]) == ("unknown", False)
+    assert "last −500 … +1500 V, 4 s ago" in late["voltage_note"]
+    assert late["voltage_note"].startswith("last")
     assert record["points"]["points"] == [[160.0, pytest.approx(1000.0), True]]
     assert record["points"]["y"] == "peak to peak (µm)"
     json.dumps(record, allow_nan=False)

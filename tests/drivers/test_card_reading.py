@@ -1,0 +1,300 @@
+"""What the card measured last: volts, their age, and the thread that reads the card while the program waits."""
+
+import queue
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.bench.card_reading import CardReading, WatchedStream
+from drivers.clock import Clock, SharedTime, WallClock
+from drivers.errors import AcquisitionError, ScansLostError
+from drivers.interfaces import Block, InputChannel, Scale
+from drivers.sensors import LaserSensor
+from sim_hardware.clock import VirtualClock
+from tests.helpers.waiting import wait_until
+
+RATE_HZ, BLOCK = 1000.0, 50
+SCALE = Scale((0.0, 0.001))
+SENSOR = LaserSensor("laser", 1e-4, valid_low_v=-10.0, valid_high_v=10.0)
+GONE = AcquisitionError("the card is unplugged")
+LOST = ScansLostError("scans were lost")
+
+
+class Card:
+    """A stream whose blocks a test delivers; `restarts` counts how often it acquired again."""
+
+    rate_hz, scales, start_time_s = RATE_HZ, (SCALE, SCALE, SCALE), 0.0
+
+    def __init__(self) -> None:
+        self.delivered: queue.SimpleQueue[Block | Exception] = queue.SimpleQueue()
+        self.next_scan = self.restarts = 0
+        self.closed = False
+
+    def deliver(self, *rows: float | tuple[float, float] | Exception, skip: int = 0) -> None:
+        """Deliver a block of levels or of swings from low to high, one for each channel; or an error."""
+        if isinstance(rows[0], Exception):
+            self.delivered.put(rows[0])
+            return
+        self.next_scan += skip
+        ends = [row if isinstance(row, tuple) else (row, row) for row in (*rows, 0.0, 0.0)[:3]]
+        counts = [np.resize(np.round(np.array(low_high) * 1000), BLOCK) for low_high in ends]
+        self.delivered.put(Block(self.next_scan, np.array(counts).astype(np.int16)))
+        self.next_scan += BLOCK
+
+    def read(self) -> Block:
+        item = self.delivered.get()
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def restart(self) -> None:
+        self.restarts += 1
+
+    def __enter__(self) -> "Card":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.closed = True
+
+
+class SetClock(WallClock):
+    """Bench time as a test sets it."""
+
+    time_s = 0.0
+
+    def now(self) -> float:
+        return self.time_s
+
+
+@contextmanager
+def watched(clock: Clock, channels: tuple[InputChannel, ...] = ()) -> Iterator[tuple[Card, WatchedStream]]:
+    card = Card()
+    stream = WatchedStream(card, clock, BLOCK / RATE_HZ, SENSOR, channels)
+    try:
+        yield card, stream
+    finally:
+        card.deliver(GONE)  # a read that waits for ever would keep the thread
+        stream.close()
+    assert card.closed
+
+
+def reading_of(stream: WatchedStream) -> CardReading:
+    assert stream.reading is not None
+    return stream.reading
+
+
+def test_the_card_is_read_while_the_program_does_not_ask_and_no_block_is_lost() -> None:
+    with watched(WallClock()) as (card, stream):
+        for volts in (2.5, 3.0, 0.0):
+            card.deliver(volts)
+        assert wait_until(lambda: stream.reading is not None and stream.reading.block_v == (0.0, 0.0))
+        assert [stream.read().start for _ in range(3)] == [0, 50, 100]
+
+
+def test_the_present_volts_are_those_of_the_last_fifth_of_a_second() -> None:
+    with watched(VirtualClock()) as (card, stream):
+        for rows in ((0.0, 5.0), (2.0, 3.0), 2.4, 2.5, (2.6, 2.7)):
+            card.deliver(rows)
+            stream.read()
+        assert reading_of(stream).drive_v == (2.0, 3.0)
+        assert reading_of(stream).block_v == (2.6, 2.7)
+
+
+@pytest.mark.parametrize(
+    ("levels", "moves"),
+    [
+        ([2.5] * 4, True),
+        ([2.5] * 5, False),
+        ([0.0] + [0.019] * 4, False),
+        ([0.0] + [0.021] * 4, True),
+        ([(0.0, 5.0)] * 10, False),
+        ([(0.0, 5.0)] + [(0.05, 5.0)] * 4, True),
+        ([(0.0, 5.0)] + [(0.0, 4.9)] * 4, True),
+    ],
+    ids=["too young to know", "a level", "noise", "a ramp", "a sine", "a fading sine, below", "a fading sine, above"],
+)
+def test_volts_move_if_lowest_or_highest_have_changed_in_a_fifth_of_a_second(
+    levels: list[float | tuple[float, float]], moves: bool
+) -> None:
+    with watched(VirtualClock()) as (card, stream):
+        for rows in levels:
+            card.deliver(rows)
+            stream.read()
+        assert reading_of(stream).moves is moves
+
+
+def test_after_lost_scans_the_card_is_read_on_and_the_loss_is_raised_once() -> None:
+    with watched(WallClock()) as (card, stream):
+        card.deliver(2.5)
+        card.deliver(LOST)
+        card.deliver(LOST)
+        card.deliver(0.0, skip=1000)
+        assert wait_until(lambda: reading_of(stream).block_v == (0.0, 0.0) if stream.reading else False)
+        assert stream.read().start == 0
+        with pytest.raises(ScansLostError):
+            stream.read()
+        assert stream.read().start == 1050
+        assert card.restarts == 2
+
+
+def test_an_error_is_raised_behind_the_blocks_before_it_and_the_next_read_tries_again() -> None:
+    with watched(WallClock()) as (card, stream):
+        card.deliver(2.5)
+        card.deliver(GONE)
+        assert stream.read().start == 0
+        with pytest.raises(AcquisitionError, match="unplugged"):
+            stream.read()
+        card.deliver(2.5)
+        assert stream.read().start == 50
+
+
+def test_a_card_that_falls_silent_is_an_error_and_not_an_endless_wait() -> None:
+    with (
+        watched(WallClock()) as (_, stream),
+        pytest.raises(AcquisitionError, match="delivered"),
+    ):
+        stream.read_within(0.1)
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_the_age_is_that_of_the_sample_and_not_of_its_arrival(speed: float) -> None:
+    """A program that was suspended for 20 s reads old samples: they are not present because they have just arrived."""
+    clock = SetClock(speed)
+    with watched(clock) as (card, stream):
+        clock.time_s = 20.05
+        card.deliver(2.5)
+        stream.read()
+        assert reading_of(stream).age_s(time.monotonic()) >= 20.0 / speed
+        clock.time_s = 20.1
+        card.deliver(2.0, skip=20_000)
+        stream.read()
+        assert reading_of(stream).age_s(reading_of(stream).measured_s + 0.25) == pytest.approx(0.25)
+        assert reading_of(stream).measured_s == pytest.approx(time.monotonic(), abs=5.0)
+
+
+@pytest.mark.parametrize("ppm", [-50, 50])
+def test_the_clocks_of_card_and_computer_may_drift_for_a_day(ppm: int) -> None:
+    clock = SetClock()
+    with watched(clock) as (card, stream):
+        for _ in range(25):
+            clock.time_s = (card.next_scan + BLOCK) / RATE_HZ * (1 + 1e-6 * ppm)
+            card.deliver(2.5)
+            before_s = time.monotonic()
+            stream.read()
+            assert reading_of(stream).age_s(before_s) == 0, "a block that is as late as all are is present"
+            card.next_scan += 3600 * round(RATE_HZ)
+    assert abs(clock.time_s - card.next_scan / RATE_HZ) > 1.0
+
+
+def test_on_a_clock_that_stands_still_a_reading_is_present_until_the_card_fails_or_time_is_let_run() -> None:
+    clock = VirtualClock()
+    with watched(clock) as (card, stream):
+        card.deliver(2.5)
+        clock.sleep(0.05)
+        stream.read()
+        assert reading_of(stream).age_s(time.monotonic()) < 0.05
+        clock.sleep(4.0)
+        assert 4.0 <= reading_of(stream).age_s(time.monotonic()) < 4.05
+        card.deliver(GONE)
+        with pytest.raises(AcquisitionError):
+            stream.read()
+        failed_s = time.monotonic()
+        assert reading_of(stream).age_s(failed_s + 3.0) >= 7.0
+
+
+def test_a_voltage_monitor_shows_volts_at_the_specimen() -> None:
+    channels = (InputChannel("monitor", "ai2", "V", -200.0, 10.0, kind="voltage-monitor"),)
+    with watched(VirtualClock(), channels) as (card, stream):
+        card.deliver(2.5, 0.0, (0.0, 2.0))
+        stream.read()
+        assert reading_of(stream).monitor_v == pytest.approx((-390.0, 10.0))
+    with watched(VirtualClock(), (InputChannel("current", "ai2", kind="current-monitor"),)) as (card, stream):
+        card.deliver(2.5, 0.0, 1.0)
+        stream.read()
+        assert reading_of(stream).monitor_v is None
+
+
+@pytest.mark.parametrize(
+    ("drive", "sensor", "still"),
+    [
+        ((2.25, 2.75), (0.0, 0.015), True),
+        ((2.25, 2.75), (0.0, 0.016), False),
+        ((2.25, 2.74), 0.0, False),
+        ((0.0, 5.0), (-1.0, 1.0), False),
+        (2.5, 0.0, False),
+    ],
+)
+def test_a_sensor_that_does_not_follow_a_drive_stands_still(
+    drive: tuple[float, float], sensor: tuple[float, float], still: bool
+) -> None:
+    with watched(VirtualClock()) as (card, stream):
+        card.deliver(drive, sensor)
+        stream.read()
+        assert not reading_of(stream).sensor_still, "its noise is not known"
+        for rows in (*[(2.5, (0.0, 0.02))] * 4, *[(2.5, (0.0, 0.01))] * 4, *[(drive, sensor)] * 4):
+            card.deliver(*rows)
+            stream.read()
+            reading = reading_of(stream)
+        assert reading.sensor_still is still
+
+
+@pytest.mark.parametrize(("sensor", "in_range"), [(0.0, True), (10.3, False), ((9.9, 10.3), True)])
+def test_a_sensor_without_a_target_is_out_of_range(sensor: tuple[float, float], in_range: bool) -> None:
+    with watched(VirtualClock()) as (card, stream):
+        card.deliver(2.5, sensor)
+        stream.read()
+        assert reading_of(stream).sensor_in_range is in_range
+
+
+def test_a_new_acquisition_keeps_the_last_reading_until_its_first_block_and_mixes_none() -> None:
+    with watched(VirtualClock()) as (card, stream):
+        card.deliver((0.0, 5.0))
+        stream.read()
+        other = Card()
+        with WatchedStream(other, VirtualClock(), BLOCK / RATE_HZ, SENSOR, (), stream.reading) as again:
+            assert reading_of(again).drive_v == (0.0, 5.0)
+            other.deliver(2.5)
+            again.read()
+            assert reading_of(again).drive_v == (2.5, 2.5)
+
+
+def test_nothing_was_measured_before_the_first_block() -> None:
+    with watched(VirtualClock()) as (_, stream):
+        assert stream.reading is None
+
+
+class BusyCard(Card):
+    """A card that always has another block, a hundredth of a second later."""
+
+    reading = stopped_while_reading = False
+
+    def read(self) -> Block:
+        self.reading = True
+        time.sleep(0.01)
+        self.reading = False
+        self.next_scan += BLOCK
+        return Block(self.next_scan - BLOCK, np.zeros((3, BLOCK), np.int16))
+
+    def __exit__(self, *_: object) -> None:
+        self.stopped_while_reading = self.reading
+
+
+def test_a_card_is_stopped_when_nothing_reads_it_any_more() -> None:
+    for _ in range(5):
+        card = BusyCard()
+        with WatchedStream(card, WallClock(), BLOCK / RATE_HZ, SENSOR) as stream:
+            stream.read()
+        assert not card.stopped_while_reading
+
+
+def test_a_program_that_is_held_up_at_raised_speed_holds_the_card_up(tmp_path: Path) -> None:
+    """Bench time waits for the card's reader: one that runs ahead would leave the program behind."""
+    clock = WallClock(20.0, SharedTime(tmp_path / "time", 20.0, new=True))
+    card = BusyCard()
+    with WatchedStream(card, clock, 0.4, SENSOR) as stream:
+        assert wait_until(stream._arrived.full)
+        assert card.next_scan <= 4 * BLOCK
