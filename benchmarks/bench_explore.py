@@ -21,7 +21,6 @@ from app.gui.application import qt_application
 from app.gui.explore.model import PAINT_PAUSE_S
 from app.gui.explore.page import ExplorePage
 from app.gui.explore.plot import ExplorePlot
-from app.gui.widgets import WindowTheme
 from model.response.fast_response import response_curve
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen
@@ -31,7 +30,7 @@ FRAME_MS = 16.0
 
 def main() -> None:
     qt_application()
-    page = ExplorePage(WindowTheme())
+    page = ExplorePage()
     page.resize(1280, 560)
     page.show()
     page.tick()

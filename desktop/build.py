@@ -39,7 +39,7 @@ def options() -> list[str]:
         ]
         # The stubs list the names that packages import lazily, the TOML files are the simulated benches.
         for source, target in collect_data_files(
-            name, includes=["**/*.pyi", "**/*.toml", "**/*.png", "**/*.svg", "**/*.txt"]
+            name, includes=["**/*.pyi", "**/*.toml", "**/*.png", "**/*.svg", "**/*.txt", "**/*.ttf"]
         ):
             given += ["--add-data", f"{source}:{target}"]
     given += [word for module in BACKENDS for word in ("--hidden-import", module)]

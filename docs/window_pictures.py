@@ -24,7 +24,6 @@ from app.gui.application import qt_application
 from app.gui.laboratory.page import CHART
 from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.shell.page_host import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
-from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
 from app.session.request import choose_bench
@@ -124,13 +123,15 @@ class Studio:
     def take(self, name: str) -> None:
         """Take the four pictures of a state: two sizes, two themes."""
         for suffix, size in SIZES.items():
+            self.window.look.set_text_size("125" if suffix else "100")  # as "automatic" does on such a screen
             self.window.resize(*size)
-            for theme, shade in ((LIGHT, ""), (DARK, "-dark")):
-                self.window.theme.set_colors(theme)
+            for appearance, shade in (("light", ""), ("dark", "-dark")):
+                self.window.look.set_appearance(appearance)
                 self.settle()
                 self._save(self._pictures / f"{name}{suffix}{shade}.png", size)
+        self.window.look.set_text_size("100")
         self.window.resize(*SIZES[""])
-        self.window.theme.set_colors(LIGHT)
+        self.window.look.set_appearance("light")
 
     def close(self) -> None:
         self.window.close_session(force=True)
@@ -193,7 +194,7 @@ def measuring(studio: Studio) -> Path:
     studio.take("finished")
     finished = Path(window.state.outcome.path)
     studio.run(5)
-    window.status_bar.stop_button.click()
+    window.strip.stop_button.click()
     studio.finish()
     studio.take("stopped")
     studio.run(5)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication
 from app.archive import AfterRun
 from app.common import RecentErrors, to_number
 from app.config import BenchConfig, ConfigError
+from app.gui.face import install_fonts
 from app.gui.shell import BENCH, MainWindow
 from app.gui.shell import InitialForm as InitialForm
 from app.gui.widgets import collect_garbage_here
@@ -68,6 +69,7 @@ def qt_application() -> QApplication:
     made.setOrganizationName("Tactor Bench")
     made.setApplicationName("Tactor Bench")
     made.setStyle("Fusion")
+    install_fonts()
     return made
 
 
@@ -151,7 +153,7 @@ def _bench_used_last(
     """Return the bench used last or else `bench`, whether the Bench page is shown, and why the last one cannot be opened."""
     last = str(kept.value(LAST_BENCH_KEY, ""))
     if not last or bench_factory is None:
-        return bench, not last, ""
+        return bench, False, ""
     try:
         return bench_factory(last), False, ""
     except ConfigError as error:

@@ -93,6 +93,8 @@ class SessionAdapter:
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
         self._seen = Observation()
+        self.on_event: Callable[[], object] = lambda: None
+        """Called in any thread when an event waits for the window."""
         self.session = self._new_session()
 
     def reconnect(self) -> bool:
@@ -129,6 +131,7 @@ class SessionAdapter:
             self.events.publish(event)
         finally:
             self._events.put(self.timed(event))
+            self.on_event()
 
     def timed(self, event: WindowEvent) -> TimedEvent:
         """Return an event with the present time."""

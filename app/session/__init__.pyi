@@ -42,6 +42,7 @@ from .state import TimedEvent as TimedEvent
 from .state import WindowEvent as WindowEvent
 from .state import WindowState as WindowState
 from .state import initial_window_state as initial_window_state
+from .strip import KNOWN_S as KNOWN_S
 from .strip import StripView as StripView
 from .strip import format_voltage_range as format_voltage_range
 from .strip import strip_view as strip_view

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from app.common import OUTCOME_SYMBOLS, format_duration, pluralize
@@ -80,7 +80,7 @@ class StripView:
     aim: str
     act: str
     run: RunLine
-    instruments: Mapping[str, str]
+    instruments: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def present(self) -> bool:

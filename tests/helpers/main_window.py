@@ -10,13 +10,15 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, QEvent, QMimeData, QPoint, QPointF, QSettings, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QMainWindow, QWidget
 
 from app.config.bench_file import BenchConfig
 from app.gui.campaign import CampaignController
 from app.gui.shell.main_window import InitialForm, MainWindow
-from app.gui.widgets import collect_garbage_here
+from app.gui.status.bench_strip import LOOKS, look_of
+from app.gui.widgets import Told, collect_garbage_here
 from app.live.session_link import SessionAdapter
+from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect
 from app.session.bench_state import Observation
 from app.session.session import SessionEvent
@@ -123,6 +125,20 @@ class ListeningSession:
         return self.lets_go
 
 
+class ListeningFrame(QMainWindow):
+    """Window around a page that keeps what the page tells."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[Told] = []
+
+    def event(self, event: QEvent) -> bool:
+        if isinstance(event, Told):
+            self.told.append(event)
+            return True
+        return super().event(event)
+
+
 @dataclass
 class Stage:
     """A shown window with functions to operate it."""
@@ -158,6 +174,26 @@ class Bench(SessionAdapter):
         super().observe(event)
         if isinstance(event, PointMeasured) and self.laboratory is not None:
             self.at_a_point(self.laboratory)
+
+
+def tells_what_to_do_by_hand(window: Any) -> bool:
+    """Whether the card of the unsafe state is visible, whole, and has every act of the safety text."""
+    card = find(window, "notices.unsafe")
+    texts = " ".join(label.text() for label in card.findChildren(QLabel) if label.isVisible())
+    acts = ("specimen", "high voltage OFF", "display reads 0 V", "touch neither the specimen", "cable")
+    return bool(card.isVisible() and all(act in texts for act in acts))
+
+
+def word(state: BenchState) -> str:
+    """The word of a state on the sign."""
+    return LOOKS[str(state)].word
+
+
+def sign(window: Any) -> str:
+    """The word of a window's sign."""
+    view = window.strip.view
+    assert view is not None
+    return look_of(view).word
 
 
 OpenStage = Callable[..., Stage]

@@ -1,4 +1,4 @@
-"""Every page of the window at four screen sizes and one scale factor, searched for widgets that are cut or out of reach.
+"""Every page of the window at five sizes and one scale factor, searched for texts that are cut, overlap or are out of reach.
 
     python -m tests.helpers.size_matrix --scale 1.25 [--pictures FOLDER]
 
@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 
     from app.gui.shell.main_window import MainWindow
 
-SCREENS = ((1280, 720), (1366, 768), (1920, 1080), (2560, 1440))
+SIZES = ((900, 560), (1093, 614), (1366, 768), (1920, 1080), (2560, 1440))
+SCREEN = (2560, 1440)
 SCALES = (1.0, 1.25, 1.5, 2.0)
-ALWAYS_WHOLE = ("status.state", "status.stop", "status.pause")
-"""State sign, Stop and Pause: never cut, never scrolled away."""
+ALWAYS_WHOLE = ("strip", "status", "status.stop", "status.pause")
+"""Strip, status line, Stop and Pause: never cut, never scrolled away."""
 
 STATES = {
     "idle": range(6),
@@ -38,7 +39,6 @@ STATES = {
 """States with the pages that are looked at, every second one in dark. A campaign is open, and its result is to be accepted."""
 MAX_PAGES_AT_TWO_SIZES = 3
 WEIGHT = "Put the 200 g weight on the centre of the tactor, and wait until it rests."
-FRAME = (4, 32)
 SIDEWAYS_BELOW = 900
 """Only a narrower window scrolls its pages sideways."""
 
@@ -50,7 +50,7 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="tactor-bench-") as folder:
         screen = Path(folder, "screen.json")
-        size = {"width": SCREENS[-1][0], "height": SCREENS[-1][1]}
+        size = {"width": SCREEN[0], "height": SCREEN[1]}
         screen.write_text(
             json.dumps(
                 {
@@ -84,14 +84,17 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
     from app.campaign.plan import PAPER_ITEMS, CampaignItem, campaign_path
     from app.config.bench_file import load_bench
     from app.gui.application import qt_application
-    from app.gui.widgets.theme import DARK, LIGHT
+    from app.gui.face import DARK, LIGHT
+    from app.gui.shell.page_host import TITLES
     from protocols.base import Prompt, PromptAnswered, PromptShown
     from protocols.measurements.sine_dwell import SineDwell
     from tests.helpers.main_window import Bench, until, whole_window
     from tests.helpers.session_events import LIVE, LOST
+    from tests.helpers.text_places import faults_of_window
 
     qt_application()
     settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
+    settings.setValue("window/text-size", "100")
     config, runs = load_bench("ideal"), folder / "runs"
     runs.mkdir()
     dwell = CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (100.0, 160.0)})
@@ -103,7 +106,7 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
         campaign, weight = window.tabs.campaign, Prompt("place-weight", WEIGHT, {"mass_kg": 0.2})
         for at, (state, pages) in enumerate(STATES.items()):
             theme = (LIGHT, DARK)[at % 2]
-            window.theme.set_colors(theme)
+            window.look.set_appearance("dark" if theme is DARK else "light")
             if state in ("finished", "stopped"):
                 bench.at_a_point = lambda _, stops=state == "stopped": bench.session.stop() if stops else None
                 window.tabs.setCurrentIndex(0)
@@ -123,22 +126,27 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
             if state == "prompt":
                 window.adapter.mailbox.show(1, weight)
             window.tick()
-            for width, height in SCREENS if len(pages) > MAX_PAGES_AT_TWO_SIZES else SCREENS[::2]:
-                window.resize(round(width / scale) - FRAME[0], round(height / scale) - FRAME[1])
+            held = [size for size in SIZES if size[0] * scale <= SCREEN[0] and size[1] * scale <= SCREEN[1]]
+            for width, height in held if len(pages) > MAX_PAGES_AT_TWO_SIZES else held[::2]:
+                window.resize(width, height)
                 for page in pages:
                     window.tabs.setCurrentIndex(page)
-                    where = f"{width}x{height} {scale:.0%} {state} {window.tabs.tabText(page)}"
+                    where = f"{width}x{height} {scale:.0%} {state} {TITLES[page]}"
                     for _ in range(4):
                         QApplication.processEvents()
                     if pictures is not None:
                         pictures.mkdir(parents=True, exist_ok=True)
                         name = f"{where.replace(' ', '-')}-{'light' if theme is LIGHT else 'dark'}.png"
                         window.grab().save(str(pictures / name))
-                    found = list(cut_widgets(window))
+                    found = [*cut_widgets(window), *faults_of_window(window)]
                     for _ in range(20 * bool(found)):  # a value that came this moment: its layout is not done
                         QApplication.processEvents()
                         time.sleep(0.01)
-                    yield from (f"{where}: {fault}" for fault in cut_widgets(window) if fault in found)
+                    yield from (
+                        f"{where}: {fault}"
+                        for fault in (*cut_widgets(window), *faults_of_window(window))
+                        if fault in found
+                    )
 
 
 def _select_newest(window: "MainWindow") -> None:
@@ -157,6 +165,8 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
     """Yield what is cut, out of reach, or elided although it must not be."""
     from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QScrollArea, QWidget
 
+    from app.gui.face import CLASS_S, class_of
+    from app.gui.shell.rail import RailButton
     from app.gui.widgets.labels import ElidedLabel
 
     least = window.minimumSizeHint()
@@ -179,6 +189,8 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
         outside = _outside(widget)
         if outside:
             yield f"{who} is cut by {outside}"
+        if isinstance(widget, RailButton) and class_of(window) is CLASS_S:
+            continue  # an icon alone
         if isinstance(widget, QAbstractButton) and widget.text():
             needed = max(map(widget.fontMetrics().horizontalAdvance, widget.text().split("\n")))
             if isinstance(widget, QCheckBox):

@@ -16,7 +16,7 @@ from model.response.harmonic_response import frequency_response, system_matrices
 from model.response.modes import natural_frequencies
 from model.response.statics import deflection, load_compliance, voltage_gain
 from model.skin_model import NO_SKIN, Skin
-from tests.helpers.model_strategies import pairs, tactors
+from tests.helpers.model.strategies import pairs, tactors
 
 few = settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no failure of physics
 

@@ -6,8 +6,8 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
+from app.gui.face import Tokens, follow_tokens
 from app.gui.plots import PlotBase, series_of
-from app.gui.widgets import Theme, WindowTheme
 from model import AmplifierMap, Series
 
 NAMES = ("characteristic", "rest", "now")
@@ -19,8 +19,8 @@ class AmplifierPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: characteristic of the amplifier"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent, axis_width=52)
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent, axis_width=52)
         self.plot.setLabel("bottom", "amplifier's input (V)")
         self.plot.setLabel("left", "specimen (V)")
         self.plot.setMouseEnabled(x=False, y=False)
@@ -34,15 +34,15 @@ class AmplifierPlot(PlotBase):
         self.setAccessibleName("characteristic of the amplifier")
         self._add_head()
         self.show_simulated(False)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self._curve.setPen(pg.mkPen(theme.model, width=2))
-        self._rest.setBrush(pg.mkBrush(theme.threshold))
-        self._rest.setPen(pg.mkPen(theme.threshold))
+        self._rest.setBrush(pg.mkBrush(theme.text2))
+        self._rest.setPen(pg.mkPen(theme.text2))
         self._now.setBrush(pg.mkBrush(None))
-        self._now.setPen(pg.mkPen(theme.measured, width=2))
+        self._now.setPen(pg.mkPen(theme.ink, width=2))
 
     def show_map(self, amplifier: AmplifierMap) -> None:
         """Draw a characteristic."""

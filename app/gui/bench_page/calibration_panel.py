@@ -13,7 +13,6 @@ from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
     STRETCH,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     fill_table,
@@ -45,14 +44,13 @@ class CalibrationPanel(QWidget):
     """Two or more points, the line through them, and the sensor's gain and zero.
 
     Args:
-        theme: at the beginning.
         move_target: moves the target of a simulated bench by metres; None on a real one.
     """
 
     applied = Signal(dict)
     """Values of the table [sensor]."""
 
-    def __init__(self, theme: WindowTheme, move_target: Callable[[float], object] | None) -> None:
+    def __init__(self, move_target: Callable[[float], object] | None) -> None:
         super().__init__()
         self._move_target, self._moved_m = move_target, 0.0
         self._reading: LiveValues | None = None
@@ -90,7 +88,7 @@ class CalibrationPanel(QWidget):
             minimumHeight=120,
             maximumHeight=300,
         )
-        self.plot = CalibrationPlot(theme)
+        self.plot = CalibrationPlot()
         self.plot.show_simulated(move_target is not None)
         self._build()
         self._update()

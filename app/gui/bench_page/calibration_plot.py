@@ -7,8 +7,8 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.config import CalibrationPoint, SensorCalibration
+from app.gui.face import Tokens, follow_tokens
 from app.gui.plots import PlotBase, series_of
-from app.gui.widgets import Theme, WindowTheme
 from model import Series
 
 LEAST_RANGE_UM = 0.01
@@ -20,10 +20,10 @@ class CalibrationPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: points and line of the calibration"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None) -> None:
         canvas = pg.GraphicsLayoutWidget()
         plots = [canvas.addPlot(row=at, col=0, enableMenu=False) for at in (0, 1)]
-        super().__init__(theme, parent, canvas=canvas, plots=plots, axis_width=56)
+        super().__init__(parent, canvas=canvas, plots=plots, axis_width=56)
         plots[1].setXLink(plots[0])
         plots[0].getAxis("bottom").setStyle(showValues=False)
         canvas.ci.layout.setRowStretchFactor(0, 3)
@@ -41,15 +41,15 @@ class CalibrationPlot(PlotBase):
         self.setObjectName("bench.calibration.plot")
         self.setAccessibleName("calibration: positions, line and residuals")
         self._add_head()
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self._line.setPen(pg.mkPen(theme.model, width=2))
         self._zero.setPen(pg.mkPen(theme.line))
         for item in (self._points, self._residuals):
-            item.setBrush(pg.mkBrush(theme.measured))
-            item.setPen(pg.mkPen(theme.measured))
+            item.setBrush(pg.mkBrush(theme.ink))
+            item.setPen(pg.mkPen(theme.ink))
 
     def show_points(self, points: Sequence[CalibrationPoint], calibration: SensorCalibration | None) -> None:
         """Draw the points, and the line if there is one."""

@@ -7,11 +7,12 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QLabel, QWidget
 
+from app.common import Severity
+from app.gui.face import tokens
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     fill_table,
@@ -21,6 +22,7 @@ from app.gui.widgets import (
     make_progress_bar,
     make_read_only_table,
     row,
+    set_tone,
 )
 from app.live import CommissioningJob
 from protocols.base import DISABLE_HIGH_VOLTAGE
@@ -39,7 +41,6 @@ class CommissioningPanel(QWidget):
 
     Args:
         worker: draws the page of traces.
-        theme: at the beginning.
         start: begins a commissioning.
         stop: ends it.
     """
@@ -47,12 +48,11 @@ class CommissioningPanel(QWidget):
     def __init__(
         self,
         worker: BackgroundWorker,
-        theme: WindowTheme,
         start: Callable[[], object],
         stop: Callable[[], object],
     ) -> None:
         super().__init__()
-        self._worker, self._theme = worker, theme
+        self._worker = worker
         self._job: CommissioningJob | None = None
         self._shown = False
         self._picture = QPixmap()
@@ -61,7 +61,7 @@ class CommissioningPanel(QWidget):
         self.progress_bar = make_progress_bar(PROGRESS_STEPS, 8, "bench.commission.bar")
         self.stop_button = make_button("Stop", stop, "stop", name="bench.commission.stop", minimumHeight=36)
         self.confirm_button = make_button(
-            "High voltage is off   (Enter)", self._confirm, name="bench.commission.confirm", minimumHeight=36
+            "High voltage is off", self._confirm, name="bench.commission.confirm", key="Enter"
         )
         self.prompt = make_panel(
             make_label(
@@ -145,14 +145,12 @@ class CommissioningPanel(QWidget):
         verdict = worst_verdict(done.result.checks)
         passed = verdict is OutputVerdict.PASS
         self.verdict_label.setText(f"{'✓' if passed else '✕'} {done.identity}: {verdict}. Record: {done.path}")
-        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.passed_color(passed)}")
+        set_tone(self.verdict_label, Severity.SUCCESS if passed else Severity.ERROR)
         checks = sorted(done.result.checks, key=lambda check: check.passed)
         fill_table(
             self.table,
             [_cells(check) for check in checks],
-            lambda at, place: (
-                self._theme.colors.passed_color(checks[at].passed) if place == 0 or not checks[at].passed else ""
-            ),
+            lambda at, place: tokens().passed_color(checks[at].passed) if place == 0 or not checks[at].passed else "",
         )
         self.table.resizeRowsToContents()
         self.table.show()

@@ -16,7 +16,6 @@ from app.gui.status import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     make_button,
@@ -31,7 +30,6 @@ class BenchEditor(QWidget):
 
     Args:
         worker: scans.
-        theme: at the beginning.
         controls: of the simulated bench that the window has opened; None for a real one.
         sensor_items: shown below the sensor's table.
     """
@@ -39,9 +37,7 @@ class BenchEditor(QWidget):
     changed = Signal()
     """A value was edited, or a fault in one was made or mended."""
 
-    def __init__(
-        self, worker: BackgroundWorker, theme: WindowTheme, controls: SimulationControls | None, *sensor_items: QWidget
-    ) -> None:
+    def __init__(self, worker: BackgroundWorker, controls: SimulationControls | None, *sensor_items: QWidget) -> None:
         super().__init__()
         self._worker = worker
         self.draft: BenchDraft | None = None
@@ -60,7 +56,7 @@ class BenchEditor(QWidget):
         )
         self.scan_button = make_button("Scan", self.scan, tip="Look for instruments; nothing is set", name="bench.scan")
         self.message_label = configure(StatusLine(), "bench.message")
-        self.source, self.amplifier = SourceTile(), AmplifierTile(theme)
+        self.source, self.amplifier = SourceTile(), AmplifierTile()
         self.card = CardTile(lambda: self.server_edit.text().strip())
         self.sensor = SensorTile(*sensor_items)
         self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)

@@ -11,7 +11,6 @@ from app.gui.plots import TimePlot
 from app.gui.widgets import (
     STRETCH,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     make_button,
@@ -40,15 +39,14 @@ class LivePanel(QWidget):
         feed: of the samples.
         amplifier: of the open bench.
         simulated: whether it is simulated.
-        theme: at the beginning.
     """
 
     run_requested = Signal(object)
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool, theme: WindowTheme) -> None:
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool) -> None:
         super().__init__()
         self._simulated = simulated
-        self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier, theme)
+        self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier)
         self.plot: TimePlot | None = None
         self.range_bar = make_progress_bar(BAR_STEPS, 16, "bench.align.bar")
         self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")

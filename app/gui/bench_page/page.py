@@ -19,7 +19,6 @@ from app.gui.status import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
-    WindowTheme,
     choose_files,
     column,
     configure,
@@ -98,7 +97,6 @@ class BenchPage(QSplitter):
         adapter: for live values of the open bench.
         config: of the open bench.
         open_bench: path of its file, or name of the simulated bench.
-        theme: at the beginning.
     """
 
     title = "Bench"
@@ -112,7 +110,7 @@ class BenchPage(QSplitter):
     speed_requested = Signal(object)
     """Speed of the simulated bench; None is the virtual clock."""
 
-    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str, theme: WindowTheme) -> None:
+    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._adapter, self._config, self._open_bench = adapter, config, open_bench
         self._worker = BackgroundWorker("bench page", self)
@@ -138,21 +136,21 @@ class BenchPage(QSplitter):
         self.file_label = make_label(
             kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
         )
-        self.calibration = CalibrationPanel(theme, self._move_target if config.simulated else None)
+        self.calibration = CalibrationPanel(self._move_target if config.simulated else None)
         self.calibrate_button = make_toggle(
             "Calibrate …", "Two or more positions with their volts", "bench.calibrate", self.calibration
         )
         controls = None
         if adapter.simulation is not None:
             controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.simulation")
-        self.editor = BenchEditor(self._worker, theme, controls, self.calibrate_button)
-        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
+        self.editor = BenchEditor(self._worker, controls, self.calibrate_button)
+        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated)
         self.live_button = make_toggle(
             "Live view, level and tone by hand", "Traces, to align the laser", "bench.live", self.live
         )
         wiring_check = PROTOCOLS[WIRING_CHECK]
-        self.wiring = WiringPanel(theme, lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
-        self.commissioning = CommissioningPanel(self._worker, theme, self.commission, self.stop_requested.emit)
+        self.wiring = WiringPanel(lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
+        self.commissioning = CommissioningPanel(self._worker, self.commission, self.stop_requested.emit)
         self._build()
         self.show_bench(open_bench)
 

@@ -11,7 +11,7 @@ from app.config import BenchConfig, SimulationTable, simulation_tables, table_at
 from app.gui.bench_page.table_form import TableForm
 from app.gui.bench_page.tiles import TileGrid
 from app.gui.status import SimulationControls
-from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, make_panel, row
+from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, make_panel, row, show_key
 
 MAIN_FIELDS = 4
 
@@ -46,7 +46,8 @@ class SimulationPanel(QWidget):
         self.forms: dict[tuple[str, ...], TableForm] = {}
         """The forms by the keys of their tables; made when they are first shown."""
         self._simulation: Mapping[str, Any] | None = None
-        self.faults_button = configure(make_choice("Faults …   (F9)", "Inject and clear faults"), "bench.faults")
+        self.faults_button = configure(make_choice("Faults …", "Inject and clear faults"), "bench.faults")
+        show_key(self.faults_button, "F9")
         self.faults_button.clicked.connect(self._toggle_faults)
         self.open_button = configure(
             make_choice(

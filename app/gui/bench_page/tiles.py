@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 from app.config import BenchConfig, FoundDevice
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, Item, WindowTheme, column, configure, make_combo, make_label, row
+from app.gui.widgets import STRETCH, Item, column, configure, make_combo, make_label, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp
 
@@ -183,8 +183,8 @@ class SourceTile(Tile):
 class AmplifierTile(Tile):
     """The amplifier and its characteristic."""
 
-    def __init__(self, theme: WindowTheme) -> None:
-        self.plot = AmplifierPlot(theme)
+    def __init__(self) -> None:
+        self.plot = AmplifierPlot()
         shown = ("name", "serial", "rest_v", "low_v", "high_v", "slope_below", "slope_above")
         super().__init__("amplifier", "Amplifier", 2, {"amplifier": shown}, self.plot)
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from PySide6.QtWidgets import QWidget
 
 from app.gui.plots import CheckTable
-from app.gui.widgets import WindowTheme, column, make_button, make_label, make_panel, row
+from app.gui.widgets import column, make_button, make_label, make_panel, row
 from app.session import WindowState
 from protocols import WIRING_CHECK
 
@@ -18,11 +18,11 @@ ABOUT_TEXT = (
 class WiringPanel(QWidget):
     """Starts the wiring check and shows its last verdict."""
 
-    def __init__(self, theme: WindowTheme, start: Callable[[], object]) -> None:
+    def __init__(self, start: Callable[[], object]) -> None:
         super().__init__()
         self.start_button = make_button("Check wiring", start, "go", name="bench.check")
         self.status_label = make_label(kind="large", name="bench.check.status")
-        self.table = CheckTable(theme)
+        self.table = CheckTable()
         self.table.setMinimumHeight(330)
         self.table.setObjectName("bench.check.table")
         self.table.hide()

@@ -62,8 +62,8 @@ class AddItemPane(QWidget):
             "add.after", "after", toolTip="A measurement that must be done before; its accepted results are used"
         )
         self.message_label = configure(StatusLine(), "add.message")
-        self.add_button = make_button("Add   (Enter)", self._request, "go", name="add.add")
-        cancel = make_button("Cancel   (Esc)", self.closed.emit, name="add.cancel")
+        self.add_button = make_button("Add", self._request, "go", name="add.add", key="Enter")
+        cancel = make_button("Cancel", self.closed.emit, name="add.cancel", key="Esc")
         self._form_place = column()
         form_area = make_scroll_area(
             self._form_place,

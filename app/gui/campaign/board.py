@@ -13,11 +13,11 @@ from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.plots import LivePane
 from app.gui.widgets import (
+    ACTIONS,
     STRETCH,
     ElidedLabel,
     SheetButton,
     StatusLine,
-    WindowTheme,
     add_actions,
     column,
     configure,
@@ -28,7 +28,6 @@ from app.gui.widgets import (
     make_splitter,
     row,
     set_style_kind,
-    shortcut_label,
     tooltip,
     update_actions,
 )
@@ -40,13 +39,13 @@ if TYPE_CHECKING:
 
 
 ACTION_BUTTON_LABELS = {
-    "accept": "Accept   (Enter)",
-    "reject": shortcut_label("Reject", "campaign.item.reject"),
-    "run": shortcut_label("Run", "run"),
-    "run without hands": shortcut_label("Run all measurements without manual steps", "campaign.queue"),
-    "halt the queue": shortcut_label("Only this one", "campaign.queue"),
+    "accept": ("Accept", "Enter"),
+    "reject": ("Reject", ACTIONS["campaign.item.reject"].shortcut),
+    "run": ("Run", ACTIONS["run"].shortcut),
+    "run without hands": ("Run all measurements without manual steps", ACTIONS["campaign.queue"].shortcut),
+    "halt the queue": ("Only this one", ACTIONS["campaign.queue"].shortcut),
 }
-"""Text of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
+"""Text and key of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
 
 
 STEP_HEIGHT_LINES = 9
@@ -70,8 +69,10 @@ class NextStepPane(QFrame):
             make_label(kind=kind, name=f"campaign.{kind}") for kind in ("step", "step-why", "step-detail")
         )
         self.buttons = {
-            action: make_button(text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", visible=False)
-            for action, text in ACTION_BUTTON_LABELS.items()
+            action: make_button(
+                text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", key=key, visible=False
+            )
+            for action, (text, key) in ACTION_BUTTON_LABELS.items()
         }
         text = column(self.heading, self.reason, self.detail, STRETCH, spacing=4)
         self.setFixedHeight(STEP_HEIGHT_LINES * self.fontMetrics().lineSpacing())  # the list below never moves
@@ -92,7 +93,7 @@ class NextStepPane(QFrame):
             set_style_kind(button, "go" if first else "")
             runs = action.startswith("run")
             if action == "run":
-                button.setText(ACTION_BUTTON_LABELS[action] if first else shortcut_label("Run the next", "run"))
+                button.setText("Run" if first else "Run the next")
             button.setEnabled(not (runs and blocked_reason))
             button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
 
@@ -171,14 +172,14 @@ class CampaignBoard(QWidget):
     review_requested = Signal()
     """The details show another run, which is to be read."""
 
-    def __init__(self, live: LivePane, theme: WindowTheme) -> None:
+    def __init__(self, live: LivePane) -> None:
         super().__init__()
         self.summary: CampaignSummary | None = None
         self.step: NextStep | None = None
         self._estimates: CampaignEstimates | None = None
         self._busy = False
         self.header, self.step_pane = CampaignHeader(), NextStepPane()
-        self.item_list, self._details, self.live_pane = CampaignList(theme), ItemDetailsPane(theme), live
+        self.item_list, self._details, self.live_pane = CampaignList(), ItemDetailsPane(), live
         self.setFocusProxy(self.item_list)
         self._details_outdated = False
         self._details_timer = QTimer(self, singleShot=True, interval=DETAILS_DELAY_MS)

@@ -15,7 +15,6 @@ from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
     Item,
-    WindowTheme,
     WrappedRow,
     column,
     configure,
@@ -46,9 +45,9 @@ class ItemDetailsPane(QWidget):
     pressed = Signal(str)
     run_selected = Signal(str)
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.review_pane = ReviewPane(theme)
+        self.review_pane = ReviewPane()
         self.review_pane.run_selected.connect(self._select_run)
         self.heading_label = make_label(kind="running", wrap=False, name="campaign.item")
         self.buttons = {

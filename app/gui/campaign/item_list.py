@@ -16,25 +16,25 @@ from PySide6.QtWidgets import (
 )
 
 from app.common import format_duration
-from app.gui.status import SYMBOLS
-from app.gui.widgets import WindowTheme, configure
+from app.gui.face import draw_icon, tokens
+from app.gui.widgets import configure
 
 if TYPE_CHECKING:
     from app.campaign import CampaignSummary, ItemSummary
 
 ITEM_ROLE = Qt.ItemDataRole.UserRole
 STATUS_SYMBOLS = {
-    "done": ("tick", "success"),
-    "doubtful": ("question", "warning"),
-    "stale": ("again", "warning"),
-    "missing": ("open", "secondary_text"),
-    "waiting": ("dots", "secondary_text"),
-    "unfinished": ("pause", "warning"),
-    "failed": ("cross", "error"),
-    "running": ("play", "accent"),
-    "skipped": ("nothing", "secondary_text"),
+    "done": ("good", "green_text"),
+    "doubtful": ("warning", "amber_text"),
+    "stale": ("again", "amber_text"),
+    "missing": ("waiting", "text2"),
+    "waiting": ("dots", "text2"),
+    "unfinished": ("pause", "amber_text"),
+    "failed": ("error", "red_text"),
+    "running": ("play", "accent_text"),
+    "skipped": ("nothing", "text2"),
 }
-"""Symbol and name of its colour in a `Theme`, by item status."""
+"""Symbol and name of its colour in a `Tokens`, by item status."""
 
 
 class CampaignList(QListWidget):
@@ -45,9 +45,9 @@ class CampaignList(QListWidget):
     selected_item_changed = Signal()
     enter_pressed = Signal()
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.item_delegate = CampaignItemDelegate(theme)
+        self.item_delegate = CampaignItemDelegate()
         self.setItemDelegate(self.item_delegate)
         configure(
             self,
@@ -129,9 +129,8 @@ class CampaignList(QListWidget):
 class CampaignItemDelegate(QStyledItemDelegate):
     """Draws one item: symbol, name and title; below them status and reason; at the right the duration."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.theme = theme
         self.next_item = self.running_item = ""
 
     def sizeHint(self, option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
@@ -143,25 +142,22 @@ class CampaignItemDelegate(QStyledItemDelegate):
         row: ItemSummary | None = index.data(ITEM_ROLE)
         if row is None:
             return
-        theme, area = self.theme.colors, option.rect
+        theme, area = tokens(), option.rect
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         chosen = bool(option.state & QStyle.StateFlag.State_Selected)
         if chosen:
-            painter.fillRect(area, QColor(theme.line))
+            painter.fillRect(area, QColor(theme.accent_tint))
         if row.name in (self.next_item, self.running_item):  # a bar at the edge marks the next or running item
             painter.fillRect(QRect(area.left(), area.top(), 5, area.height()), QColor(theme.accent))
         running = row.name == self.running_item
         doubtful = row.is_doubtful and row.state.status == "done"
         status = "running" if running else "doubtful" if doubtful else str(row.state.status)
-        side = 0.52 * area.height()
+        side = 0.4 * area.height()
         box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
         symbol, color_name = STATUS_SYMBOLS[status]
-        color = getattr(theme, color_name)
-        painter.setPen(QColor(color))
-        painter.save()
-        SYMBOLS[symbol](painter, box)
-        painter.restore()
+        color = str(getattr(theme, color_name))
+        draw_icon(painter, symbol, box, color, theme.surface)
         left, right, middle = round(box.right()) + 16, area.right() - 10, area.center().y()
         top = QRect(QPoint(left, area.top() + 2), QPoint(right, middle + 1))
         bottom = QRect(QPoint(left, middle), QPoint(right, area.bottom()))
@@ -170,7 +166,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         head = ("running" if running else row.status_text, color)
         reason = "" if status in ("done", "doubtful", "running") else row.state.reason
         by_hand = "by hand" if row.needs_operator else ""
-        self._draw_line(painter, option, bottom, head, (reason, theme.secondary_text), by_hand)
+        self._draw_line(painter, option, bottom, head, (reason, theme.text2), by_hand)
         painter.setPen(QColor(theme.line))
         painter.drawLine(area.bottomLeft(), area.bottomRight())
         painter.restore()
@@ -198,5 +194,5 @@ class CampaignItemDelegate(QStyledItemDelegate):
         available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
         elided = metrics.elidedText(rest[0], Qt.TextElideMode.ElideRight, max(available, 0))
         painter.drawText(area.adjusted(used, 0, 0, 0), left_aligned, elided)
-        painter.setPen(QColor(self.theme.colors.secondary_text))
+        painter.setPen(QColor(tokens().text2))
         painter.drawText(area, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, right)

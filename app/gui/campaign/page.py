@@ -14,7 +14,7 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
-from app.gui.widgets import Toast, WindowTheme, add_actions, choose_files
+from app.gui.widgets import add_actions, choose_files, tell
 from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongations_of
 from app.session import WindowState
 
@@ -43,7 +43,6 @@ class CampaignPage(QStackedWidget):
         feed: LiveFeed,
         overlay: Overlay,
         location: Callable[[], tuple[Path, str]],
-        theme: WindowTheme,
     ) -> None:
         super().__init__()
         self.controller, self._location, self._feed = controller, location, feed
@@ -56,14 +55,13 @@ class CampaignPage(QStackedWidget):
         self._review_request: CurveRequest | None = None
         self._reviewed: tuple[Path, Path | None] | None = None
         self.start_pane = CampaignStart(self._choose_campaign_file)
-        self.board = CampaignBoard(LivePane(feed, overlay.amplifier, theme), theme)
+        self.board = CampaignBoard(LivePane(feed, overlay.amplifier))
         self.add_pane: AddItemPane | None = None
         """Made when it is needed."""
         self._added = ""
         """Name of the item that was added and is to be selected."""
         for part in (self.start_pane, self.board):
             self.addWidget(part)
-        self.toast = Toast(self)
         self._connect_signals()
 
     # -- interface to the main window ----------------------------------------------------------------------------------
@@ -277,9 +275,7 @@ class CampaignPage(QStackedWidget):
         self.controller.message.connect(self._show_message)
         # Everything but an undo can be undone.
         self.controller.modified.connect(
-            lambda text: self.toast.show_message(
-                text, None if text in ("Undone", "Done again") else self.controller.undo
-            )
+            lambda text: tell(self, text, None if text in ("Undone", "Done again") else self.controller.undo)
         )
         self.controller.reviewed.connect(self._show_review)
         self.board.review_requested.connect(self._read_review)

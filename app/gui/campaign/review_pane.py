@@ -10,11 +10,11 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import SEVERITY_SYMBOLS
+from app.gui.face import follow_tokens, tokens
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
 from app.gui.widgets import (
     STRETCH,
-    WindowTheme,
     column,
     fill_table,
     make_combo,
@@ -22,6 +22,7 @@ from app.gui.widgets import (
     make_read_only_table,
     make_splitter,
     row,
+    set_tone,
 )
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import RunEnded, RunStatus, Series
@@ -52,11 +53,9 @@ class ReviewPane(QWidget):
     run_selected = Signal(str)
     """File name of a run of the item that the user wants to see."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme = theme
         self.review: ResultReview | None = None
-        theme.changed.connect(self._show_review)
         self._series: tuple[Series, ...] = ()
         """Figures of a series over its parameter; the last one is drawn."""
         self.figure_box = make_combo(
@@ -66,11 +65,11 @@ class ReviewPane(QWidget):
         )
         self.figure_box.activated.connect(lambda _: self._draw())
         """Results of a series over its parameter, drawn in place of the curves of a run."""
-        self.plots = ResultPlots(theme)
+        self.plots = ResultPlots()
         self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
         self.plots.response.residual_strip.setFixedHeight(RESIDUAL_HEIGHT)  # most of the room is the response's
         self.plots.setMinimumSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
-        self.card = ResultCard(theme, "review", ("report",), compact=True)
+        self.card = ResultCard("review", ("report",), compact=True)
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
         self.run_box = make_combo(
             "review.run",
@@ -100,6 +99,7 @@ class ReviewPane(QWidget):
         policy.setRetainSizeWhenHidden(True)
         parts.setSizePolicy(policy)
         column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
+        follow_tokens(self, lambda _: self._show_review())
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
         """List the results of an item, newest first, and select the displayed one."""
@@ -144,7 +144,7 @@ class ReviewPane(QWidget):
             if shown:
                 indicator = review.indicators[at]
                 label.setText(f"{SEVERITY_SYMBOLS[indicator.severity]} {indicator.text}")
-                label.setStyleSheet(f"color: {self._theme.colors.severity_color(indicator.severity)}")
+                set_tone(label, indicator.severity)
         self._draw()
         self._fill_table(review)
 
@@ -169,7 +169,7 @@ class ReviewPane(QWidget):
 
         def color(at: int, place: int) -> str:
             passed = review.rows[at].passed
-            return self._theme.colors.passed_color(passed) if marks[at] and (place == 0 or not passed) else ""
+            return tokens().passed_color(passed) if marks[at] and (place == 0 or not passed) else ""
 
         fill_table(self.table, rows, color)
         for at, texts in enumerate(rows):

@@ -7,6 +7,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QListWidget, QListWidgetItem, QWidget
 
 from app.gui.widgets import (
+    ACTIONS,
     STRETCH,
     StatusLine,
     configure,
@@ -15,7 +16,6 @@ from app.gui.widgets import (
     make_line_edit,
     make_panel,
     row,
-    shortcut_label,
 )
 
 CAMPAIGN_INTRODUCTION = (
@@ -42,13 +42,13 @@ class CampaignStart(QWidget):
         self.setFocusProxy(self.specimen_edit)
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
-        self.begin_button = make_button("Begin   (Enter)", self._request_create, "go", name="campaign.begin")
+        self.begin_button = make_button("Begin", self._request_create, "go", name="campaign.begin", key="Enter")
         self.message_label = configure(StatusLine(), "campaign.start-message")
         self.existing_label = make_label("Or open an existing one", "running", wrap=False)
         self.campaign_list = configure(QListWidget(), "campaign.list", accessibleName="campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())
         self.campaign_list.itemActivated.connect(lambda item: self.open_requested.emit(item.data(PATH_ROLE)))
-        another = make_button(shortcut_label("Open another …", "campaign.open"), browse, name="campaign.browse")
+        another = make_button("Open another …", browse, name="campaign.browse", key=ACTIONS["campaign.open"].shortcut)
         panel = make_panel(
             make_label("Begin a campaign", "heading", wrap=False),
             make_label(CAMPAIGN_INTRODUCTION, "large"),

@@ -24,7 +24,6 @@ from app.gui.widgets import (
     FileDrops,
     Mode,
     StatusLine,
-    WindowTheme,
     WrappingPane,
     add_actions,
     choose_files,
@@ -52,11 +51,11 @@ class ExplorePage(QSplitter):
         fit: fits the model to the overlaid runs; without it there is no such button.
     """
 
-    title = "Explore"
+    title, moves = "Explore", True
     runs_requested = Signal()
     """The user wants to choose runs from the list of the page Runs."""
 
-    def __init__(self, theme: WindowTheme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
+    def __init__(self, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
         self.model = ExploreModel(self)
         self.folder: Callable[[], Path] = Path
@@ -68,9 +67,9 @@ class ExplorePage(QSplitter):
         """The request whose complete result is displayed."""
         self._sliders_stale = True
         self.overlaid = OverlaidRuns(fit, self)
-        self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
+        self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(), ShapePlot()
         self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
-        self.card = ResultCard(theme, "explore.card", ("open", "report"), scrolls=True)
+        self.card = ResultCard("explore.card", ("open", "report"), scrolls=True)
         """Result of the chosen overlaid run."""
         self.design = DesignPanel(self)
         self.status_line = StatusLine()

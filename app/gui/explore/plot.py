@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import MeasuredResponse
 from app.explore import ExploreResult, KeptCurve
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots import (
     AXIS_WIDTH,
     CURVE_COLORS,
@@ -24,7 +25,6 @@ from app.gui.plots import (
     place,
     round_step,
 )
-from app.gui.widgets import Theme, WindowTheme
 from model import Array, Series
 from model.response import PeriodicResponse
 
@@ -41,9 +41,9 @@ class ExplorePlot(PlotBase):
     log_changed = Signal(bool)
     """Whether the axis of the amplitude is logarithmic."""
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None) -> None:
         # No grid: painting one takes longer than a frame, and this plot is painted with every move of a slider.
-        super().__init__(theme, parent)
+        super().__init__(parent)
         self._result: ExploreResult | None = None
         self._kept_settings: tuple[KeptCurve, ...] = ()
         self._runs: Sequence[MeasuredResponse] = ()
@@ -76,18 +76,18 @@ class ExplorePlot(PlotBase):
         self.cursor_line.sigPositionChanged.connect(
             lambda line: self.cursor_moved.emit(self._frequency_at(line.value()))
         )
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
         self._scale()
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
-        self.band.setPen(pg.mkPen(theme.threshold, width=5))
-        self.cursor_line.setPen(pg.mkPen(theme.secondary_text, width=1, style=Qt.PenStyle.DotLine))
+        self.band.setPen(pg.mkPen(theme.text2, width=5))
+        self.cursor_line.setPen(pg.mkPen(theme.text2, width=1, style=Qt.PenStyle.DotLine))
         self.cursor_line.setHoverPen(pg.mkPen(theme.accent, width=2))
         for curve, series in zip(self.curves, SERIES, strict=True):
             curve.setPen(pg.mkPen(theme.model, width=2, style=series.line))
         self.phase_curve.setPen(pg.mkPen(theme.model, width=2))
-        ground = QColor(theme.panel)
+        ground = QColor(theme.surface)
         ground.setAlpha(210)
         self.legend.setBrush(ground)
         self._draw_kept_curves()
@@ -188,7 +188,7 @@ class ExplorePlot(PlotBase):
         self._kept_curves = []
         lines = (self._result.kept_curves or ()) if self._result else ()
         for at, (kept, line) in enumerate(zip(self._kept_settings, lines, strict=False)):
-            pen = pg.mkPen(curve_color(at, self._theme.colors), width=1.5)
+            pen = pg.mkPen(curve_color(at), width=1.5)
             upper, lower = CurveItem(antialias=True, pen=pen), CurveItem(antialias=True, pen=pen)
             upper.setData(line.frequency_hz, SERIES[0 if self._shown_series[0] else 1].values_of(line))
             lower.setData(line.frequency_hz, np.degrees(line.phase))
@@ -205,8 +205,8 @@ class ExplorePlot(PlotBase):
             self.phase.removeItem(lower)
         self._points = []
         for at, run in enumerate(self._runs):
-            color = curve_color(len(CURVE_COLORS) - 1 - at, self._theme.colors)
-            pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(self._theme.colors.panel)
+            color = curve_color(len(CURVE_COLORS) - 1 - at)
+            pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(tokens().surface)
             fills = [solid if good else hollow for good in run.peak_to_peak.fit_rows]
             amplitudes = [(series.values_of(run), series.symbol) for series in SERIES]
             upper, second, lower = (

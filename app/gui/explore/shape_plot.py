@@ -8,8 +8,8 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.explore import PHASES, BeamMotion
+from app.gui.face import Tokens, follow_tokens
 from app.gui.plots import PlotBase, round_step, series_of
-from app.gui.widgets import Theme, WindowTheme
 from model import Series
 
 CYCLE_S = 1.6
@@ -22,8 +22,8 @@ class ShapePlot(PlotBase):
     ACCESSIBLE_NAME = "plot: shape of the beam"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent)
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
         self.frames = 0
@@ -38,16 +38,16 @@ class ShapePlot(PlotBase):
         for item in (self._fill, *self._envelope, self.layer, self.beam, self.cylinder, *self._clamps):
             self.plot.addItem(item)
         self._add_head()
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         for item, color, width in (
             (self.beam, theme.model, 2),
-            (self.layer, theme.warning, 5),
+            (self.layer, theme.amber_text, 5),
             (self.cylinder, theme.text, 7),
             *((line, theme.line, 1) for line in self._envelope),
-            *((clamp, theme.secondary_text, 6) for clamp in self._clamps),
+            *((clamp, theme.text2, 6) for clamp in self._clamps),
         ):
             item.setPen(pg.mkPen(color, width=width))
         fill = pg.mkColor(theme.model)

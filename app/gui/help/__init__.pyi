@@ -1,4 +1,4 @@
-from .cover import SearchCover as SearchCover
+from .cover import SearchOverlay as SearchOverlay
 from .palette import CommandPalette as CommandPalette
 from .palette import PaletteEntry as PaletteEntry
 from .problem_page import ProblemPage as ProblemPage

@@ -1,25 +1,34 @@
-"""Cover with a search: a page that lies over the pages of the window, with a heading, a search field and a button that closes it."""
+"""Overlay with a search: a heading, a search field, what is found, and a button that closes it."""
 
-from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import Item, column, make_button, make_label, make_line_edit, row, shortcut_label
+from app.gui.widgets import (
+    ACTIONS,
+    STRETCH,
+    Item,
+    OverlayCard,
+    Place,
+    column,
+    make_button,
+    make_label,
+    make_line_edit,
+    row,
+)
 
 
-class SearchCover(QWidget):
-    """Base of searchable pages. Subclasses implement `_fill`, which is called after every change of the search.
+class SearchOverlay(OverlayCard):
+    """Base of searchable overlays. Subclasses implement `_fill`, which is called after every change of the search.
 
     Args:
-        name: name of the action that shows and closes the page, and prefix of the object names.
-        heading: heading of the page.
+        name: name of the action that opens and closes it, and prefix of the object names.
+        heading: heading of the overlay.
         hint: hint in the search field.
         accessible_name: accessible name of the search field.
+        place: place of the overlay in the window.
     """
 
-    closed = Signal()
-
-    def __init__(self, name: str, heading: str, hint: str, accessible_name: str) -> None:
-        super().__init__()
+    def __init__(self, name: str, heading: str, hint: str, accessible_name: str, place: Place = Place.RIGHT) -> None:
+        super().__init__(f"{name}.drawer", QWidget(), place)
         self._name, self._heading = name, heading
         self.search = make_line_edit(f"{name}.search", accessible_name, placeholderText=hint, clearButtonEnabled=True)
         self.search.textChanged.connect(self._fill)
@@ -31,9 +40,9 @@ class SearchCover(QWidget):
         self.search.setFocus()
 
     def _lay_out(self, content: QWidget, *buttons: Item) -> None:
-        close = make_button(shortcut_label("Close", self._name), self.closed.emit, name=f"{self._name}.close")
-        head = row(make_label(self._heading, "heading", wrap=False), (self.search, 1), *buttons, close, spacing=14)
-        column(head, (content, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
+        close = make_button("Close", self.leave, name=f"{self._name}.close", key=ACTIONS[self._name].shortcut)
+        head = row(make_label(self._heading, "heading", wrap=False), STRETCH, *buttons, close, spacing=8)
+        column(head, self.search, (content, 1), parent=self.content, margins=(16, 12, 16, 12), spacing=8)
 
     def _matches(self, text: str) -> bool:
         """Return whether every word of the search occurs in a text."""

@@ -8,8 +8,9 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QListWidget, QListWidgetItem
 
-from app.gui.help.cover import SearchCover
-from app.gui.widgets import configure
+from app.gui.face import set_length
+from app.gui.help.cover import SearchOverlay
+from app.gui.widgets import Place, configure
 
 MAX_SHOWN = 200
 ENTRY_ROLE = Qt.ItemDataRole.UserRole
@@ -27,7 +28,7 @@ class PaletteEntry:
     """Shortcut, or distinction of entries with equal text."""
 
 
-class CommandPalette(SearchCover):
+class CommandPalette(SearchOverlay):
     """Lists the matches of the search; up and down select while the search keeps the keyboard focus."""
 
     def __init__(self) -> None:
@@ -36,9 +37,11 @@ class CommandPalette(SearchCover):
             "Go to",
             "Words of a command, protocol, run or setting",
             "search commands, protocols, runs and settings",
+            Place.TOP,
         )
         self._entries: tuple[PaletteEntry, ...] = ()
         self.list = configure(QListWidget(), "palette.list", accessibleName="found", focusPolicy=Qt.FocusPolicy.NoFocus)
+        set_length(self.list, height=360)
         self.search.returnPressed.connect(self.choose_selected)
         self.search.installEventFilter(self)
         self.list.itemClicked.connect(lambda _: self.choose_selected())
@@ -58,7 +61,7 @@ class CommandPalette(SearchCover):
         """Close the palette and perform the selected entry."""
         item = self.list.currentItem()
         if item is not None:
-            self.closed.emit()
+            self.leave()
             item.data(ENTRY_ROLE).choose()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

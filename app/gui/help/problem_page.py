@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QWidget
 from app.archive import CONTENTS, NOT_IN, ProblemFacts, write_problem_report
 from app.common import RecentErrors
 from app.gui.widgets import (
+    ACTIONS,
     STRETCH,
     BackgroundWorker,
     Mode,
@@ -22,7 +23,6 @@ from app.gui.widgets import (
     make_label,
     make_panel,
     row,
-    shortcut_label,
 )
 
 
@@ -50,7 +50,7 @@ class ProblemPage(QWidget):
         self.comment_edit.setFixedHeight(5 * self.fontMetrics().lineSpacing())
         self.message_label = configure(StatusLine(), "problem.message")
         self.save_button = make_button("Save …", self._choose_file, "go", name="problem.save")
-        close = make_button(shortcut_label("Close", "problem"), self.closed.emit, name="problem.close")
+        close = make_button("Close", self.closed.emit, name="problem.close", key=ACTIONS["problem"].shortcut)
         text = "\n".join(f"•  {part}" for part in CONTENTS)
         panel = make_panel(
             make_label(

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.help.cover import SearchCover
-from app.gui.widgets import STRETCH, column, make_label, make_panel, make_scroll_area, row
-
-EDITOR_WIDTH = 320
+from app.gui.help.cover import SearchOverlay
+from app.gui.widgets import STRETCH, make_label, make_panel, make_scroll_area
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +18,7 @@ class Setting:
     description: str
 
 
-class SettingsPage(SearchCover):
+class SettingsPage(SearchOverlay):
     """Settings that apply immediately; the search hides settings without a match."""
 
     def __init__(self, settings: Sequence[Setting]) -> None:
@@ -28,13 +26,8 @@ class SettingsPage(SearchCover):
         self._frames = []
         for setting in settings:
             setting.editor.setAccessibleName(setting.name)
-            setting.editor.setFixedWidth(EDITOR_WIDTH)
             name, about = make_label(setting.name, "caption"), make_label(setting.description, "note-size")
-            frame = make_panel(
-                row((column(STRETCH, name, about, STRETCH, spacing=2), 1), setting.editor),
-                margins=(14, 10, 14, 10),
-                spacing=4,
-            )
+            frame = make_panel(name, setting.editor, about, margins=(12, 8, 12, 8), spacing=4)
             self._frames.append((f"{setting.name} {setting.description}", frame))
         frames = (frame for _, frame in self._frames)
         area = make_scroll_area(*frames, STRETCH, margins=(0, 0, 8, 0), spacing=8, accessibleName="settings")

@@ -1,13 +1,13 @@
 """Help over the pages (F1): safety first, concepts and how-tos, and every keyboard shortcut by group, with a search."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.help.concepts import CONCEPTS
-from app.gui.help.cover import SearchCover
+from app.gui.help.cover import SearchOverlay
 from app.gui.widgets import (
     STRETCH,
     ActionInfo,
@@ -22,7 +22,7 @@ from app.gui.widgets import (
 )
 
 
-class ShortcutSheet(SearchCover):
+class ShortcutSheet(SearchOverlay):
     """Lists the shortcuts by group; filled whenever it is opened."""
 
     welcome_requested = Signal()
@@ -59,14 +59,8 @@ class ShortcutSheet(SearchCover):
         if not frames and not explained:
             frames = [QLabel("Neither a key nor a word of the help.")]
         content = QWidget(autoFillBackground=False)
-        column(*map(_side_by_side, filter(None, (explained, frames))), STRETCH, parent=content)
+        column(*explained, *frames, STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=12)
         self._scroll.setWidget(content)  # deletes the previous content
-
-
-def _side_by_side(frames: Sequence[QWidget]) -> QHBoxLayout:
-    columns = row(*((frame, 1, Qt.AlignmentFlag.AlignTop) for frame in frames), spacing=28)
-    columns.addStretch(max(2 - columns.count(), 0))  # one group alone is as wide as one of two
-    return columns
 
 
 def _concept_frame(title: str, concepts: Mapping[str, str]) -> QFrame:

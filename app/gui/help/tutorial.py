@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import column, configure, make_button, make_label, row
+from app.gui.widgets import OverlayCard, Place, column, make_button, make_label, row
 from app.session import BenchState, WindowState
 from protocols.base import Outcome
 
@@ -131,11 +131,11 @@ TUTORIALS = {
 """The tutorials by name."""
 
 
-class TutorialBand(QWidget):
-    """The current step of a tutorial, shown above the pages; hidden while no tutorial is open."""
+class TutorialBand(OverlayCard):
+    """The current step of a tutorial, over the page; hidden while no tutorial is open."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__("tutorial", QWidget(), Place.HINT, closable=False)
         self._name, self._at, self._done = "", 0, False
         self._view: WindowState | None = None
         self._page = ""
@@ -145,9 +145,8 @@ class TutorialBand(QWidget):
         self.next_button = make_button("&Next", lambda: self._go(1), "choice", name="tutorial.next")
         close = make_button("Close", self.close_tutorial, "choice", "Help has it again", "tutorial.close")
         head = row((self.title_label, 1), self.back_button, self.next_button, close, spacing=6)
-        column(head, self.text_label, parent=self, margins=(6, 0, 6, 0), spacing=2)
-        configure(self, "tutorial", accessibleName="tutorial")
-        self.hide()
+        column(head, self.text_label, parent=self.content, margins=(16, 10, 16, 12), spacing=4)
+        self.setAccessibleName("tutorial")
 
     @property
     def position(self) -> str:
@@ -157,7 +156,7 @@ class TutorialBand(QWidget):
     def start(self, name: str, at: int = 0) -> None:
         """Show a tutorial from a step on."""
         self._name, self._at, self._done = name, at, False
-        self.show()
+        self.open()
         self._show_step()
 
     def resume(self, position: str) -> None:
@@ -169,7 +168,7 @@ class TutorialBand(QWidget):
     def close_tutorial(self) -> None:
         """Hide the tutorial."""
         self._name = ""
-        self.hide()
+        self.dismiss()
 
     def set_state(self, view: WindowState) -> None:
         """Tick the step if the window shows that it was done."""
@@ -216,29 +215,28 @@ FINISHED_TEXT = "Finished, and the bench is at rest. The run is stored: Ctrl+4 l
 ENDED_TEXT = "The run ended: {summary}. F5 measures again; F1 lists every key."
 
 
-class FirstRunHint(QWidget):
+class FirstRunHint(OverlayCard):
     """Hint for the first run, hidden until `start`."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__("hint", QWidget(), Place.HINT, closable=False)
         self._run_finished = False
         self.label = make_label(kind="hint", name="hint.text")
-        dismiss = make_button("Got it", self.hide, "choice", name="hint.dismiss")
-        row((self.label, 1), dismiss, parent=self, margins=(6, 0, 6, 0))
-        self.hide()
+        dismiss = make_button("Got it", self.dismiss, "choice", name="hint.dismiss")
+        row((self.label, 1), dismiss, parent=self.content, margins=(16, 10, 16, 12))
 
     def start(self) -> None:
         """Show the hint for the next run."""
         self._run_finished = False
         self.label.setText(WAITING_TEXT)
-        self.show()
+        self.open()
 
     def set_state(self, view: WindowState) -> None:
         """Show the text for the present stage of the run."""
         if self.isHidden():
             return
         if view.busy and self._run_finished:  # another run: the lesson is over
-            self.hide()
+            self.dismiss()
         elif view.busy:
             self.label.setText(RUNNING_TEXT)
         elif (ended := view.outcome) is not None:

@@ -17,7 +17,6 @@ from app.gui.widgets import (
     make_panel,
     make_scroll_area,
     row,
-    shortcut_label,
 )
 
 DEMO_TEXT = (
@@ -49,10 +48,11 @@ class WelcomePage(QWidget):
         self.about_label = make_label(kind="large", name="welcome.about")
         self.message_label = configure(StatusLine(), "welcome.message")
         self.demo_button = make_button(
-            "Try it on the simulated bench   (Enter)",
+            "Try it on the simulated bench",
             self.demo_requested.emit,
             "go",
             name="welcome.demo",
+            key="Enter",
             minimumHeight=64,
         )
         self.setup_button = configure(QPushButton("Set up a bench …"), "welcome.setup", minimumHeight=44)
@@ -61,7 +61,7 @@ class WelcomePage(QWidget):
             for name, text in (("tour", "Ten-minute tour, step by step"), ("own-bench", "Guide me through it"))
         ]
         self.browse_button = configure(QPushButton("Open a bench file …"), "welcome.browse")
-        close = make_button(shortcut_label("Not now", "escape"), self.closed.emit, name="welcome.close")
+        close = make_button("Not now", self.closed.emit, name="welcome.close", key="Esc")
         left = _panel("See it work", self.about_label, 10, self.demo_button, self.tutorial_buttons[0], STRETCH)
         right = _panel(
             "Set up my bench",

@@ -13,7 +13,6 @@ from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     ProgressRow,
-    WindowTheme,
     WrappedRow,
     column,
     make_button,
@@ -35,11 +34,10 @@ class AuditPane(QWidget):
     """Lists and verifies the audit trail of a folder.
 
     Args:
-        theme: first theme.
         reload: reads the folder again.
     """
 
-    def __init__(self, theme: WindowTheme, reload: Callable[[], object]) -> None:
+    def __init__(self, reload: Callable[[], object]) -> None:
         super().__init__()
         self._worker = BackgroundWorker("audit", self)
         self._folder, self._reload = Path(), reload
@@ -57,7 +55,7 @@ class AuditPane(QWidget):
         )
         self.result_label = make_label(name="laboratory.audit.result")
         self.progress_row = ProgressRow()
-        self.table = ValueTable(theme, "laboratory.audit", "entries of the audit trail")
+        self.table = ValueTable("laboratory.audit", "entries of the audit trail")
         column(
             WrappedRow(self.verify_button, self.head_edit, self.begin_button, spacing=6),
             self.progress_row,

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 from app.common import Severity, Table, pluralize
 from app.config import WARNING_DAYS, Certificate
 from app.gui.laboratory.value_table import ValueTable
-from app.gui.widgets import WindowTheme, column, make_label, set_style_kind
+from app.gui.widgets import column, make_label, set_style_kind
 
 SEVERITIES = {"expired": Severity.ERROR, "due soon": Severity.WARNING}
 SYMBOLS = {"expired": "✕ ", "due soon": "! ", "valid": "✓ "}
@@ -22,10 +22,10 @@ NOTE = (
 class CertificatesPane(QWidget):
     """The certificates beside the runs, by due date."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.state_label = make_label(kind="caption", name="laboratory.certificates.state")
-        self.table = ValueTable(theme, "laboratory.certificates", "calibration certificates")
+        self.table = ValueTable("laboratory.certificates", "calibration certificates")
         column(
             self.state_label,
             (self.table, 1),

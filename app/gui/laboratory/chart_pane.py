@@ -13,7 +13,6 @@ from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
 from app.gui.widgets import (
     BackgroundWorker,
-    WindowTheme,
     WrappedRow,
     column,
     configure,
@@ -45,9 +44,7 @@ class ChartPane(ViewPane):
     BUTTON_NAME, PROBLEM = "laboratory.chart.export", "No control chart: {}"
     view: ChartView | None
 
-    def __init__(
-        self, theme: WindowTheme, worker: BackgroundWorker, show_message: Callable[[str, bool], object]
-    ) -> None:
+    def __init__(self, worker: BackgroundWorker, show_message: Callable[[str, bool], object]) -> None:
         super().__init__(worker, show_message)
         self.golden, self.quantity, self.sensor = (
             make_filter_combo(f"laboratory.chart.{name}", name)
@@ -66,8 +63,8 @@ class ChartPane(ViewPane):
         self.baseline.setValue(BASELINE)
         self.verdict_label = make_label(kind="caption", name="laboratory.chart.verdict")
         self.notes_label = make_label(kind="note", name="laboratory.chart.notes")
-        self.plot = ControlChartPlot(theme)
-        self.broken = ValueTable(theme, "laboratory.chart.broken", "values that break a rule")
+        self.plot = ControlChartPlot()
+        self.broken = ValueTable("laboratory.chart.broken", "values that break a rule")
         bar = WrappedRow(
             make_label("Golden specimen", wrap=False),
             self.golden,

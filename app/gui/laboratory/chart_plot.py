@@ -9,8 +9,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
 from app.fleet import GoldenChart
+from app.gui.face import Tokens, follow_tokens
 from app.gui.plots import CurveItem, PlotBase, ScatterItem, ZoomBox, hover_text
-from app.gui.widgets import Theme, WindowTheme
 from model import Series, format_quantity, shown_unit
 
 SIGMAS = (-3, -2, -1, 0, 1, 2, 3)
@@ -24,11 +24,11 @@ class ControlChartPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: control chart, single values above their weighted average"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None) -> None:
         canvas = pg.GraphicsLayoutWidget()
         canvas.ci.setContentsMargins(0, 0, 10, 0)
         plots = [canvas.addPlot(row=at, col=0, enableMenu=False, viewBox=ZoomBox()) for at in (0, 1)]
-        super().__init__(theme, parent, canvas=canvas, plots=plots)
+        super().__init__(parent, canvas=canvas, plots=plots)
         plots[1].setXLink(plots[0])
         plots[1].setMouseEnabled(x=False, y=False)  # it follows the upper plot
         plots[0].getAxis("bottom").setStyle(showValues=False)
@@ -53,28 +53,28 @@ class ControlChartPlot(PlotBase):
         for item in (self.centre_line, self.average, self.upper_limit, self.lower_limit, self.beyond):
             plots[1].addItem(item)
         self._add_head()
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         dash, dot = Qt.PenStyle.DashLine, Qt.PenStyle.DotLine
         for k, line in self.sigma_lines.items():
-            color = theme.error if abs(k) == 3 else theme.threshold if k == 0 else theme.secondary_text
+            color = theme.green_text if abs(k) == 3 or k == 0 else theme.text2
             line.setPen(pg.mkPen(color, style=dash if abs(k) == 3 else dot if k else Qt.PenStyle.SolidLine))
             line.label.setColor(color)
-        self.centre_line.setPen(pg.mkPen(theme.threshold))
-        for mark, color in zip(self.marks, (theme.secondary_text, theme.error), strict=True):
+        self.centre_line.setPen(pg.mkPen(theme.text2))
+        for mark, color in zip(self.marks, (theme.text2, theme.red_text), strict=True):
             mark.setPen(pg.mkPen(color, style=dash))
             mark.label.setColor(color)
         for curve in (self.line, self.average):
             curve.setPen(pg.mkPen(theme.model, width=1.5))
         for curve in (self.upper_limit, self.lower_limit):
-            curve.setPen(pg.mkPen(theme.error, style=dash))
+            curve.setPen(pg.mkPen(theme.red_text, style=dash))
         self.points.setBrush(pg.mkBrush(theme.model))
         self.points.setPen(pg.mkPen(theme.model))
         for item in (self.broken, self.beyond):
-            item.setBrush(pg.mkBrush(theme.error))
-            item.setPen(pg.mkPen(theme.error))
+            item.setBrush(pg.mkBrush(theme.red_text))
+            item.setPen(pg.mkPen(theme.red_text))
         if self._chart is not None:
             self.show_chart(self._chart, self._unit, self.corner_label.text, self.simulated)
 

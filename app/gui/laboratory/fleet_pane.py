@@ -12,7 +12,6 @@ from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
 from app.gui.widgets import (
     BackgroundWorker,
-    WindowTheme,
     WrappedRow,
     column,
     fill_combo,
@@ -33,9 +32,7 @@ class FleetPane(ViewPane):
     FILE_STEM, EXPORTED, BUTTON_NAME = "specimens", "the table of the specimens", "laboratory.export"
     view: FleetView | None
 
-    def __init__(
-        self, theme: WindowTheme, worker: BackgroundWorker, show_message: Callable[[str, bool], object]
-    ) -> None:
+    def __init__(self, worker: BackgroundWorker, show_message: Callable[[str, bool], object]) -> None:
         super().__init__(worker, show_message)
         self._limits: Mapping[str, Bounds] = {}
         self.quantity = make_filter_combo("laboratory.quantity", "quantity")
@@ -49,10 +46,10 @@ class FleetPane(ViewPane):
             clearButtonEnabled=True,
             minimumWidth=170,
         )
-        self.plot = FleetPlot(theme)
-        self.summary = ValueTable(theme, "laboratory.summary", "statistics of the quantity", sortable=False)
-        self.groups = ValueTable(theme, "laboratory.groups", "mean and spread of each group")
-        self.specimens = ValueTable(theme, "laboratory.specimens", "specimens")
+        self.plot = FleetPlot()
+        self.summary = ValueTable("laboratory.summary", "statistics of the quantity", sortable=False)
+        self.groups = ValueTable("laboratory.groups", "mean and spread of each group")
+        self.specimens = ValueTable("laboratory.specimens", "specimens")
         self.outlier_label = make_label(
             "bold: possible outlier, modified z-score above 3.5; ± is the total standard uncertainty; Enter opens the newest run",
             "note",

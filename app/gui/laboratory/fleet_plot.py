@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.common import typeset
 from app.fleet import FleetValue, FleetView
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots import (
     MAX_LEGEND_ENTRIES,
     BarsItem,
@@ -20,7 +21,6 @@ from app.gui.plots import (
     curve_symbol,
     legend_share,
 )
-from app.gui.widgets import Theme, WindowTheme
 from model import Series, format_quantity, shown_unit
 
 MAX_BARS = 400
@@ -33,9 +33,9 @@ class FleetPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: values of many specimens over time"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None) -> None:
         canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False, axisItems={"bottom": pg.DateAxisItem()})
-        super().__init__(theme, parent, canvas=canvas, grid=True)
+        super().__init__(parent, canvas=canvas, grid=True)
         self._view: FleetView | None = None
         self._specimen = ""
         self._add_legend()
@@ -48,9 +48,9 @@ class FleetPlot(PlotBase):
             self.plot.addItem(item)
         self._add_head()
         self.plot.getViewBox().sigResized.connect(self._rescale)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self.show_view(self._view)
 
@@ -73,7 +73,7 @@ class FleetPlot(PlotBase):
         self.corner_label.set_text(view.selection.about)
         with_bars = sum(group.x.size for group, _ in view.groups) <= MAX_BARS
         for at, (group, values) in enumerate(view.groups):
-            color = curve_color(at, self._theme.colors)
+            color = curve_color(at)
             there = np.isfinite(group.x) & np.isfinite(group.y)
             x, y = group.x[there], factor * group.y[there]
             sources = np.array(values, object)[there]
@@ -102,20 +102,20 @@ class FleetPlot(PlotBase):
 
     def _draw_lines(self, view: FleetView, factor: float) -> None:
         mean, sd = factor * view.spread.mean, factor * view.spread.sd
-        styles = [(mean, "mean", self._theme.colors.text, Qt.PenStyle.SolidLine)]
+        styles = [(mean, "mean", tokens().text, Qt.PenStyle.SolidLine)]
         if np.isfinite(sd):
             styles += [
                 (
                     mean + side * sd,
                     f"{'+' if side > 0 else '−'}1 sd",
-                    self._theme.colors.secondary_text,
+                    tokens().text2,
                     Qt.PenStyle.DotLine,
                 )
                 for side in (1, -1)
             ]
         for value, name in zip(view.bounds or (), ("lower limit", "upper limit"), strict=False):
             if value is not None:
-                styles.append((factor * value, name, self._theme.colors.error, Qt.PenStyle.DashLine))
+                styles.append((factor * value, name, tokens().red_text, Qt.PenStyle.DashLine))
         for value, name, color, style in styles:
             line = pg.InfiniteLine(
                 value,
@@ -135,8 +135,8 @@ class FleetPlot(PlotBase):
         newest = [v for v in view.selection.newest if v.specimen in view.outliers]
         chosen = [v for v in view.selection.values if v.specimen == self._specimen] if self._specimen else []
         for item, values, color in (
-            (self.outliers, newest, self._theme.colors.warning),
-            (self.selected, chosen, self._theme.colors.accent),
+            (self.outliers, newest, tokens().amber_text),
+            (self.selected, chosen, tokens().accent),
         ):
             shown = [v for v in values if np.isfinite(v.time_s)]
             item.setPen(pg.mkPen(color, width=2))

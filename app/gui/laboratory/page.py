@@ -24,7 +24,6 @@ from app.gui.widgets import (
     BackgroundWorker,
     ProgressRow,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     make_choice,
@@ -135,7 +134,6 @@ class LaboratoryPage(QWidget):
 
     Args:
         folder: returns the folder of the runs.
-        theme: first theme.
         index: path of the catalogue; None for the usual one.
     """
 
@@ -143,9 +141,9 @@ class LaboratoryPage(QWidget):
     run_open_requested = Signal(object)
     """Path of a run to open."""
 
-    def __init__(self, folder: Callable[[], Path], theme: WindowTheme, index: Path | None = None) -> None:
+    def __init__(self, folder: Callable[[], Path], index: Path | None = None) -> None:
         super().__init__()
-        self._folder, self._index, self._theme = folder, index, theme
+        self._folder, self._index = folder, index
         self._worker = BackgroundWorker("laboratory", self)
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
@@ -189,22 +187,22 @@ class LaboratoryPage(QWidget):
     @cached_property
     def fleet(self) -> FleetPane:
         """The specimens, created if necessary."""
-        return self._add(FleetPane(self._theme, self._worker, partial(self._show_message, SPECIMENS)))
+        return self._add(FleetPane(self._worker, partial(self._show_message, SPECIMENS)))
 
     @cached_property
     def chart(self) -> ChartPane:
         """The control charts, created if necessary."""
-        return self._add(ChartPane(self._theme, self._worker, partial(self._show_message, CHART)))
+        return self._add(ChartPane(self._worker, partial(self._show_message, CHART)))
 
     @cached_property
     def certificates(self) -> CertificatesPane:
         """The certificates, created if necessary."""
-        return self._add(CertificatesPane(self._theme))
+        return self._add(CertificatesPane())
 
     @cached_property
     def audit(self) -> AuditPane:
         """The audit trail, created if necessary."""
-        return self._add(AuditPane(self._theme, self.reload))
+        return self._add(AuditPane(self.reload))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state; the folder is read again after a run."""

@@ -9,7 +9,8 @@ from PySide6.QtGui import QColor, QFont, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.common import CellValue, Column, Severity, Table, typeset
-from app.gui.widgets import WindowTheme, configure
+from app.gui.face import tokens
+from app.gui.widgets import configure
 
 Index = QModelIndex | QPersistentModelIndex
 AS_TEXT = " as text"
@@ -29,9 +30,8 @@ class ValueTableModel(QAbstractTableModel):
         longest: text of each column that defines its width: a size hint of each cell would take longer than all other work.
     """
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme = theme
         self._columns: tuple[Column, ...] = ()
         self._texts: list[tuple[str, ...]] = []
         self._keys: list[list[CellValue]] = []
@@ -75,9 +75,9 @@ class ValueTableModel(QAbstractTableModel):
             case Qt.ItemDataRole.DisplayRole | Qt.ItemDataRole.ToolTipRole:
                 return self._texts[row][index.column()]
             case Qt.ItemDataRole.ForegroundRole if row < len(self._severities):
-                return QColor(self._theme.colors.severity_color(self._severities[row]))
+                return QColor(tokens().severity_color(self._severities[row]))
             case Qt.ItemDataRole.ForegroundRole if row in self._highlighted:
-                return QColor(self._theme.colors.warning)
+                return QColor(tokens().amber_text)
             case Qt.ItemDataRole.FontRole if row in self._highlighted:
                 font = QFont()
                 font.setBold(True)
@@ -125,9 +125,9 @@ class ValueTable(QTableView):
     row_opened = Signal(int)
     """Row activated by Enter or a double click."""
 
-    def __init__(self, theme: WindowTheme, name: str, accessible_name: str, sortable: bool = True) -> None:
+    def __init__(self, name: str, accessible_name: str, sortable: bool = True) -> None:
         super().__init__()
-        self._values = ValueTableModel(theme)
+        self._values = ValueTableModel()
         self.setModel(self._values)
         configure(
             self,

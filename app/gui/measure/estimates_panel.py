@@ -9,7 +9,8 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from app.common import pluralize
 from app.explore import SLIDERS
-from app.gui.widgets import ElidedLabel, WindowTheme, configure, grid
+from app.gui.face import follow_tokens, tokens
+from app.gui.widgets import ElidedLabel, configure, grid
 from app.live import EstimateUpdate
 from model import format_with_uncertainty
 
@@ -60,9 +61,9 @@ class ErrorHistoryPlot(QWidget):
 class EstimatesPanel(QWidget):
     """Estimates of the present run, hidden until it has points."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme, self._update, self._busy = theme, EstimateUpdate(), False
+        self._update, self._busy = EstimateUpdate(), False
         self.caption = configure(QLabel(), "estimates.caption", kind="caption")
         self.note = configure(QLabel(), "estimates.note", kind="note", wordWrap=True)
         self.rows = [
@@ -77,7 +78,7 @@ class EstimatesPanel(QWidget):
             spacing=(8, 1),
             stretch={2: 1},
         )
-        theme.changed.connect(self._show_estimates)
+        follow_tokens(self, lambda _: self._show_estimates())
         self.hide()
 
     def show_update(self, update: EstimateUpdate) -> None:
@@ -101,7 +102,7 @@ class EstimatesPanel(QWidget):
             value.setText(
                 format_with_uncertainty(slider.factor * e.value, slider.factor * e.standard_error, slider.unit)
             )
-            history.show_errors((update.error_history or {}).get(e.name, ()), self._theme.colors.model)
+            history.show_errors((update.error_history or {}).get(e.name, ()), tokens().model)
         rests = f"± by noise, hysteresis and creep: everything else is as in {update.active_model.description}, and counts as exact, as does the sensor's gain."
         self.note.setText(
             rests if estimates else TOO_FEW if update.message.startswith("not identifiable") else update.message

@@ -1,16 +1,18 @@
-"""Measure page: run panel on the left; response, live traces and log on the right."""
+"""Measure page: run panel on the left; response and live traces on the right."""
 
 import json
 import time
 
-from PySide6.QtCore import QObject, QSettings, Qt, QTimer
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtCore import QObject, QSettings, QSize, Qt, QTimer
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QWidget
 
 from app.common import UndoHistory
+from app.gui.face import class_of, px
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane
-from app.gui.widgets import LogPane, WindowTheme, add_actions, configure
+from app.gui.widgets import add_actions, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -22,7 +24,7 @@ CALIBRATION_POLL_S = 1.0
 """Interval at which the specimen's calibration is checked."""
 
 
-class MeasurePage(QSplitter):
+class MeasurePage(QWidget):
     """One page of the window."""
 
     title = "Measure"
@@ -35,30 +37,33 @@ class MeasurePage(QSplitter):
         amplifier: AmplifierMap,
         bench: BenchGetter,
         presets: PresetStore,
-        theme: WindowTheme,
     ) -> None:
-        super().__init__(Qt.Orientation.Horizontal)
+        super().__init__()
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier)
         self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
         self._state: WindowState | None = None
         self._request: CurveRequest | None = None
         self._curve_started, self._last_poll_s = False, 0.0
-        self.run_panel = RunPanel(protocol, bench, presets, theme)
-        self.live_pane = LivePane(feed, amplifier, theme)
-        self.log = LogPane(theme)
-        self.live_pane.add_widget(self.log, 2)
-        configure(self, "measure/columns", childrenCollapsible=False, focusPolicy=Qt.FocusPolicy.ClickFocus)
-        for part, stretch in ((self.run_panel, 0), (self.live_pane, 1)):
-            self.addWidget(part)
-            self.setStretchFactor(self.indexOf(part), stretch)
-        self.setSizes([350, 900])
-        self.live_pane.setSizes([290, 210, 96])
+        self.run_panel = RunPanel(protocol, bench, presets)
+        self.live_pane = LivePane(feed, amplifier)
+        configure(self, "measure", focusPolicy=Qt.FocusPolicy.ClickFocus)
+        for part in (self.run_panel, self.live_pane):
+            part.setParent(self)
+        self.live_pane.setSizes([380, 250])
         self.live_pane.setObjectName("measure/rows")
-        self.run_panel.setMinimumSize(300, 440)
-        self.live_pane.setMinimumWidth(460)
         self.run_panel.changed.connect(self._update_request)
         self.history = FormHistory(self.run_panel, self)
         self._update_request()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        left = px(class_of(self).left)  # never the width that its texts would like
+        self.run_panel.setGeometry(0, 0, left, self.height())
+        self.live_pane.setGeometry(left, 0, self.width() - left, self.height())
+
+    def minimumSizeHint(self) -> QSize:
+        plots, panel = self.live_pane.minimumSizeHint(), self.run_panel.minimumSizeHint()
+        return QSize(px(class_of(self).left) + plots.width(), max(plots.height(), panel.height()))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
@@ -67,7 +72,6 @@ class MeasurePage(QSplitter):
         if view.busy and (self._state is None or view.points is not self._state.points or not self._state.busy):
             self._estimator.submit(view.points, self._active_model)
         self._state = view
-        self.log.set_state(view)
 
     def start_model_curve(self) -> None:
         """Compute the model curve from now on; its numerics take a while to import."""

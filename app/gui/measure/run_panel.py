@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
 from app.common import UsageError, format_bytes, pluralize, remember_conditions, remembered_conditions
+from app.gui.face import set_length
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.results import ResultCard
@@ -17,7 +18,6 @@ from app.gui.widgets import (
     BackgroundWorker,
     ProtocolForm,
     SheetButton,
-    WindowTheme,
     column,
     configure,
     make_button,
@@ -69,7 +69,6 @@ class RunPanel(QWidget):
         protocol: Protocol,
         bench: BenchGetter,
         presets: PresetStore,
-        theme: WindowTheme,
     ) -> None:
         super().__init__()
         self._bench = bench
@@ -95,10 +94,11 @@ class RunPanel(QWidget):
         )
         self.rehearsal_label = make_label(name="measure.rehearsal")
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
-        self.estimates_panel, self.result_card = EstimatesPanel(theme), ResultCard(theme)
+        self.estimates_panel, self.result_card = EstimatesPanel(), ResultCard()
         self.run_button = make_button(
-            f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})", self.run_pressed.emit, "go", name="measure.run"
+            "Run", self.run_pressed.emit, "go", name="measure.run", key=ACTIONS["run"].shortcut
         )
+        set_length(self.run_button, height=44)
         self.preset_button = PresetButton(presets, lambda: self.protocol)
         self._browse = configure(
             QToolButton(),
@@ -274,7 +274,7 @@ class RunPanel(QWidget):
             self.estimates_panel,
             self.result_card,
             STRETCH,
-            margins=(0, 0, 8, 0),
+            margins=(4, 0, 4, 0),
             spacing=8,
             focusPolicy=Qt.FocusPolicy.NoFocus,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
@@ -286,7 +286,7 @@ class RunPanel(QWidget):
             (self._content_area, 1),
             self.run_button,
             parent=self,
-            margins=(0, 2, 0, 0),
+            margins=(8, 8, 8, 8),
             spacing=8,
         )
 

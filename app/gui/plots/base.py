@@ -12,13 +12,14 @@ from PySide6.QtGui import QBrush, QColor, QFont, QFontMetrics, QFontMetricsF, QP
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
 from app.common import typeset
+from app.gui.face import Tokens, tokens
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.items import LogPlaced, place, place_end
 from app.gui.plots.series import series_as_text, series_of
 from app.gui.plots.threshold_items import ThresholdItems
 from app.gui.plots.tools import PlotTools
 from app.gui.plots.zoom import ZoomBox
-from app.gui.widgets import Menu, Theme, WindowTheme, column, make_label
+from app.gui.widgets import Menu, column, make_label
 from model import Array, Series, format_estimate
 from protocols.base import RunEnded
 
@@ -60,10 +61,10 @@ def trace_pen(color: str) -> QPen:
     return pen
 
 
-def curve_color(index: int, theme: Theme) -> QColor:
+def curve_color(index: int) -> QColor:
     """Return the colour of the n-th of several curves."""
     colour = QColor(CURVE_COLORS[index % len(CURVE_COLORS)])
-    return colour.lighter(160) if theme.dark else colour
+    return colour.lighter(160) if tokens().dark else colour
 
 
 def curve_symbol(index: int) -> str:
@@ -91,8 +92,9 @@ def style_axes(plot: Any, font: QFont) -> None:
         changed.connect(lambda *_: _shorten_long_name(plot.getAxis("left"), box.height()))
 
 
-def color_axes(plot: Any, theme: Theme) -> None:
-    """Draw the axes of a plot in the colours of a theme."""
+def color_axes(plot: Any) -> None:
+    """Draw the axes of a plot in the colours in use."""
+    theme = tokens()
     for side in ("left", "bottom"):
         axis = plot.getAxis(side)
         axis.setPen(pg.mkPen(theme.line))
@@ -307,7 +309,6 @@ class PlotBase(QWidget):
 
     def __init__(
         self,
-        theme: WindowTheme,
         parent: QWidget | None = None,
         *,
         canvas: Any = None,
@@ -316,7 +317,6 @@ class PlotBase(QWidget):
         grid: bool = False,
     ) -> None:
         super().__init__(parent)
-        self._theme = theme
         self._canvases: list[Any] = []
         self._plots: list[Any] = []
         self.aligned_plots: list[Any] = []
@@ -346,16 +346,16 @@ class PlotBase(QWidget):
         """The text above the plot, at the left."""
         return self.corner_labels[0]
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         """Apply a theme."""
         for canvas in self._canvases:
-            canvas.setBackground(theme.panel)
+            canvas.setBackground(theme.surface)
         for plot in self._plots:
-            color_axes(plot, theme)
+            color_axes(plot)
         for tools in self.tools:
             tools.apply_theme(theme)
         for simulated, text in zip(self.simulated_labels, self.corner_labels, strict=True):
-            simulated.set_color(theme.simulated)
+            simulated.set_color(theme.violet)
             text.set_color(theme.text)
         if self.legend is not None:
             self.legend.setLabelTextColor(theme.text)
@@ -478,13 +478,13 @@ class TracePlotBase(PlotBase):
     NAMES = ("displacement (µm)", "drive at the amplifier (V)")
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None, *, zooms: bool = True) -> None:
+    def __init__(self, parent: QWidget | None = None, *, zooms: bool = True) -> None:
         canvas = pg.GraphicsLayoutWidget()
         canvas.ci.setContentsMargins(0, 0, 10, 0)
         canvas.ci.setSpacing(0)
         boxes = [{"viewBox": ZoomBox()} if zooms else {} for _ in range(2)]
         plots = [canvas.addPlot(row=row, col=0, enableMenu=False, **box) for row, box in enumerate(boxes)]
-        super().__init__(theme, parent, canvas=canvas, plots=plots, axis_width=TRACE_AXIS_WIDTH)
+        super().__init__(parent, canvas=canvas, plots=plots, axis_width=TRACE_AXIS_WIDTH)
         plots[1].setXLink(plots[0])
         plots[1].setMouseEnabled(x=False, y=False)  # it follows the upper plot
         plots[0].getAxis("bottom").setStyle(showValues=False)
@@ -495,9 +495,9 @@ class TracePlotBase(PlotBase):
             plot.addItem(curve)
             label.set_text(name)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
-        for curve, label, color in zip(self.curves, self.corner_labels, (theme.measured, theme.second), strict=True):
+        for curve, label, color in zip(self.curves, self.corner_labels, (theme.ink, theme.ink), strict=True):
             curve.setPen(trace_pen(color))
             label.set_color(color)
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import pyqtgraph as pg
 
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import (
     TRACE_AXIS_WIDTH,
     CornerLabel,
@@ -14,7 +15,6 @@ from app.gui.plots.base import (
     style_axes,
     trace_pen,
 )
-from app.gui.widgets import Theme, WindowTheme
 from app.live import LiveFeed, TimeSpan
 from model import shown_unit
 
@@ -25,28 +25,28 @@ STRIP_HEIGHT = 64
 class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
     """The further channels of the acquisition over the displayed span; hidden where there are none."""
 
-    def __init__(self, feed: LiveFeed, theme: WindowTheme) -> None:
+    def __init__(self, feed: LiveFeed) -> None:
         super().__init__()
         self.setAccessibleName("plot: further channels")
         self.ci.setContentsMargins(0, 0, 10, 0)
         self.ci.setSpacing(0)
-        self._feed, self._theme = feed, theme
+        self._feed = feed
         self._shown: tuple[tuple[str, str], ...] = ()
         self.curves: list[Any] = []
         self._plots: list[Any] = []
         self._labels: list[CornerLabel] = []
         self._ranges: list[tuple[float, float] | None] = []
         self.setVisible(False)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         """Apply a theme."""
-        self.setBackground(theme.panel)
+        self.setBackground(theme.surface)
         for at, (plot, curve, label) in enumerate(zip(self._plots, self.curves, self._labels, strict=True)):
-            color = curve_color(at, theme).name()
+            color = curve_color(at).name()
             curve.setPen(trace_pen(color))
             label.set_color(color)
-            color_axes(plot, theme)
+            color_axes(plot)
 
     def draw(self, span: TimeSpan, shown_s: float, fresh: bool) -> None:
         """Draw the channels so that `shown_s`, bench time of the stream, is the right edge; `fresh` with new samples."""
@@ -85,4 +85,4 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
             self._labels.append(CornerLabel(plot, f"{name} ({shown_unit(unit).unit})", self.font(), right=False))
         self.setFixedHeight(STRIP_HEIGHT * max(len(self._plots), 1))
         self.setVisible(bool(self._plots))
-        self.apply_theme(self._theme.colors)
+        self.apply_theme(tokens())

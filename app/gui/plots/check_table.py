@@ -4,7 +4,8 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QWidget
 
 from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity
-from app.gui.widgets import WindowTheme, column, fill_table, make_label, make_read_only_table
+from app.gui.face import follow_tokens, tokens
+from app.gui.widgets import column, fill_table, make_label, make_read_only_table, set_tone
 from protocols.base import Outcome, Verdict
 
 COLUMNS = ("", "check", "figure", "limits", "unit", "remedy")
@@ -14,13 +15,13 @@ RIGHT_ALIGNED = ("figure", "limits")
 class CheckTable(QWidget):
     """The checks of a run with the remedies of failed ones."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme, self._verdict = theme, Verdict()
+        self._verdict = Verdict()
         self.caption = make_label(kind="caption", name="checks.caption")
         self.table = make_read_only_table(COLUMNS, "checks.table", "checks")
         column(self.caption, (self.table, 1), parent=self, margins=(4, 2, 4, 0), spacing=4)
-        theme.changed.connect(self._show_checks)
+        follow_tokens(self, lambda _: self._show_checks())
 
     def show_verdict(self, verdict: Verdict) -> None:
         """Show the checks of a verdict."""
@@ -34,16 +35,13 @@ class CheckTable(QWidget):
         count = f"{failed} of {len(verdict.checks)} checks did not pass" if failed else "all checks passed"
         head = "" if outcome is Outcome.DID_NOT_PASS else f"{outcome}: "
         text = f"{head}{count}"
-        color = self._theme.colors.severity_color(outcome_severity(outcome))
         self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {text[:1].upper()}{text[1:]}")
-        self.caption.setStyleSheet(f"color: {color}")
+        set_tone(self.caption, outcome_severity(outcome))
         rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # failed checks come first
         fill_table(
             self.table,
             [("✓ pass" if row.passed else "✕ FAIL", *map(str, row[1:])) for row in rows],
-            lambda at, place: (
-                self._theme.colors.passed_color(rows[at].passed) if place == 0 or not rows[at].passed else ""
-            ),
+            lambda at, place: tokens().passed_color(rows[at].passed) if place == 0 or not rows[at].passed else "",
             [COLUMNS.index(name) for name in RIGHT_ALIGNED],
         )
         self.table.resizeRowsToContents()

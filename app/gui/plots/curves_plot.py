@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
 
 from app.common import minmax_decimate
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import (
     MAX_LEGEND_ENTRIES,
     BandFill,
@@ -32,7 +33,7 @@ from app.gui.plots.curve_layers import (
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip, make_layer_box
 from app.gui.plots.series import series_of
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
+from app.gui.widgets import ElidedLabel, configure, make_choice, row
 from app.live import ModelCurves
 from model import Array, shown_unit
 from protocols.base import Series
@@ -53,8 +54,8 @@ class CurvesPlot(PlotBase):
 
     ACCESSIBLE_NAME = "plot: curves of the run"
 
-    def __init__(self, theme: WindowTheme) -> None:
-        super().__init__(theme, grid=True)
+    def __init__(self) -> None:
+        super().__init__(grid=True)
         self._curves: Sequence[Series] = ()
         self._model_curve: ModelCurves | None = None
         self._bare_tactor = False
@@ -73,9 +74,9 @@ class CurvesPlot(PlotBase):
         self.points_button = make_choice("Show the points")
         self._add_head(row(self.caption, (self.source, 1), self.layer_box, self.points_button, spacing=10))
         self.plot.getViewBox().sigResized.connect(self._scale)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self.band.set_color(theme.model)
@@ -142,9 +143,7 @@ class CurvesPlot(PlotBase):
                     self._add_further(bars)
             if drawn.fit is not None:
                 # A fit of one curve among several has its colour: the model's would hide which is which.
-                pen = pg.mkPen(
-                    colour if len(shown) > 1 else self._theme.colors.model, width=1.5, style=Qt.PenStyle.DotLine
-                )
+                pen = pg.mkPen(colour if len(shown) > 1 else tokens().model, width=1.5, style=Qt.PenStyle.DotLine)
                 dotted = CurveItem(pen=pen)
                 dotted.setData(*decimate_to_drawn(x, drawn.fit), connect="finite")
                 self._add_further(dotted)
@@ -170,7 +169,7 @@ class CurvesPlot(PlotBase):
         self._add_legend(left=False)
         self.legend.setColumnCount(columns)
         self.legend.setOffset(offset)
-        self.legend.setLabelTextColor(self._theme.colors.text)
+        self.legend.setLabelTextColor(tokens().text)
         for item, label in entries:
             self.legend.addItem(item, label)
 
@@ -181,7 +180,7 @@ class CurvesPlot(PlotBase):
     @cached_property
     def strip(self) -> LowerStrip:
         """The plot below the curves; created when first used."""
-        return self._add_strip(LowerStrip(self.plot, self._theme))
+        return self._add_strip(LowerStrip(self.plot))
 
     @property
     def layer(self) -> str:
@@ -230,7 +229,7 @@ class CurvesPlot(PlotBase):
         )
 
     def _color(self, at: int, count: int) -> QColor:
-        return QColor(self._theme.colors.measured) if count == 1 else curve_color(at, self._theme.colors)
+        return QColor(tokens().ink) if count == 1 else curve_color(at)
 
     def _draw_model(self) -> None:
         """Draw the response to one volt at the amplifier's input: the curve's fundamental divided by its amplitude."""

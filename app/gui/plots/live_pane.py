@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets import WindowTheme, column
+from app.gui.widgets import column
 from app.live import LiveFeed, ModelCurves
 from app.session import WindowState
 from model import AmplifierMap
@@ -30,9 +30,9 @@ class LivePane(QSplitter):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme) -> None:
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
         super().__init__(Qt.Orientation.Vertical)
-        self._feed, self._amplifier, self._theme = feed, amplifier, theme
+        self._feed, self._amplifier = feed, amplifier
         self._places = []
         for share in (5, 4):
             place = QWidget()
@@ -48,7 +48,7 @@ class LivePane(QSplitter):
     @cached_property
     def plots(self) -> ResultPlots:
         """The results of the run, above."""
-        plots = ResultPlots(self._theme)
+        plots = ResultPlots()
         plots.repeat_requested.connect(self.repeat_requested)
         self._places[0].addWidget(plots)
         if self._curve is not None:
@@ -58,7 +58,7 @@ class LivePane(QSplitter):
     @cached_property
     def time_plot(self) -> TimePlot:
         """The live traces, below."""
-        plot = TimePlot(self._feed, self._amplifier, self._theme)
+        plot = TimePlot(self._feed, self._amplifier)
         self._places[1].addWidget(plot)
         plot.select_span(self._span)
         return plot
@@ -115,6 +115,7 @@ class LivePane(QSplitter):
             curves_first=self._running is not None,
         )
         self.time_plot.show_simulated(view.simulated)
+        self.time_plot.is_calm = not view.busy
 
     def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model's curve under the points."""

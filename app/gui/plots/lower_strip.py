@@ -8,9 +8,10 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QSizePolicy
 
+from app.gui.face import Tokens, follow_tokens
 from app.gui.plots.base import BandFill, PlotBase, limit_ticks
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
-from app.gui.widgets import Theme, WindowTheme, make_combo
+from app.gui.widgets import make_combo
 from model import Mask, Series
 
 MIN_HEIGHT = 60
@@ -35,8 +36,8 @@ class StripBase(PlotBase):
 
     LOG_AXES = (False, False)  # x follows the plot above
 
-    def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
-        super().__init__(theme, grid=True)
+    def __init__(self, main_plot: Any) -> None:
+        super().__init__(grid=True)
         self.plot.layout.setRowFixedHeight(0, 4)
         self.simulated_label.set_visible(False)  # the plot above it is marked
         limit_ticks(self.plot, self.font())
@@ -50,17 +51,17 @@ class StripBase(PlotBase):
 class LowerStrip(StripBase):
     """Series as points with error bars, or as lines with bands."""
 
-    def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
-        super().__init__(main_plot, theme)
+    def __init__(self, main_plot: Any) -> None:
+        super().__init__(main_plot)
         self._main = main_plot
         self.setMinimumHeight(MIN_HEIGHT)
         self._zero = pg.InfiniteLine(0.0, angle=0)
         self.plot.addItem(self._zero)
         self._items: list[Any] = []
         self.series: tuple[Series, ...] = ()
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self._zero.setPen(pg.mkPen(theme.model, width=1.5))
 

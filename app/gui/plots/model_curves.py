@@ -9,10 +9,11 @@ from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import QCheckBox
 
+from app.gui.face import Tokens, tokens
 from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
 from app.gui.plots.items import CurveItem, linear_data
 from app.gui.plots.series import SERIES, series_of
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, set_style_kind
+from app.gui.widgets import ElidedLabel, configure, set_style_kind
 from app.live import COVERAGE, ModelCurves, ResponseCurves
 from model import Series
 
@@ -59,8 +60,8 @@ class DrawnCurve:
 class ModelCurveItems:
     """The model curves of a plot, the check box of their bands, and the label of the model they belong to."""
 
-    def __init__(self, plot: Any, theme: WindowTheme) -> None:
-        self._plot, self._theme = plot, theme
+    def __init__(self, plot: Any) -> None:
+        self._plot = plot
         self._model: ModelCurves | None = None
         self.free = DrawnCurve(plot)
         self.on_membrane: list[DrawnCurve] = []
@@ -82,14 +83,14 @@ class ModelCurveItems:
             return QColor(default)
         for at, each in enumerate(self.all_curves):
             if self._model.at_elongation(elongation_m) is each.curves:
-                return curve_color(at, self._theme.colors)
-        return QColor(self._theme.colors.text)  # no curve at this elongation
+                return curve_color(at)
+        return QColor(tokens().text)  # no curve at this elongation
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         """Apply a theme."""
         self.legend.setLabelTextColor(theme.text)
         for at, each in enumerate(self.all_curves):
-            each.set_color(curve_color(at, theme).name() if self.on_membrane else theme.model)
+            each.set_color(curve_color(at).name() if self.on_membrane else theme.model)
         self._label_curves()
         swatch = QPixmap(self.band_box.iconSize())
         swatch.fill(self.free.fills[0].brush().color())
@@ -104,7 +105,7 @@ class ModelCurveItems:
             self.on_membrane.append(DrawnCurve(self._plot))
         for each, shown in zip(self.all_curves, (curve.free, *curve.on_membrane.values()), strict=True):
             each.show(shown)
-        self.apply_theme(self._theme.colors)
+        self.apply_theme(tokens())
         of, has_band = curve.active_model, curve.free[SERIES[0].column].band is not None
         why = f"Where the model's curve lies with {100 * COVERAGE:g} %, by the errors of the calibration"
         self.band_box.setEnabled(has_band)

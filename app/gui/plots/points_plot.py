@@ -12,13 +12,14 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 
 from app.common import axis_name, format_point
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip, make_layer_box
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import series_of
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
+from app.gui.widgets import ElidedLabel, configure, make_choice, row
 from app.live import ModelCurves
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
@@ -41,8 +42,8 @@ class PointsPlot(PlotBase):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme) -> None:
-        super().__init__(theme, grid=True)
+    def __init__(self) -> None:
+        super().__init__(grid=True)
         self._kind: type[Protocol] | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
@@ -76,11 +77,11 @@ class PointsPlot(PlotBase):
                 spacing=10,
             )
         )
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
-        self._bars.setData(pen=pg.mkPen(theme.measured))
+        self._bars.setData(pen=pg.mkPen(theme.ink))
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self._draw()
 
@@ -137,7 +138,7 @@ class PointsPlot(PlotBase):
     @cached_property
     def strip(self) -> LowerStrip:
         """The residual below the points; created when first used."""
-        return self._add_strip(LowerStrip(self.plot, self._theme), (3, 1))
+        return self._add_strip(LowerStrip(self.plot), (3, 1))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -161,7 +162,7 @@ class PointsPlot(PlotBase):
         (x_factor, _), (y_factor, unit) = _shown_units(self._kind)
         residuals = []
         for line in lines:
-            item = CurveItem(pen=pg.mkPen(self._theme.colors.model, width=1.5))
+            item = CurveItem(pen=pg.mkPen(tokens().model, width=1.5))
             item.setData(x_factor * line.x, y_factor * line.y)
             item.setZValue(-5)
             self.plot.addItem(item)
@@ -173,7 +174,7 @@ class PointsPlot(PlotBase):
             residuals.append(
                 Series(x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors, name=line.label)
             )
-        colors = [QColor(self._theme.colors.measured)] * len(residuals)
+        colors = [QColor(tokens().ink)] * len(residuals)
         label = f"residual ({unit})" if unit else "residual"
         self.strip.draw(residuals, colors, label, symbols=True, zero=True, simulated=self.simulated)
         self._show_strip()
@@ -204,14 +205,12 @@ class PointsPlot(PlotBase):
             factor * np.array([float(getattr(p, name, 0.0)) for p in points])
             for name, factor in ((x_name, x_factor), (y_name, y_factor), (f"{y_name}_errors", y_factor))
         )
-        ink = QColor(self._theme.colors.measured)
+        ink = QColor(tokens().ink)
         usable = [Quality(p.quality).usable for p in points]
         self._shown_indices = [self._entries[i] if i < len(self._entries) else -1 for i in at]
         chosen = [entry in self.selection.entries for entry in self._shown_indices]
-        pens = [
-            pg.mkPen(QColor(self._theme.colors.accent if taken else ink), width=4 if taken else 2) for taken in chosen
-        ]
-        fills = [pg.mkBrush(ink if good else self._theme.colors.panel) for good in usable]
+        pens = [pg.mkPen(QColor(tokens().accent if taken else ink), width=4 if taken else 2) for taken in chosen]
+        fills = [pg.mkBrush(ink if good else tokens().surface) for good in usable]
         texts = [format_point(p) for p in points]
         self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=texts)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))

@@ -8,11 +8,11 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import stable_range
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import StripBase
 from app.gui.plots.series import series_of
-from app.gui.widgets import Theme, WindowTheme
 from app.live import ModelCurves
 from model import Series
 from protocols.base import Quality
@@ -27,8 +27,8 @@ class ResidualStrip(StripBase):
 
     ACCESSIBLE_NAME = "plot: residual of the points"
 
-    def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
-        super().__init__(main_plot, theme)
+    def __init__(self, main_plot: Any) -> None:
+        super().__init__(main_plot)
         self.quantity = NOTHING
         self.setFixedHeight(HEIGHT)
         self._line = CurveItem(antialias=True, connect="finite")
@@ -36,12 +36,12 @@ class ResidualStrip(StripBase):
         self.scatter = ScatterItem(size=8, antialias=True)
         for item in (self._line, self._bars, self.scatter):
             self.plot.addItem(item)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self._line.setPen(pg.mkPen(theme.model, width=1.5))
-        self._bars.setData(pen=pg.mkPen(theme.measured))
+        self._bars.setData(pen=pg.mkPen(theme.ink))
 
     def _series(self) -> Iterable[Series]:
         return [*series_of("measured", self.scatter, self._bars), *series_of("model", self._line)]
@@ -62,7 +62,7 @@ class ResidualStrip(StripBase):
         self._line.setData(*line)
         there = np.isfinite(y)  # Qt crashes when it paints a point that is not finite
         seen = [(p, ink) for p, ink, is_there in zip(points, colors, there, strict=True) if is_there]
-        fills = [pg.mkBrush(ink if Quality(p.quality).usable else self._theme.colors.panel) for p, ink in seen]
+        fills = [pg.mkBrush(ink if Quality(p.quality).usable else tokens().surface) for p, ink in seen]
         pens = [pg.mkPen(ink, width=2) for _, ink in seen]
         self.scatter.setData(x=x[there], y=y[there], symbol="o", pen=pens, brush=fills)
         half = np.nan_to_num(errors[there])

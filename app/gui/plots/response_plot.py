@@ -12,12 +12,13 @@ from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton
 
 from app.common import format_point
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import PlotBase, caption_label, finite_max, legend_share, stable_range
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, legend_icon, series_of
-from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, make_choice, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, configure, make_choice, row, set_style_kind
 from app.live import ModelCurves, elongations_of
 from model import Series
 from protocols.base import Quality
@@ -77,8 +78,8 @@ class ResponsePlot(PlotBase):
     MAX_ESTIMATES = None
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme) -> None:
-        super().__init__(theme, grid=True)
+    def __init__(self) -> None:
+        super().__init__(grid=True)
         self._curve: ModelCurves | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
@@ -86,7 +87,7 @@ class ResponsePlot(PlotBase):
         self._max_hz = 250.0
         self.plot.setLabels(left="peak-to-peak displacement (µm)", bottom="frequency (Hz)")
         self._felt = self._add_threshold(labelled=True, width=1.5)
-        self.model_curves = ModelCurveItems(self.plot, theme)
+        self.model_curves = ModelCurveItems(self.plot)
         self._bars = [BarsItem(beam=0.0) for _ in SERIES]
         self.scatters = [
             ScatterItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=hover_text)
@@ -105,10 +106,10 @@ class ResponsePlot(PlotBase):
         self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))
         self.curves_button = make_choice("Show the curves")
         self._add_head(self._head_row())
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
         self.plot.getViewBox().sigResized.connect(lambda *_: self._scale())  # the legend's share of the height
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         for series, color, box, bars in zip(SERIES, self._series_colors, self.series_boxes, self._bars, strict=True):
             bars.setData(pen=pg.mkPen(color))
@@ -148,12 +149,10 @@ class ResponsePlot(PlotBase):
             inks = self._point_colors(at)
             taken = [i < len(self._entries) and self._entries[i] in self.selection.entries for i in range(len(x))]
             pens = [
-                pg.mkPen(QColor(self._theme.colors.accent) if t else ink, width=5 if t else 2)
+                pg.mkPen(QColor(tokens().accent) if t else ink, width=5 if t else 2)
                 for t, ink in zip(taken, inks, strict=True)
             ]
-            fills = [
-                pg.mkBrush(ink if good else self._theme.colors.panel) for good, ink in zip(usable, inks, strict=True)
-            ]
+            fills = [pg.mkBrush(ink if good else tokens().surface) for good, ink in zip(usable, inks, strict=True)]
             # An imported table may have one of the two only, and Qt crashes when it paints a point that is not finite.
             there = np.flatnonzero(np.isfinite(y)).tolist()
             pens, fills, texts_there = ([every[i] for i in there] for every in (pens, fills, texts))
@@ -230,7 +229,7 @@ class ResponsePlot(PlotBase):
     @cached_property
     def residual_strip(self) -> ResidualStrip:
         """The plot below the response; created when first used."""
-        return self._add_strip(ResidualStrip(self.plot, self._theme))
+        return self._add_strip(ResidualStrip(self.plot))
 
     def _draw_strip(self) -> None:
         if "residual_strip" in vars(self):
@@ -258,7 +257,7 @@ class ResponsePlot(PlotBase):
 
     @property
     def _series_colors(self) -> tuple[str, str]:
-        return self._theme.colors.measured, self._theme.colors.second
+        return tokens().ink, tokens().ink
 
 
 def hover_text(x: float, y: float, data: str) -> str:  # noqa: ARG001 - as pyqtgraph calls it

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QStackedWidget
 from app.gui.plots.base import PlotBase
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
-from app.gui.widgets import WindowTheme
 from app.live import ModelCurves
 from protocols.base import Protocol, RunEnded, Series
 from protocols.runfile import is_response, point_columns
@@ -27,10 +26,9 @@ class ResultPlots(QStackedWidget):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme = theme
-        self.response = ResponsePlot(theme)
+        self.response = ResponsePlot()
         self.response.repeat_requested.connect(self.repeat_requested)
         self.addWidget(self.response)
         self._plot_of_points: ResponsePlot | PointsPlot = self.response
@@ -41,7 +39,7 @@ class ResultPlots(QStackedWidget):
     @cached_property
     def points(self) -> PointsPlot:
         """The plot of points that are not amplitudes over frequency."""
-        plot = PointsPlot(self._theme)
+        plot = PointsPlot()
         plot.repeat_requested.connect(self.repeat_requested)
         self.addWidget(plot)
         if self._model_curve is not None:
@@ -53,7 +51,7 @@ class ResultPlots(QStackedWidget):
         """The plot of the curves that entries return in addition to points."""
         from app.gui.plots.curves_plot import CurvesPlot
 
-        plot = CurvesPlot(self._theme)
+        plot = CurvesPlot()
         plot.points_button.clicked.connect(lambda: self._show_points(points=True))
         self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
         self.response.curves_button.clicked.connect(lambda: self._show_points(points=False))
@@ -67,7 +65,7 @@ class ResultPlots(QStackedWidget):
         """The table of checks of a protocol that passes or fails."""
         from app.gui.plots.check_table import CheckTable
 
-        table = CheckTable(self._theme)
+        table = CheckTable()
         self.addWidget(table)
         return table
 

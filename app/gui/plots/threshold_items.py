@@ -6,8 +6,8 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor, QFont
 
+from app.gui.face import Tokens
 from app.gui.plots.items import CurveItem, place
-from app.gui.widgets import Theme
 from model import THRESHOLD_M, UNCOMFORTABLE_HZ, Array
 
 ABDOMEN_UM = 1e6 * THRESHOLD_M
@@ -54,15 +54,15 @@ class ThresholdItems:
         for shade in self.shades:
             shade.setZValue(-20)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         """Apply a theme."""
-        pen = pg.mkPen(theme.threshold, width=self._width)
+        pen = pg.mkPen(theme.text2, width=self._width)
         self.line.setPen(pen)
         self.curve.setPen(pen)
-        self.curve_label.setColor(theme.threshold)
+        self.curve_label.setColor(theme.text2)
         if self._labelled:
-            self.line.label.setColor(QColor(theme.threshold))
-        color = QColor(theme.warning)
+            self.line.label.setColor(QColor(theme.text2))
+        color = QColor(theme.amber_text)
         self._shade_label.setColor(color)
         color.setAlpha(SHADE_ALPHA)
         for shade in self.shades:

@@ -8,6 +8,7 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QButtonGroup
 
 from app.common import format_duration
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots.base import (
     TICK_LINES,
     TracePlotBase,
@@ -18,7 +19,7 @@ from app.gui.plots.base import (
 )
 from app.gui.plots.channel_strips import ChannelStrips
 from app.gui.plots.copy import PlotCopyButtons
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, make_label, row
+from app.gui.widgets import ElidedLabel, configure, make_choice, make_label, row
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
 
@@ -29,6 +30,9 @@ LEAST_MOTION = 1e-4
 """Of the span: less is no motion on the screen."""
 
 INITIAL_RANGE_UM = 100.0
+
+CALM_S = 0.2
+"""Interval between two redraws at rest."""
 
 HELD_AFTER_S = 1.0
 """Traces without a new sample for this long are drawn in grey, with their age."""
@@ -43,9 +47,11 @@ class TimePlot(TracePlotBase):
 
     ACCESSIBLE_NAME = "plot: live traces"
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme) -> None:
-        super().__init__(theme)
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
+        super().__init__()
         self._feed, self._rest_v = feed, amplifier.rest_v
+        self.is_calm = False
+        """Whether nothing is driven: a few redraws a second are enough."""
         self.frames = 0
         """Number of redraws."""
         self._range: tuple[float, float] | None = None
@@ -59,7 +65,7 @@ class TimePlot(TracePlotBase):
         self._held_s = 0
         """Age of held traces in whole seconds; 0 while samples arrive, and without any."""
         self._spans = QButtonGroup(self)
-        self.strips = ChannelStrips(feed, theme)
+        self.strips = ChannelStrips(feed)
         self.copy_buttons.append(PlotCopyButtons(self.strips, self._table))
         self._axis_label = configure(ElidedLabel(), kind="note")
         self.held_label = make_label(kind="note", wrap=False, name="traces.held")
@@ -74,16 +80,16 @@ class TimePlot(TracePlotBase):
         self._rest.setZValue(-1)  # below the trace
         self._drive_plot.addItem(self._rest)
         self._build()
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
         self._spans.idToggled.connect(self._on_span_toggled)
         self.select_span(0)
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         super().apply_theme(theme)
         self._rest.setPen(trace_pen(theme.line))
         if self._held_s:
             for curve in self.curves:
-                curve.setPen(trace_pen(theme.secondary_text))
+                curve.setPen(trace_pen(theme.text2))
 
     @property
     def span(self) -> TimeSpan:
@@ -99,8 +105,10 @@ class TimePlot(TracePlotBase):
         self._spans.button(min(max(index, 0), len(SPANS) - 1)).setChecked(True)
 
     def tick(self) -> None:
-        """Take new samples and scroll towards them."""
+        """Take new samples and scroll towards them; at rest a few times a second."""
         now = time.monotonic()
+        if self.is_calm and now - self._last_tick_s < CALM_S:
+            return
         elapsed, self._last_tick_s = now - self._last_tick_s, now
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
@@ -162,7 +170,7 @@ class TimePlot(TracePlotBase):
         was_held, self._held_s = bool(self._held_s), held_s
         self.held_label.setText(f"held: {format_duration(held_s)} old" if held_s else "")
         if bool(held_s) is not was_held:
-            self.apply_theme(self._theme.colors)
+            self.apply_theme(tokens())
 
     def _scale(self, low: float, high: float) -> None:
         limits = stable_range(low, high, self._range)

@@ -12,10 +12,11 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
 from PySide6.QtWidgets import QLabel
 
 from app.common import pluralize
+from app.gui.face import Tokens
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.items import ScatterItem
 from app.gui.plots.zoom import ZoomBox
-from app.gui.widgets import ACTIONS, Menu, Mode, Theme, add_actions, choose_files, configure
+from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure
 from model import Array
 
 CLOSER, FURTHER = 0.7, 1 / 0.7
@@ -101,7 +102,7 @@ class PlotTools(QObject):
         if hidden:
             self._show_text(f"{pluralize(hidden, 'point')} at zero or below: not on a logarithmic axis")
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         """Apply a theme."""
         self._marker_color = theme.accent
         if self._marker is not None:

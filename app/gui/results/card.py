@@ -7,17 +7,17 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame
 
-from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_severity, summarize_result
+from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, outcome_severity, summarize_result
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
-    WindowTheme,
     WrappedRow,
     column,
     configure,
     make_button,
     make_label,
     row,
+    set_tone,
     tooltip,
 )
 from app.session import WindowState
@@ -57,7 +57,6 @@ class ResultCard(QFrame):
 
     def __init__(
         self,
-        theme: WindowTheme,
         prefix: str = "result",
         actions: tuple[str, ...] = tuple(BUTTONS),
         compact: bool = False,
@@ -65,10 +64,9 @@ class ResultCard(QFrame):
     ) -> None:
         super().__init__()
         configure(self, prefix, kind="" if compact else "panel")
-        self._theme, self._compact, self._scrolls = theme, compact, scrolls
+        self._compact, self._scrolls = compact, scrolls
         self._outcome: RunEnded | None = None
         self.summary: ResultSummary | None = None
-        theme.changed.connect(self._show_verdict)
         self.verdict_label = make_label(kind="running", wrap=not compact, name=f"{prefix}.verdict")
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
         self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
@@ -173,7 +171,7 @@ class ResultCard(QFrame):
         """Show that a run is being read, and hide the result of the run before."""
         self.summary = None
         self.verdict_label.setText("reading …")
-        self.verdict_label.setStyleSheet("")
+        set_tone(self.verdict_label, Severity.INFO)
         self.simulated_label.hide()
         for button in self.buttons.values():
             button.hide()
@@ -187,7 +185,7 @@ class ResultCard(QFrame):
         verdict = summary.verdict.outcome
         self.verdict_label.setText(f"{OUTCOME_SYMBOLS[verdict]} {verdict.upper()}")
         self.verdict_label.setToolTip(summary.verdict.describe(summary.reason))
-        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.severity_color(outcome_severity(verdict))}")
+        set_tone(self.verdict_label, outcome_severity(verdict))
 
 
 def _table(lines: tuple[tuple[str, str], ...], heads: tuple[str, str] | None = None) -> str:

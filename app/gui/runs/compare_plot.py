@@ -6,6 +6,7 @@ import numpy as np
 import pyqtgraph as pg
 
 from app.archive import MeasuredResponse
+from app.gui.face import Tokens, follow_tokens, tokens
 from app.gui.plots import (
     MAX_LEGEND_ENTRIES,
     SERIES,
@@ -16,7 +17,6 @@ from app.gui.plots import (
     legend_share,
     round_step,
 )
-from app.gui.widgets import Theme, WindowTheme
 from model import Series
 
 
@@ -25,8 +25,8 @@ class ComparePlot(PlotBase):
 
     ACCESSIBLE_NAME = "plot: comparison of the selected runs"
 
-    def __init__(self, theme: WindowTheme) -> None:
-        super().__init__(theme, axis_width=None)
+    def __init__(self) -> None:
+        super().__init__(axis_width=None)
         self._runs: tuple[MeasuredResponse, ...] = ()
         self.plot.setLabels(left="peak-to-peak displacement (µm)", bottom="frequency (Hz)")
         self._felt = self._add_threshold(labelled=False)
@@ -34,7 +34,7 @@ class ComparePlot(PlotBase):
         self.items: list[pg.PlotDataItem] = []
         self._add_head()
         self.plot.getViewBox().sigResized.connect(self._scale)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
     def _series(self) -> Iterable[Series]:
         peak_to_peak = SERIES[0]
@@ -43,10 +43,10 @@ class ComparePlot(PlotBase):
             for r in self._runs
         ]
 
-    def apply_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Tokens) -> None:
         """Apply a theme."""
         super().apply_theme(theme)
-        self.corner_label.set_color(theme.secondary_text)
+        self.corner_label.set_color(theme.text2)
         self.show_runs(self._runs, self.corner_label.text)
 
     def show_runs(self, runs: Sequence[MeasuredResponse], text: str = "") -> None:
@@ -59,11 +59,11 @@ class ComparePlot(PlotBase):
             self.plot.removeItem(item)
         self.items = []
         for at, run in enumerate(self._runs):
-            colour = curve_color(at, self._theme.colors)
+            colour = curve_color(at)
             shown = run.peak_to_peak.at(
                 np.isfinite(run.peak_to_peak.y)
             )  # an imported table may have the fundamental only
-            fills = [pg.mkBrush(colour if good else self._theme.colors.panel) for good in shown.fit_rows]
+            fills = [pg.mkBrush(colour if good else tokens().surface) for good in shown.fit_rows]
             item = pg.PlotDataItem(
                 shown.x, 1e6 * shown.y, pen=pg.mkPen(colour, width=1), symbol=curve_symbol(at), symbolSize=7,
                 symbolPen=pg.mkPen(colour, width=1.5), symbolBrush=fills,

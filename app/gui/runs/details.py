@@ -18,7 +18,6 @@ from app.gui.widgets import (
     STRETCH,
     Menu,
     ProgressRow,
-    WindowTheme,
     column,
     configure,
     grid,
@@ -28,7 +27,6 @@ from app.gui.widgets import (
     make_scroll_area,
     row,
     set_style_kind,
-    shortcut_label,
     tooltip,
 )
 from protocols import PROTOCOLS
@@ -70,19 +68,18 @@ class RunDetailsPane(QWidget):
     notes_changed = Signal(str, str)
     export_pressed = Signal(str)
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self._saved_notes, self._run_path, self._people = ("", ""), "", ""
         self.heading = make_label(kind="caption", name="runs.heading")
         self.message_label = make_label(name="runs.message", visible=False, openExternalLinks=True)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
-        self.card = ResultCard(theme, "runs.card", ("next", "report"))
+        self.card = ResultCard("runs.card", ("next", "report"))
         """Of a single selected run."""
         self.progress_row = ProgressRow()
-        self.plot = configure(_LowComparePlot(theme), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
+        self.plot = configure(_LowComparePlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
-        hint = shortcut_label("good, second try", "runs.notes")
-        self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText=hint)
+        self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText="good, second try")
         self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
         self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
         self.tags_edit.editingFinished.connect(self._save_notes)
@@ -95,9 +92,7 @@ class RunDetailsPane(QWidget):
                 ("Explore", tooltip("runs.explore"), "explore"),
             )
         )
-        self.result_plots = configure(
-            _LowResultPlots(theme), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120
-        )
+        self.result_plots = configure(_LowResultPlots(), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120)
         self.result_plots.hide()
         self.export_button = configure(
             make_choice("Export", tooltip("runs.export")), "runs.export", accessibleName="export the selected runs"

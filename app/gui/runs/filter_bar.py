@@ -38,7 +38,7 @@ class RunFilterBar(QWidget):
         self.search_edit = configure(
             _Search(),
             "runs.search",
-            placeholderText="Search: words in names, people, serial numbers, results, notes   ( / )",
+            placeholderText="Search: words in names, people, serial numbers, results, notes",
             accessibleName="search",
             clearButtonEnabled=True,
         )

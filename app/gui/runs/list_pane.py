@@ -13,7 +13,7 @@ from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
 from app.gui.runs.run_table import RunTableModel, RunTableView
-from app.gui.widgets import Menu, WindowTheme, column, make_splitter
+from app.gui.widgets import Menu, column, make_splitter
 
 
 class RunListPane(QWidget):
@@ -23,11 +23,11 @@ class RunListPane(QWidget):
     open_requested = Signal()
     """The first selected run is to be opened."""
 
-    def __init__(self, folder: Callable[[], Path], index: Path | None, theme: WindowTheme) -> None:
+    def __init__(self, folder: Callable[[], Path], index: Path | None) -> None:
         super().__init__()
         self.folder_model = RunFolderModel(folder, index, self)
-        self.model = RunTableModel(theme)
-        self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane(theme)
+        self.model = RunTableModel()
+        self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()
         columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
         self.details.setMinimumWidth(340)  # now: at first the details have the width that their buttons need
         column(self.filter_bar, (columns, 1), parent=self, spacing=6)

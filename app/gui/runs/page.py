@@ -27,8 +27,6 @@ from app.gui.widgets import (
     BackgroundWorker,
     FileDrops,
     Mode,
-    Toast,
-    WindowTheme,
     add_actions,
     choose_files,
     tooltip,
@@ -60,17 +58,15 @@ class RunsPage(QStackedWidget):
         specimen: Callable[[], str],
         amplifier: AmplifierTable,
         overlay: Overlay,
-        theme: WindowTheme,
         index: Path | None = None,
     ) -> None:
         super().__init__()
         self._overlay = Overlay(overlay.amplifier, overlay.cache)
         self._worker = BackgroundWorker("run files", self)
         self._folder = folder
-        self.list, self.viewer = RunListPane(folder, index, theme), RunViewer(theme)
+        self.list, self.viewer = RunListPane(folder, index), RunViewer()
         self.details = self.list.details
-        self.toast = Toast(self)
-        self.transfers = RunTransfers(self.details.progress_row, self.toast, folder, specimen, amplifier, self)
+        self.transfers = RunTransfers(self.details.progress_row, folder, specimen, amplifier, self)
         self.addWidget(self.list)
         self.addWidget(self.viewer)
         self._state: WindowState | None = None

@@ -10,7 +10,8 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.archive import RunSummary
 from app.common import format_duration, typeset
-from app.gui.widgets import WindowTheme, configure
+from app.gui.face import tokens
+from app.gui.widgets import configure
 from protocols.base import Outcome
 
 Index = QModelIndex | QPersistentModelIndex
@@ -31,11 +32,10 @@ COLUMNS = tuple(SORT_KEYS)
 class RunTableModel(QAbstractTableModel):
     """Table of run summaries, sortable; dragged rows carry their run files."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.folder = Path()
         self.summaries: list[RunSummary] = []
-        self._theme = theme
         self._sort_column, self._descending = 0, True
 
     def set_summaries(self, folder: Path, summaries: Sequence[RunSummary]) -> None:
@@ -64,7 +64,7 @@ class RunTableModel(QAbstractTableModel):
             case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT_ALIGNED:
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             case Qt.ItemDataRole.ForegroundRole if column == "verdict":
-                return QColor(self._theme.colors.severity_color(entry.severity))
+                return QColor(tokens().severity_color(entry.severity))
             case Qt.ItemDataRole.ToolTipRole:
                 note = f"\n\n{entry.note}" if entry.note else ""
                 return f"{self.folder / entry.path}\n{entry.explanation}{note}"

@@ -4,8 +4,9 @@ import numpy as np
 from PySide6.QtCore import QTimer, Signal
 
 from app.archive import TraceWindow
+from app.gui.face import follow_tokens
 from app.gui.plots import TracePlotBase, limit_ticks
-from app.gui.widgets import WindowTheme, add_actions
+from app.gui.widgets import add_actions
 
 SETTLE_MS = 80
 """Delay between the last turn of the wheel and reading the file."""
@@ -22,8 +23,8 @@ class TracePlot(TracePlotBase):
     range_viewed = Signal(float, float)
     """The visible range in seconds; the receiver reads it and calls `show_window`."""
 
-    def __init__(self, theme: WindowTheme) -> None:
-        super().__init__(theme, zooms=False)
+    def __init__(self) -> None:
+        super().__init__(zooms=False)
         self._whole: TraceWindow | None = None
         for plot in self._plots:
             plot.setMouseEnabled(x=True, y=False)
@@ -47,7 +48,7 @@ class TracePlot(TracePlotBase):
             },
         )
         self._label_axes(raw=False)
-        theme.follow(self.apply_theme)
+        follow_tokens(self, self.apply_theme)
 
     def show_traces(self, traces: TraceWindow, simulated: bool) -> None:
         """Draw the traces of a run."""

@@ -20,7 +20,7 @@ from app.archive import (
 )
 from app.common import OperationCancelled, UsageError, pluralize
 from app.config import AmplifierTable
-from app.gui.widgets import BackgroundWorker, ProgressRow, Toast
+from app.gui.widgets import BackgroundWorker, ProgressRow, tell
 
 
 def folder_link(folder: Path) -> str:
@@ -33,7 +33,6 @@ class RunTransfers(QObject):
 
     Args:
         progress_row: shows the progress and cancels.
-        toast: message about deletions, with undo of the last one.
         folder: function that returns the folder of the runs.
         specimen: function that returns the specimen of imported tables.
         amplifier: amplifier of imported tables.
@@ -47,7 +46,6 @@ class RunTransfers(QObject):
     def __init__(
         self,
         progress_row: ProgressRow,
-        toast: Toast,
         folder: Callable[[], Path],
         specimen: Callable[[], str],
         amplifier: AmplifierTable,
@@ -55,7 +53,6 @@ class RunTransfers(QObject):
     ) -> None:
         super().__init__(parent)
         self._progress_row, self._folder, self._specimen, self._amplifier = progress_row, folder, specimen, amplifier
-        self._toast = toast
         self._worker, self._trash_worker = BackgroundWorker("transfers", self), BackgroundWorker("trash", self)
         self._trashed: list[list[TrashedRun]] = []
         """The deletions that can be undone, the last one at the end."""
@@ -104,7 +101,7 @@ class RunTransfers(QObject):
         def done(moved: list[TrashedRun]) -> None:
             self._trashed.append(moved)
             count = pluralize(len(paths), "run")
-            self._toast.show_message(f"{count} moved to the trash ({moved[0].trashed.parent})", self.restore_trashed)
+            tell(self._progress_row, f"{count} moved to the trash ({moved[0].trashed.parent})", self.restore_trashed)
             self.finished.emit()
 
         self._trash_worker.submit(lambda: move_to_trash(list(paths)), done, self._on_trash_error)
@@ -116,7 +113,7 @@ class RunTransfers(QObject):
         moved = self._trashed.pop()
 
         def done(count: int) -> None:
-            self._toast.show_message(f"{pluralize(count, 'run')} restored")
+            tell(self._progress_row, f"{pluralize(count, 'run')} restored")
             self.finished.emit()
 
         self._trash_worker.submit(lambda: restore_from_trash(moved), done, self._on_trash_error)

@@ -11,14 +11,14 @@ from app.gui.runs.trace_plot import TracePlot
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
-    LogPane,
-    WindowTheme,
+    LogView,
     column,
     configure,
     make_label,
     make_scroll_area,
     make_splitter,
     row,
+    show_key,
 )
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Outcome, RunEnded, RunStatus
@@ -30,15 +30,17 @@ MIN_PLOT_WIDTH = 400
 class RunViewer(QWidget):
     """Shows a finished run as the Measure page showed it."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.run: LoadedRun | None = None
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
-        self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
-        self.card = ResultCard(theme, "run.card", ("next", "report"), scrolls=True)
-        self.back_button = configure(QPushButton("← Back  (Esc)"), "run.back")
-        self.explore_button = configure(QPushButton("Show in Explore  (E)"), "run.explore")
+        self.plots, self.trace_plot, self.log = ResultPlots(), TracePlot(), LogView()
+        self.card = ResultCard("run.card", ("next", "report"), scrolls=True)
+        self.back_button = configure(QPushButton("Back"), "run.back")
+        self.explore_button = configure(QPushButton("Show in Explore"), "run.explore")
+        show_key(self.back_button, "Esc")
+        show_key(self.explore_button, "E")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)

@@ -1,61 +1,64 @@
-"""Main window: status bar, notices and pages of one session, refreshed by a timer."""
+"""Main window: menu line, strip, rail, pages and status line of one session, refreshed by a timer."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit, QMainWindow
+from PySide6.QtCore import QByteArray, QEvent, QSettings, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QPaintEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit, QMainWindow, QWidget
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
+from app.gui.face import (
+    APPEARANCES,
+    MENU_HEIGHT,
+    TEXT_SIZES,
+    SizeClass,
+    class_of,
+    set_length,
+)
 from app.gui.remote import RemoteController
+from app.gui.shell.heartbeat import Heartbeat
+from app.gui.shell.look import FRAME_SIZE, WindowLook
 from app.gui.shell.menus import MainMenus
-from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE
+from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE, TITLES
 from app.gui.shell.page_stack import CentralStack
+from app.gui.shell.rail import Rail
 from app.gui.shell.tabs import MainTabs
 from app.gui.status import (
     NOTICE_KEY,
     SOUND_KEY,
-    BenchStatusBar,
-    FaultPanel,
-    NoticeArea,
+    BenchRibbon,
+    BenchStrip,
+    FaultDrawer,
+    LogDrawer,
+    Notices,
     Notifier,
     SessionController,
     SimulationControls,
+    WindowStatusLine,
+    stops_by_escape,
 )
-from app.gui.widgets import (
-    APPEARANCES,
-    KeyBurstFilter,
-    Overlaid,
-    WindowTheme,
-    add_actions,
-    configure,
-    make_combo,
-    make_pane,
-    style_sheet,
-    text_scale,
-    theme_for,
-    update_actions,
-)
+from app.gui.widgets import KeyBurstFilter, Told, add_actions, column, configure, make_combo, row, update_actions
 from app.live import SessionAdapter
-from app.session import WindowState, build_protocol, initial_window_state, unreported_watchdog_messages
+from app.session import (
+    BenchState,
+    LogLine,
+    WindowState,
+    build_protocol,
+    initial_window_state,
+    unreported_watchdog_messages,
+)
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol
 
 if TYPE_CHECKING:
     from app.archive import ProblemFacts
     from app.gui.help import Setting
-
-FRAME_MS = 16
-LEAST_SIZE = QSize(640, 330)
-"""In which state, voltage, Pause and Stop are whole; pages scroll."""
-
-FRAME_SIZE = QSize(4, 32)
-"""Of the frame that a desktop draws around a window."""
 
 ERROR_TEXT = "The program made an error. Ctrl+F1 saves a problem report for its developers."
 
@@ -106,12 +109,12 @@ class MainWindow(QMainWindow):
     ) -> None:
         super().__init__()
         self._open_bench, self._recent_errors = open_bench, recent_errors or RecentErrors()
-        self._text_scale = 1.0
         self.adapter, self._settings, self._autostart = adapter, settings, form.autostart
         self._change_bench, self.demo_requested = change_bench, False
         self.replaced = False
         """Another window with another bench takes the place of this one, which stays visible until then."""
         self._force_close = self._session_closed = self._connect_started = False
+        self._grid: SizeClass | None = None
         self.controller = SessionController(
             adapter,
             initial_window_state(
@@ -119,30 +122,25 @@ class MainWindow(QMainWindow):
             ),
             self,
         )
-        self.appearance = str(settings.value("window/appearance", "system"))
-        self.theme = WindowTheme(theme_for(self.appearance), self)
-        self.theme.changed.connect(self._apply_style)  # first: texts of plots have its size
-        self.status_bar = BenchStatusBar(self.theme, self.controller)
-        self.notices = NoticeArea(self.controller, self)
+        self.look = WindowLook(self, settings)
+        self.ribbon = BenchRibbon(config.name, config.simulated, adapter.simulation)
+        self.strip = BenchStrip(self.controller)
         settable = adapter.simulation
         controls = None if settable is None else SimulationControls(settable, self.controller.change_speed)
-        self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
+        self.faults = FaultDrawer(adapter.faults, self, controls) if config.simulated else None
         self._faults = () if self.faults is None else (self.faults,)
-        self.tabs = MainTabs(form.protocol, self.controller, config, settings, self.theme, open_bench)
+        self.tabs = MainTabs(form.protocol, self.controller, config, settings, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
-        self.central = CentralStack(self.tabs, self.theme)
+        self.central, self.rail = CentralStack(self.tabs), Rail(TITLES)
+        self.notices = Notices(self.controller, self, self.central)
+        self.log, self.status_line = LogDrawer(), WindowStatusLine()
         self.notifier = Notifier(self, settings)
         self.remote = RemoteController(settings, adapter, self.tabs.subject.describe_next, self)
         self._build(config.name)
         self._restore(form)
-        self.theme.set_colors(self.theme.colors)
         self._show_state()
-        QGuiApplication.styleHints().colorSchemeChanged.connect(
-            lambda _: self.theme.set_colors(theme_for(self.appearance))
-        )
-        self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self.tick)
-        self._timer.start()
+        self.heartbeat = Heartbeat(self, self.tick, self._is_moving)
+        adapter.on_event = self.heartbeat.wake
         QTimer.singleShot(HIDDEN_CONNECT_DELAY_MS, self, self._start_connecting)
 
     # -- commands ---------------------------------------------------------------------------------------
@@ -168,11 +166,19 @@ class MainWindow(QMainWindow):
             self.controller.repeat_entries((), self.tabs.folder)
 
     def escape(self) -> None:
-        """Stop always; without a run the visible page also goes one step back."""
-        idle = not self.state.busy
-        self.controller.stop()
-        if idle and not any(panel.close_list() for panel in self._faults):
+        """Stop from arming until rest is measured; otherwise close what lies on top, or go one step back."""
+        if self.state.busy or stops_by_escape(self.state.bench_state):
+            self.controller.stop()
+        else:
             self.central.go_back()
+
+    def toggle_log(self) -> None:
+        """Open the log, or close it."""
+        if self.log.isHidden():
+            self.status_line.acknowledge()
+            self.log.open(self.log.view)
+        else:
+            self.log.dismiss()
 
     def start_demo(self) -> None:
         """Run a sine dwell on the simulated bench with hints for first-time users."""
@@ -218,14 +224,29 @@ class MainWindow(QMainWindow):
         self.remote.beat()
         self.tabs.set_active_file(getattr(self.adapter.session, "path", None) if view.busy else None)
         # The operator's prompt id is set only after the event was emitted.
-        self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um)
-        self.status_bar.tick()
+        note = view.progress.label if view.progress is not None else ""
+        self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um, note)
+        self.notices.tick()
+        self.strip.tick()
+        if self.strip.view is not None:
+            self.status_line.show_answers(self.strip.view.instruments)
+        self.ribbon.tick()
         self.tabs.tick()
         if self._autostart and view.can_run:
             self._autostart = False
             self.start_run()
         if self.controller.closing and self.controller.released:
             self._close_if_acknowledged()
+
+    def _is_moving(self) -> bool:
+        """Whether every frame is drawn: in a run, until the bench is connected, and where a page shows a motion."""
+        page = self.tabs.created_pages.get(self.tabs.currentIndex())
+        return (
+            self.state.busy
+            or self.controller.closing
+            or self.state.bench_state is BenchState.CONNECTING
+            or bool(getattr(page, "moves", False))
+        )
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
@@ -241,16 +262,6 @@ class MainWindow(QMainWindow):
             folder = self.tabs.folder
             self.tabs.run_in_background(lambda: self.adapter.publish(unreported_watchdog_messages(folder)))
             self.tabs.preload_pages()  # while the bench connects, so that no page has to be waited for
-
-    def _apply_style(self) -> None:
-        QApplication.setPalette(self.theme.colors.palette())
-        self.setStyleSheet(style_sheet(self.theme.colors, self._text_scale))
-
-    def set_appearance(self, appearance: str) -> None:
-        """Choose the theme, one of `APPEARANCES`, now and for later starts."""
-        self.appearance = appearance
-        self._settings.setValue("window/appearance", appearance)
-        self.theme.set_colors(theme_for(appearance))
 
     def _problem_facts(self) -> "tuple[ProblemFacts, RecentErrors]":
         from app.archive import ProblemFacts  # imports HDF5, which a background thread has loaded
@@ -272,10 +283,13 @@ class MainWindow(QMainWindow):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._key_bursts.watch()
+        self.heartbeat.watch()
+        if self.focusWidget() is None:  # otherwise the ribbon, the first in the order of Tab, would take the keyboard
+            self.central.setFocus()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
-            self._timer.stop()
+            self.heartbeat.stop()
             self._save()
             for part in (self.tabs, self.central, self.notifier, self.remote, *self._faults):
                 part.shutdown()
@@ -295,14 +309,16 @@ class MainWindow(QMainWindow):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        if (scale := text_scale(self.size())) != self._text_scale:
-            self._text_scale = scale
-            self.theme.set_colors(self.theme.colors)
-        self.status_bar.scale_to_window(self.size())
-        for panel in self._faults:
-            panel.limit_height(self.height() // 4)
-        if (outer := self.status_bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
-            layout.activate()  # now: otherwise widgets overlap the signs for one frame
+        if (grid := class_of(self)) is not self._grid:
+            self._grid = grid
+            self.rail.fit()
+
+    def event(self, event: QEvent) -> bool:
+        if isinstance(event, Told):
+            line = LogLine(datetime.now().astimezone(), event.severity, event.text)
+            self.status_line.show_line(line, event.undo)
+            return True
+        return super().event(event)
 
     def _close_if_acknowledged(self) -> None:
         """Close after the session has ended, unless the operator must first acknowledge that rest is not confirmed."""
@@ -314,7 +330,7 @@ class MainWindow(QMainWindow):
 
     def _show_state(self) -> None:
         update_actions(self, self.state)
-        for sign in (self.status_bar, self.notices):
+        for sign in (self.strip, self.notices, self.status_line, self.log):
             sign.set_state(self.state)
         self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
         for part in (self.central, self.tabs, self.notifier, self.remote, *self._faults):
@@ -328,12 +344,25 @@ class MainWindow(QMainWindow):
     # -- building ------------------------------------------------------------------------------------------------------
 
     def _build(self, bench: str) -> None:
-        self.setMinimumSize(LEAST_SIZE)
         self.setWindowTitle(f"Tactor Bench – {bench}")
-        for panel in self._faults:
-            self.tabs.setCornerWidget(panel.corner)
-        pages = Overlaid(self.central, self.notices.unsafe)
-        self.setCentralWidget(make_pane(self.status_bar, *self._faults, self.notices, (pages, 1), spacing=6))
+        for overlay in (*self._faults, self.log):
+            self.central.add_overlay(overlay)
+        self.menus = MainMenus(self, self.central, self.look.set_appearance)
+        menu_line, content = QWidget(), QWidget()
+        row(self.menus.bar, (self.ribbon, 1), parent=menu_line, spacing=0)
+        set_length(menu_line, height=MENU_HEIGHT)
+        body = row(self.rail, (self.central, 1), spacing=0)
+        column(menu_line, self.strip, (body, 1), self.status_line, parent=content, spacing=0)
+        self.setCentralWidget(content)
+        self.rail.chosen.connect(self.central.select_page)
+        self.rail.help_requested.connect(self.central.show_shortcuts)
+        self.tabs.page_selected.connect(self.rail.select)
+        self.rail.select(self.tabs.currentIndex())
+        self.look.text_size_changed.connect(self.rail.fit)
+        for drawer in self._faults:
+            drawer.faults_changed.connect(self.ribbon.show_faults)
+        self.ribbon.clicked.connect(lambda _=False: self._toggle_faults())
+        self.status_line.log_requested.connect(self.toggle_log)
         self._key_bursts = KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)
         self.notices.close_confirmed.connect(self.close_session)
@@ -345,7 +374,6 @@ class MainWindow(QMainWindow):
         self.central.welcome.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)
-        self.menus = MainMenus(self, self.central, self.set_appearance)
         self.central.palette_entries, self.central.settings = self.menus.palette_entries, partial(_make_settings, self)
         self.central.problem_facts = self._problem_facts
         self.error_occurred.connect(lambda: self.tabs.show_message(ERROR_TEXT))
@@ -356,8 +384,13 @@ class MainWindow(QMainWindow):
                 "stop": self.controller.stop,
                 "run": self.start_run,
                 "pause": self.controller.toggle_pause,
+                "log": self.toggle_log,
             },
         )
+
+    def _toggle_faults(self) -> None:
+        for drawer in self._faults:
+            drawer.toggle()
 
     def _restore(self, form: InitialForm) -> None:
         geometry = self._settings.value("window/geometry")
@@ -397,8 +430,12 @@ def _make_settings(window: MainWindow) -> "list[Setting]":
     panel, notifier = window.measure_page.run_panel, window.notifier
     choices = ((text, name) for name, text in APPEARANCES.items())
     appearance = make_combo("settings.appearance", "", choices)
-    appearance.setCurrentIndex(max(appearance.findData(window.appearance), 0))
-    appearance.currentIndexChanged.connect(lambda _: window.set_appearance(appearance.currentData()))
+    appearance.setCurrentIndex(max(appearance.findData(window.look.appearance), 0))
+    appearance.currentIndexChanged.connect(lambda _: window.look.set_appearance(appearance.currentData()))
+    sizes = ((f"{name} %" if name.isdigit() else "by the screen", name) for name in TEXT_SIZES)
+    text_size = make_combo("settings.text-size", "", sizes)
+    text_size.setCurrentIndex(max(text_size.findData(window.look.text_size), 0))
+    text_size.currentIndexChanged.connect(lambda _: window.look.set_text_size(text_size.currentData()))
     fields = []
     for name, edit in (("folder", panel.folder_edit), ("specimen", panel.specimen_edit)):
         copy = configure(QLineEdit(edit.text()), f"settings.{name}")
@@ -412,6 +449,7 @@ def _make_settings(window: MainWindow) -> "list[Setting]":
         notifications.append(Setting(title, box, about))
     return [
         Setting("Appearance", appearance, "Light colours, dark colours, or the system's"),
+        Setting("Text size", text_size, "Of texts, heights and spacing; never larger than the screen can hold"),
         Setting("Folder for run files", fields[0], "Where runs are written, and which runs are listed"),
         Setting("Specimen", fields[1], "Name that is written into new runs"),
         *notifications,

@@ -7,12 +7,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QKeySequence
-from PySide6.QtWidgets import QMainWindow, QWidget
+from PySide6.QtWidgets import QMainWindow, QMenuBar, QWidget
 
+from app.gui.face import APPEARANCES
 from app.gui.help import TUTORIALS
 from app.gui.shell.page_host import MEASURE, RUNS, TITLES
 from app.gui.shell.page_stack import CentralStack
-from app.gui.widgets import APPEARANCES, Menu, actions_of
+from app.gui.widgets import Menu, actions_of
 from protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 MENUS = {
     "&File": ("runs.import", "campaign.add", "campaign.new", "campaign.open", "", "settings"),
     "&Run": ("run", "pause", "stop", "", "reconnect", "faults.toggle", "faults.clear"),
-    "&View": (*(f"page.{title.lower()}" for title in TITLES), "", "specimen", "identification", "palette"),
+    "&View": (*(f"page.{title.lower()}" for title in TITLES), "", "specimen", "identification", "palette", "log"),
 }
 """Actions of the first menus; an empty name is a separator. The menu of the page has the actions of the visible page."""
 
@@ -42,7 +43,7 @@ class MainMenus:
     def __init__(self, window: QMainWindow, central: CentralStack, set_appearance: Callable[[str], object]) -> None:
         self._window, self._central, self._set_appearance = window, central, set_appearance
         self._tabs = central.tabs
-        bar = window.menuBar()
+        self.bar = bar = QMenuBar()
         for title in (*MENUS, "&Page", "&Help"):
             menu = Menu(window, title)
             menu.setObjectName(f"menu.{title.strip('&').lower()}")
@@ -108,7 +109,7 @@ class MainMenus:
 
     @property
     def _page_title(self) -> str:
-        return self._tabs.tabText(self._tabs.currentIndex())
+        return self._tabs.title
 
     def _choose_protocol(self, name: str) -> None:
         self._tabs.setCurrentIndex(MEASURE)

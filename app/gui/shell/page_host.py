@@ -1,4 +1,4 @@
-"""Page host: tabs whose pages are created when they are first needed."""
+"""Page host: pages that are created when they are first needed."""
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -6,9 +6,9 @@ from functools import partial
 from typing import Any, Protocol, cast
 
 from PySide6.QtCore import QByteArray, QSettings, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QWidget
 
-from app.gui.widgets import ACTIONS, BackgroundWorker, column, configure, make_scroll_area
+from app.gui.widgets import BackgroundWorker, column, configure, make_scroll_area
 from app.session import WindowState
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
@@ -31,13 +31,15 @@ class Page(Protocol):
         """Take the keyboard focus, without which the page's shortcuts do nothing."""
 
 
-class PageHost(QTabWidget):
+class PageHost(QStackedWidget):
     """Creates each page when it is first selected or requested; pages do not refer to each other.
 
     A page may also have `go_back`, `set_active_file`, `save_state` and `shutdown`.
     """
 
     page_created = Signal(object)
+    page_selected = Signal(int)
+    """A page is visible, or is as soon as it is made."""
 
     def __init__(self, settings: QSettings) -> None:
         super().__init__()
@@ -48,18 +50,17 @@ class PageHost(QTabWidget):
         self._layouts: list[QVBoxLayout] = []
         self._created: dict[int, Page] = {}
         self.setAccessibleName("pages")
-        self.setDocumentMode(True)
-        self.setTabBarAutoHide(True)
+        self.currentChanged.connect(self.page_selected)
         self.currentChanged.connect(lambda index: self.page(index).activate())
 
     def add_page(self, title: str, make: Callable[[], Page]) -> None:
-        """Add a tab whose page is made when it is first needed."""
+        """Add a page that is made when it is first needed."""
         place = QWidget()
+        place.setAccessibleName(title)
         self._factories.append(make)
         self._layouts.append(column(parent=place))
-        with QSignalBlocker(self):  # the first tab is selected when it is added
-            index = self.addTab(place, title)
-        self.setTabToolTip(index, ACTIONS[f"page.{title.lower()}"].shortcut)
+        with QSignalBlocker(self):  # the first one is selected when it is added
+            self.addWidget(place)
 
     def select_page(self, index: int) -> None:
         """Select a page and give it the focus."""
@@ -71,8 +72,9 @@ class PageHost(QTabWidget):
         """Select a page without creating it; a placeholder is shown until then."""
         with QSignalBlocker(self):
             self.setCurrentIndex(index)
+        self.page_selected.emit(index)
         if index not in self._created:
-            title = QLabel(f"{self.tabText(index)} …", alignment=Qt.AlignmentFlag.AlignCenter)
+            title = QLabel(f"{TITLES[index]} …", alignment=Qt.AlignmentFlag.AlignCenter)
             self._layouts[index].addWidget(configure(title, kind="note"))
 
     def page(self, index: int) -> Page:
@@ -102,6 +104,11 @@ class PageHost(QTabWidget):
     def created_pages(self) -> Mapping[int, Page]:
         """The pages created so far, by index."""
         return self._created
+
+    @property
+    def title(self) -> str:
+        """Title of the visible page."""
+        return TITLES[self.currentIndex()]
 
     @property
     def current_page(self) -> Page:

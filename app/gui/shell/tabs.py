@@ -21,7 +21,7 @@ from app.gui.measure import MeasurePage, OperatorOfToday, PresetStore, presets_p
 from app.gui.results import ReportJob
 from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
 from app.gui.status import SessionController
-from app.gui.widgets import SheetIndicators, Toast, WindowTheme
+from app.gui.widgets import SheetIndicators, tell
 from app.identification import SpecimenLabel, compare_label
 from app.live import Overlay
 from app.session import WindowState
@@ -63,11 +63,10 @@ class MainTabs(PageHost):
         controller: SessionController,
         config: BenchConfig,
         settings: QSettings,
-        theme: WindowTheme,
         open_bench: str,
     ) -> None:
         super().__init__(settings)
-        self._config, self._open_bench, self._theme = config, open_bench, theme
+        self._config, self._open_bench = config, open_bench
         self._controller, self._adapter = controller, controller.adapter
         self.overlay = Overlay(amplifier=config.amplifier.amplifier_map)
         self.measure = MeasurePage(
@@ -77,9 +76,7 @@ class MainTabs(PageHost):
             config.amplifier.amplifier_map,
             lambda: self._adapter.session.bench,
             PresetStore(presets_path()),
-            theme,
         )
-        self._toast = Toast(self)
         self.results, self.subject = ResultActions(self, self.show_message), VisibleSubject(self)
         panel = self.measure.run_panel
         panel.result_card.requested.connect(self.results.perform)
@@ -165,7 +162,7 @@ class MainTabs(PageHost):
         controller = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
         self._adapter.events.subscribe(controller.observe)
         page = campaign_pages.CampaignPage(
-            controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._theme
+            controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen)
         )
         controller.setParent(page)
         controller.run_requested.connect(self._start_campaign_run)
@@ -181,7 +178,7 @@ class MainTabs(PageHost):
     def _make_explore(self) -> explore_pages.ExplorePage:
         from app.explore import fit_runs  # slow to import, and not visible when the window opens
 
-        page = explore_pages.ExplorePage(self._theme, fit_runs)
+        page = explore_pages.ExplorePage(fit_runs)
         page.runs_requested.connect(self.results.choose_runs)
         page.card.requested.connect(self.results.perform)
         page.folder, page.specimen = lambda: self.folder, lambda: (self.folder, self.specimen)
@@ -191,9 +188,7 @@ class MainTabs(PageHost):
         return page
 
     def _make_runs(self) -> runs_pages.RunsPage:
-        page = runs_pages.RunsPage(
-            lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay, self._theme
-        )
+        page = runs_pages.RunsPage(lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay)
         page.explore_requested.connect(self.results.overlay_runs)
         page.continue_requested.connect(self._continue_run)
         for card in (page.details.card, page.viewer.card):
@@ -201,7 +196,7 @@ class MainTabs(PageHost):
         return page
 
     def _make_bench(self) -> bench_pages.BenchPage:
-        page = bench_pages.BenchPage(self._adapter, self._config, self._open_bench, self._theme)
+        page = bench_pages.BenchPage(self._adapter, self._config, self._open_bench)
         page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
         page.run_requested.connect(self.start_run)
@@ -211,7 +206,7 @@ class MainTabs(PageHost):
         return page
 
     def _make_laboratory(self) -> laboratory_pages.LaboratoryPage:
-        page = laboratory_pages.LaboratoryPage(lambda: self.folder, self._theme)
+        page = laboratory_pages.LaboratoryPage(lambda: self.folder)
         page.run_open_requested.connect(self.results.open_run)
         page.restore_state(self._settings)
         return page
@@ -230,8 +225,8 @@ class MainTabs(PageHost):
         self._controller.continue_run(path, (), self.folder)
 
     def show_message(self, text: str) -> None:
-        """Show a short message in the corner of the pages."""
-        self._toast.show_message(text)
+        """Tell the user something in the status line."""
+        tell(self, text)
 
 
 class ResultActions:

@@ -6,7 +6,8 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from app.gui.widgets import WindowTheme, configure
+from app.gui.face import tokens
+from app.gui.widgets import configure
 from app.identification import BudgetBar, largest_sources
 
 SOURCE_COLORS = ("#9ad0f5", "#f3c77b", "#8fd6bd", "#e7b3d0", "#f0e68c", "#f2a285", "#c9c9e8")
@@ -19,11 +20,10 @@ BAR_SHARE = 0.56
 class BudgetPlot(QWidget):
     """A stacked bar for each parameter, with the names of the sources in it and the sizes beside it."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         configure(self, "identification.budget", accessibleName="uncertainty budget")
         self.bars: tuple[BudgetBar, ...] = ()
-        self._theme = theme
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
 
     def show_bars(self, bars: Sequence[BudgetBar]) -> None:
@@ -55,7 +55,7 @@ class BudgetPlot(QWidget):
         painter = QPainter(self)
         for at, bar in enumerate(self.bars):
             top, height = at * self._row_height + 2.0, self._row_height - 4.0
-            painter.setPen(QColor(self._theme.colors.text))
+            painter.setPen(QColor(tokens().text))
             painter.drawText(
                 QRectF(0, top, left - 8, height), Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, bar.name
             )
@@ -67,7 +67,7 @@ class BudgetPlot(QWidget):
             x = float(left)
             for source, share in bar.shares:
                 piece = QRectF(x, top, share * width, height)
-                painter.setPen(QPen(QColor(self._theme.colors.panel), 1))
+                painter.setPen(QPen(QColor(tokens().surface), 1))
                 painter.setBrush(QColor(colors.get(source, REST_COLOR)))
                 painter.drawRect(piece)
                 text = f"{source} {100 * share:.0f} %"

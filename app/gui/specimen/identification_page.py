@@ -12,10 +12,10 @@ from app.archive import Catalogue, RunFilter, RunState, RunSummary
 from app.common import Severity, pluralize
 from app.gui.specimen.budget_plot import BudgetPlot
 from app.gui.widgets import (
+    ACTIONS,
     SELECTABLE,
     BackgroundWorker,
     StatusLine,
-    WindowTheme,
     column,
     configure,
     fill_table,
@@ -28,7 +28,7 @@ from app.gui.widgets import (
     make_scroll_area,
     make_toggle,
     row,
-    shortcut_label,
+    set_tone,
 )
 from app.identification import (
     ADEQUACY_TEXT,
@@ -79,9 +79,8 @@ class IdentificationPage(QWidget):
     progressed = Signal(int, float)
     """Evaluations and chi-square of a fit that is running; from its thread."""
 
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._theme = theme
         self._worker = BackgroundWorker("identification", self)
         self._cancelled = threading.Event()
         self._also: tuple[str, ...] = ()
@@ -106,7 +105,7 @@ class IdentificationPage(QWidget):
         self.table = make_read_only_table(COLUMNS, "identification.table", "identified parameters", wordWrap=False)
         self.table.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.budget_title = make_label("Uncertainty budget: shares of the squared total", "caption", wrap=False)
-        self.budget_plot = BudgetPlot(theme)
+        self.budget_plot = BudgetPlot()
         self.proposals = QWidget()
         self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
@@ -126,7 +125,6 @@ class IdentificationPage(QWidget):
         self.progressed.connect(self._show_progress)
         self.run_list.itemChanged.connect(lambda _: self._update_runs_button())
         self.reason_edit.textChanged.connect(lambda _: self.accept_message.show_message(""))
-        theme.changed.connect(self._show_verdict)
         self._clear()
 
     def show_subject(self, subject: IdentificationSubject) -> None:
@@ -299,7 +297,7 @@ class IdentificationPage(QWidget):
         message = "not tested" if adequacy is None else adequacy.message
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
         self.finding_label.setText(f"{message[:1].upper()}{message[1:]}.")
-        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.severity_color(ADEQUACY_SEVERITY[adequate])}")
+        set_tone(self.verdict_label, ADEQUACY_SEVERITY[adequate])
 
     def _fill_table(self, result: IdentificationResult) -> None:
         statistical = result.statistical_errors
@@ -399,7 +397,9 @@ class IdentificationPage(QWidget):
             spacing=8,
         )
         area = make_scroll_area(self._content, focusPolicy=Qt.FocusPolicy.NoFocus)
-        close = make_button(shortcut_label("Close", "identification"), self.closed.emit, name="identification.close")
+        close = make_button(
+            "Close", self.closed.emit, name="identification.close", key=ACTIONS["identification"].shortcut
+        )
         column(
             row(self.heading, self.simulated_label, None, self.runs_button, self.identify_button, close, spacing=8),
             self.run_list,

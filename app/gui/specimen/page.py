@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QWidget
 from app.common import UndoHistory
 from app.gui.specimen.sheet_form import SheetForm
 from app.gui.widgets import (
+    ACTIONS,
     BackgroundWorker,
     StatusLine,
     add_actions,
@@ -21,7 +22,6 @@ from app.gui.widgets import (
     make_label,
     make_scroll_area,
     row,
-    shortcut_label,
     tooltip,
 )
 from app.identification import (
@@ -72,7 +72,7 @@ class SpecimenPage(QWidget):
         self._area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
         self._area.setWidget(self.form)
         self.form.setAutoFillBackground(False)
-        close = make_button(shortcut_label("Close", "specimen"), self.closed.emit, name="sheet.close")
+        close = make_button("Close", self.closed.emit, name="sheet.close", key=ACTIONS["specimen"].shortcut)
         column(
             row((self.heading, 1), self.undo_button, self.redo_button, close, spacing=8),
             row((self.source_label, 1), self.make_sheet_button, spacing=12),

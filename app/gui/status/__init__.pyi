@@ -1,9 +1,13 @@
-from .fault_panel import FaultPanel as FaultPanel
-from .notices import NoticeArea as NoticeArea
+from .bench_strip import BenchStrip as BenchStrip
+from .bench_strip import stops_by_escape as stops_by_escape
+from .fault_drawer import FaultDrawer as FaultDrawer
+from .log_drawer import LogDrawer as LogDrawer
+from .notices import Notices as Notices
 from .notifier import NOTICE_KEY as NOTICE_KEY
 from .notifier import SOUND_KEY as SOUND_KEY
 from .notifier import Notifier as Notifier
+from .ribbon import BenchRibbon as BenchRibbon
+from .ribbon import draw_hatch as draw_hatch
 from .session_controller import SessionController as SessionController
 from .simulation_controls import SimulationControls as SimulationControls
-from .status_bar import BenchStatusBar as BenchStatusBar
-from .symbols import SYMBOLS as SYMBOLS
+from .status_line import WindowStatusLine as WindowStatusLine

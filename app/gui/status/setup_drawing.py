@@ -6,10 +6,14 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
+from app.gui.face import LABEL_PX, px, set_length, text_font
 from model import format_quantity
 from protocols.base import Prompt
 
-INK, MFC, METAL, SKIN, WEIGHT = "#101010", "#b5541a", "#8c939c", "#c2185b", "#3f4a56"
+INK, MFC, METAL, SKIN, WEIGHT = "#12161c", "#8a5a2b", "#505a68", "#5a6b9a", "#12161c"
+GROUND = "#f2f4f7"
+SIZE = QSize(190, 92)
+"""In which the set-ups are drawn; they are enlarged to the widget."""
 
 
 class SetupDrawing(QWidget):
@@ -17,7 +21,7 @@ class SetupDrawing(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.setFixedSize(QSize(190, 92))
+        set_length(self, 298, 164)
         self._prompt: Prompt | None = None
 
     def show_prompt(self, prompt: Prompt) -> bool:
@@ -32,6 +36,15 @@ class SetupDrawing(QWidget):
             return
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(GROUND))
+        painter.drawRoundedRect(self.rect(), px(8), px(8))
+        scale = min(self.width() / (SIZE.width() + 20), self.height() / (SIZE.height() + 16))
+        painter.translate((self.width() - scale * SIZE.width()) / 2, (self.height() - scale * SIZE.height()) / 2)
+        painter.scale(scale, scale)
+        font = text_font(LABEL_PX)
+        font.setPixelSize(max(round(font.pixelSize() / scale), 1))
+        painter.setFont(font)
         painter.setPen(QPen(QColor(INK), 1.5))
         DRAWINGS[self._prompt.action](painter, dict(self._prompt.values))
         painter.end()

@@ -1,21 +1,27 @@
 """Controls of the simulated bench: its speed, and who answers its prompts."""
 
 from collections.abc import Callable
+from typing import cast
 
-from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import QButtonGroup, QLabel, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.widgets import STRETCH, configure, make_choice, make_combo, row
+from app.gui.face import set_length
+from app.gui.widgets import Segments, column, make_label, row
 from app.session import AnsweredBy, SimulationSettings, WindowState
 
 SPEEDS: tuple[float | None, ...] = (1.0, 5.0, 20.0, None)
+ANSWERED_BY = {
+    AnsweredBy.USER: "You answer",
+    AnsweredBy.USER_IN_CAMPAIGN: "You in campaigns",
+    AnsweredBy.SIMULATION: "Simulated",
+}
 
 
 class SimulationControls(QWidget):
-    """A row of speeds, and a list of who answers prompts.
+    """Choices of speed, and of who answers prompts.
 
     Args:
-        settings: shown and changed; there may be several rows.
+        settings: shown and changed; there may be several such controls.
         change_speed: connects the bench at another speed; None is the virtual clock.
         name: beginning of the object names.
     """
@@ -25,36 +31,31 @@ class SimulationControls(QWidget):
     ) -> None:
         super().__init__()
         self._settings = settings
-        self.speed_buttons = {
-            speed: configure(
-                make_choice("max" if speed is None else f"{speed:g}×", _speed_tip(speed), checkable=True),
-                f"{name}.speed-{'max' if speed is None else format(speed, 'g')}",
-                accessibleName="virtual clock" if speed is None else f"{speed:g} times real speed",
-            )
-            for speed in SPEEDS
-        }
-        group = QButtonGroup(self)
+        self._speeds = Segments(
+            f"{name}.speed", "speed", (("max" if each is None else f"{each:g}×", each) for each in SPEEDS)
+        )
         for speed, button in self.speed_buttons.items():
-            group.addButton(button)
-            button.clicked.connect(lambda _=False, speed=speed: change_speed(speed))
-        self.answered_by_box = make_combo(
-            f"{name}.answered-by",
-            "who answers prompts",
-            ((each, each) for each in AnsweredBy),
-            toolTip="Practise the actions of prompts: an answer performs the action on the simulated bench",
+            button.setToolTip(_speed_tip(speed))
+        self._speeds.chosen.connect(change_speed)
+        self.answered_by = Segments(
+            f"{name}.answered-by", "who answers prompts", ((text, each) for each, text in ANSWERED_BY.items())
         )
+        self.answered_by.setToolTip(
+            "Practise the actions of prompts: an answer performs the action on the simulated bench"
+        )
+        self.answered_by.chosen.connect(self.choose_answered_by)
+        rows = []
+        for text, segments in (("Speed", self._speeds), ("Prompts", self.answered_by)):
+            label = make_label(text, wrap=False)
+            set_length(label, width=56)
+            rows.append(row(label, (segments, 1), spacing=8))
+        column(*rows, parent=self, spacing=8)
         self._show_settings()
-        self.answered_by_box.currentIndexChanged.connect(self._on_answered_by)
-        row(
-            QLabel("Speed"),
-            *self.speed_buttons.values(),
-            16,
-            QLabel("Prompts are answered by"),
-            self.answered_by_box,
-            STRETCH,
-            parent=self,
-            margins=(0, 0, 0, 4),
-        )
+
+    @property
+    def speed_buttons(self) -> dict[float | None, QPushButton]:
+        """The choices of speed."""
+        return cast("dict[float | None, QPushButton]", self._speeds.buttons)
 
     @property
     def first_widget(self) -> QWidget:
@@ -66,17 +67,22 @@ class SimulationControls(QWidget):
         """Allow a change of speed between runs; the virtual clock does not wait for a person."""
         for button in self.speed_buttons.values():
             button.setEnabled(view.can_run)
-        self.answered_by_box.setEnabled(self._settings.speed is not None)
+        self.answered_by.setEnabled(self._settings.speed is not None)
         self._show_settings()
 
-    def _show_settings(self) -> None:
-        for speed, button in self.speed_buttons.items():
-            button.setChecked(speed == self._settings.speed)
-        with QSignalBlocker(self.answered_by_box):
-            self.answered_by_box.setCurrentIndex(self.answered_by_box.findData(self._settings.answered_by))
+    def choose_answered_by(self, who: AnsweredBy) -> None:
+        """Let somebody else answer prompts."""
+        self._settings.answered_by = who
+        self._show_settings()
 
-    def _on_answered_by(self) -> None:
-        self._settings.answered_by = AnsweredBy(self.answered_by_box.currentData())
+    def on_list_opened(self) -> None:
+        """Let the user answer from now on: who looks at faults practises what is asked then."""
+        if self._settings.answered_by is AnsweredBy.USER_IN_CAMPAIGN:
+            self.choose_answered_by(AnsweredBy.USER)
+
+    def _show_settings(self) -> None:
+        self._speeds.select(self._settings.speed)
+        self.answered_by.select(self._settings.answered_by)
 
 
 def _speed_tip(speed: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Shared widgets: actions, layouts, forms, theme, background work.
+"""Shared widgets: actions, layouts, forms, background work.
 
 Each name is imported when it is first used, so that the package costs nothing at start-up.
 """

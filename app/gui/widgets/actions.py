@@ -11,6 +11,7 @@ from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcutEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QWidget
 from shiboken6 import isValid
 
+from app.gui.widgets.key_caps import show_key
 from app.session import WindowState
 
 GLOBAL_GROUP = "Everywhere"
@@ -67,7 +68,10 @@ class ActionInfo:
 
 SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
     "": {
-        "escape": ("Esc", "Stop: go to rest and end the run; otherwise one step back"),
+        "escape": (
+            "Esc",
+            "During a run stop: go to rest and end it; otherwise close what lies on top, or one step back",
+        ),
         "stop": ("F12", "Stop: go to rest and end the run"),
         "run": ("F5 Ctrl+R", "Run the protocol or item that is shown"),
         "pause": ("F8", "Pause at rest, or resume"),
@@ -77,11 +81,12 @@ SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
         "page.runs": ("Ctrl+4", "Page Runs"),
         "page.bench": ("Ctrl+5", "Page Bench"),
         "page.laboratory": ("Ctrl+6", "Page Laboratory"),
-        "answer": ("Return Enter", "Answer the prompt above the pages"),
+        "answer": ("Return Enter", "Answer the prompt over the page"),
         "acknowledge": ("F4", "Acknowledge or dismiss a message"),
         "palette": ("Ctrl+K", "Find a command, protocol, run or setting, or close the list"),
         "specimen": ("F7", "Specimen sheet: dimensions and masses, or close it"),
         "identification": ("Shift+F7", "Identification: parameters, uncertainty budget and acceptance, or close it"),
+        "log": ("Ctrl+J", "Log, or close it"),
         "settings": ("Ctrl+,", "Settings, or close them"),
         "reconnect": ("F6", "Connect to the bench again"),
         "faults.toggle": ("F9", "Speed, prompts and faults of the simulated bench, or close the list"),
@@ -341,14 +346,10 @@ def tooltip(action_id: str, text: str = "") -> str:
     return f"{text or TOOLTIPS.get(action_id, info.text)}: {' or '.join(info.shortcuts)}"
 
 
-def shortcut_label(text: str, action_id: str) -> str:
-    """Return the text of a button with the shortcut of an action."""
-    return f"{text}   ({ACTIONS[action_id].shortcut})"
-
-
 def name_button(button: QAbstractButton, action_id: str, text: str) -> None:
-    """Name the shortcut of an action on a button and in its tooltip."""
-    button.setText(shortcut_label(text, action_id))
+    """Show the shortcut of an action on a button and in its tooltip."""
+    button.setText(text)
+    show_key(button, ACTIONS[action_id].shortcut)
     button.setToolTip(tooltip(action_id))
 
 

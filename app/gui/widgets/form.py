@@ -7,7 +7,7 @@ from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QSizePolicy, QWidget
 
-from app.gui.widgets.layouts import configure, grid, make_label
+from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind
 from app.services import FormField, FormResult, check_form, form_fields, format_parameter, scaled
 from protocols.base import Protocol
 
@@ -163,14 +163,6 @@ class ProtocolForm(FieldForm):
         if any(row.field.name in self.result.errors for row in self._further_rows):
             self.more_button.setChecked(True)
         self.changed.emit()
-
-
-def set_style_kind(widget: QWidget, kind: str) -> None:
-    """Set the property `kind` that the style sheet selects, and restyle the widget."""
-    if widget.property("kind") != kind:
-        widget.setProperty("kind", kind)
-        widget.style().unpolish(widget)
-        widget.style().polish(widget)
 
 
 class NumberListEdit(QPlainTextEdit):

@@ -4,8 +4,7 @@ from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel
 
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import configure
+from app.gui.widgets.layouts import configure, set_style_kind
 
 MIN_CHARACTERS = 6
 """Characters that are always visible."""

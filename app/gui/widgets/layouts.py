@@ -21,6 +21,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.common import Severity
+from app.gui.face import KINDS, font_of_kind, px, set_margins
+from app.gui.widgets.key_caps import show_key
+
 B = TypeVar("B", bound=QBoxLayout)
 W = TypeVar("W", bound=QWidget)
 STRETCH = None
@@ -31,9 +35,9 @@ Item = Part | tuple[Part, int] | tuple[QWidget, int, Qt.AlignmentFlag] | int | N
 """A widget or layout, alone or with its stretch (and alignment); a number of pixels to leave free; or `STRETCH`."""
 
 Margins = tuple[int, int, int, int]
-"""Left, top, right and bottom in pixels."""
+"""Left, top, right and bottom in pixels of the design, which follow the text size."""
 NO_MARGINS: Margins = (0, 0, 0, 0)
-PANEL_MARGINS: Margins = (10, 8, 10, 8)
+PANEL_MARGINS: Margins = (12, 12, 12, 12)
 
 SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
 
@@ -44,7 +48,29 @@ def configure(widget: W, name: str = "", **properties: object) -> W:
     for key, value in properties.items():
         is_property = widget.setProperty(key, value)
         assert is_property or key == "kind", f"{type(widget).__name__} has no property {key}"
+    if properties.get("kind") in KINDS:
+        widget.setFont(font_of_kind(str(properties["kind"])))
     return widget
+
+
+def set_style_kind(widget: QWidget, kind: str) -> None:
+    """Set the property `kind` that the style sheet selects, with its font, and restyle the widget."""
+    if widget.property("kind") != kind:
+        widget.setProperty("kind", kind)
+        widget.setFont(font_of_kind(kind))
+        _restyle(widget)
+
+
+def set_tone(widget: QWidget, severity: Severity) -> None:
+    """Give a widget the text colour of a severity."""
+    if widget.property("tone") != severity.value:
+        widget.setProperty("tone", severity.value)
+        _restyle(widget)
+
+
+def _restyle(widget: QWidget) -> None:
+    widget.style().unpolish(widget)
+    widget.style().polish(widget)
 
 
 def column(
@@ -78,9 +104,9 @@ def grid(
         stretch: of columns, by their index.
     """
     layout = QGridLayout(parent)
-    layout.setContentsMargins(*margins)
-    layout.setHorizontalSpacing(spacing[0])
-    layout.setVerticalSpacing(spacing[1])
+    set_margins(layout, margins)
+    layout.setHorizontalSpacing(spacing[0] if spacing[0] < 0 else px(spacing[0]))
+    layout.setVerticalSpacing(spacing[1] if spacing[1] < 0 else px(spacing[1]))
     for at, share in (stretch or {}).items():
         layout.setColumnStretch(at, share)
     for widget, *place in cells:
@@ -96,13 +122,21 @@ def make_label(text: str = "", kind: str = "", wrap: bool = True, name: str = ""
 
 
 def make_button(
-    text: str, on_click: Callable[[], object], kind: str = "", tip: str = "", name: str = "", **properties: object
+    text: str,
+    on_click: Callable[[], object],
+    kind: str = "",
+    tip: str = "",
+    name: str = "",
+    key: str = "",
+    **properties: object,
 ) -> QPushButton:
-    """Return a button that calls `on_click`, styled as `kind` of the style sheet."""
+    """Return a button that calls `on_click`, styled as `kind` of the style sheet, with the cap of its `key`."""
     if kind:
         properties["kind"] = kind
     button = configure(QPushButton(text), name, toolTip=tip, **properties)
     button.clicked.connect(lambda _checked=False: on_click())
+    if key:
+        show_key(button, key)
     return button
 
 
@@ -210,14 +244,12 @@ def make_toggle(text: str, tip: str, name: str, shown: QWidget) -> QPushButton:
 
 
 def _fill(layout: B, items: Iterable[Item], margins: Margins, spacing: int | None) -> B:
-    layout.setContentsMargins(*margins)
-    if spacing is not None:
-        layout.setSpacing(spacing)
+    set_margins(layout, margins, spacing)
     for item in items:
         if item is None:
             layout.addStretch()
         elif isinstance(item, int):
-            layout.addSpacing(item)
+            layout.addSpacing(px(item))
         else:
             part, *place = item if isinstance(item, tuple) else (item,)
             add: Callable[..., None] = layout.addLayout if isinstance(part, QLayout) else layout.addWidget

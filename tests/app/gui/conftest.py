@@ -12,19 +12,23 @@ if os.environ.get("QT_QPA_PLATFORM", "offscreen") == "offscreen":  # whose scree
 
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QMainWindow
+from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.gui.application import qt_application
-from app.gui.shell.main_window import FRAME_MS, InitialForm, MainWindow
+from app.gui.face import install_fonts
+from app.gui.shell.heartbeat import FRAME_MS
+from app.gui.shell.main_window import InitialForm, MainWindow
 from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import ListeningSession, OpenPage, OpenStage, Stage, end
+from tests.helpers.main_window import ListeningFrame, ListeningSession, OpenPage, OpenStage, Stage, end
 
 
 @pytest.fixture(scope="session")
 def qt() -> QApplication:
-    return qt_application()
+    application = qt_application()
+    install_fonts(100)  # of the screen of these tests it would be larger
+    return application
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +38,9 @@ def config() -> BenchConfig:
 
 @pytest.fixture
 def settings(tmp_path: Path) -> QSettings:
-    return QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+    kept = QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+    kept.setValue("window/text-size", "100")
+    return kept
 
 
 @pytest.fixture
@@ -87,10 +93,10 @@ def open_stage(
 @pytest.fixture
 def open_page(qt: QApplication, no_widget_left_behind: None) -> Iterator[OpenPage]:
     """Shows a page without the window around it, for what needs no key of the window and no other page."""
-    shown: list[tuple[QMainWindow, Any]] = []
+    shown: list[tuple[ListeningFrame, Any]] = []
 
     def show(make: Callable[[], Any]) -> Any:
-        frame, page = QMainWindow(), make()
+        frame, page = ListeningFrame(), make()
         shown.append((frame, page))
         frame.setCentralWidget(page)
         frame.resize(1280, 640)

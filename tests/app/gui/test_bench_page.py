@@ -61,9 +61,9 @@ def test_the_open_bench_has_identity_state_and_live_values(window: MainWindow) -
 
 def test_speed_prompts_and_faults_of_the_simulated_bench_are_at_hand(window: MainWindow) -> None:
     find(window, "bench.faults").click()
-    assert window.faults.list.isVisible()
+    assert window.faults.isVisible()
     find(window, "bench.faults").click()
-    assert not window.faults.list.isVisible()
+    assert not window.faults.isVisible()
 
 
 def test_the_true_parameters_of_a_simulated_bench_are_a_form_in_bench_units(window: MainWindow) -> None:
@@ -206,7 +206,7 @@ def test_the_bench_chosen_last_is_opened_at_the_next_start(
         )
 
     start()
-    assert opened == [("sim", BENCH), ("other.toml", MEASURE)]
+    assert opened == [("sim", MEASURE), ("other.toml", MEASURE)]
     del opened[:]
     start()
     assert opened[0][0] == "other.toml"

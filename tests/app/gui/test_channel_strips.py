@@ -5,16 +5,15 @@ from PySide6.QtCore import QCoreApplication, QEvent
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import load_bench
+from app.gui.face import DARK
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets.theme import DARK, WindowTheme
 from app.live import LiveFeed
 from drivers import Block, InputChannel, Scale
 
 
 def test_each_further_channel_has_a_strip_in_its_unit(qt: QApplication) -> None:
     config, feed = load_bench("ideal"), LiveFeed()
-    theme = WindowTheme()
-    plot = TimePlot(feed, config.amplifier.amplifier_map, theme)
+    plot = TimePlot(feed, config.amplifier.amplifier_map)
     plot.resize(600, 500)
     plot.show()
     assert not plot.strips.isVisible()
@@ -26,7 +25,7 @@ def test_each_further_channel_has_a_strip_in_its_unit(qt: QApplication) -> None:
     assert len(plot.strips.curves) == 2
     volts, milliamperes = (curve.getData()[1] for curve in plot.strips.curves)
     assert (volts.max(), milliamperes.max()) == (999.0, 9.99)
-    theme.set_colors(DARK)
+    QApplication.setPalette(DARK.palette())
     feed.start_stream(1000.0, (Scale((0.0, 1e-3)),) * 2, config.sensor.laser_sensor)
     for start in (0, 1000):
         feed.add_block(Block(start, np.zeros((2, 1000), np.int16)))

@@ -13,15 +13,24 @@ from PySide6.QtWidgets import QApplication
 from app.config.bench_file import BenchConfig
 from app.gui.application import InitialForm, OpenedBench, open_window
 from app.gui.shell.main_window import MainWindow
-from app.gui.status.notices import INPUT_GUARD_S
+from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.bench_connection import connect
 from app.session.bench_state import BenchState
 from drivers.deadlines import Deadline
-from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.generators.keysight import Keysight33500
 from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import Bench, Stage, find, press, until, whole_window
+from tests.helpers.main_window import (
+    Bench,
+    Stage,
+    find,
+    press,
+    sign,
+    tells_what_to_do_by_hand,
+    until,
+    whole_window,
+    word,
+)
 from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
@@ -46,14 +55,14 @@ def test_closing_mid_run_asks_goes_to_rest_and_waits_for_the_session(stage: Stag
     assert stage.window.isVisible()
     assert find(stage.window, "notices.closing").isVisible()
     assert not stage.session.closed
-    assert find(stage.window, "status.state").text == "LIVE"
+    assert sign(stage.window) == "LIVE"
     begin = time.monotonic()
     until(lambda: time.monotonic() - begin > INPUT_GUARD_S)
     stage.press(Qt.Key.Key_Return)
     assert stage.session.closed
-    assert find(stage.window, "status.state").text == "GOING TO REST"
+    assert sign(stage.window) == word(BenchState.GOING_TO_REST)
     stage.happen(*STOPPED)
-    assert find(stage.window, "status.state").text == BenchState.AT_REST.upper(), "the window is alive while it closes"
+    assert sign(stage.window) == BenchState.AT_REST.upper(), "the window is alive while it closes"
     assert stage.window.isVisible()
     stage.session.lets_go = True
     until(lambda: not stage.window.isVisible())
@@ -66,7 +75,7 @@ def test_the_run_goes_on_if_the_window_is_kept(stage: Stage) -> None:
     stage.press(Qt.Key.Key_F4)
     assert not find(stage.window, "notices.closing").isVisible()
     assert stage.session.stops == 0
-    assert find(stage.window, "status.state").text == "LIVE"
+    assert sign(stage.window) == "LIVE"
 
 
 def test_stop_works_while_the_question_stands(stage: Stage) -> None:
@@ -110,8 +119,8 @@ def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the
         assert window.state.busy
         press(window, Qt.Key.Key_Escape)
         until(lambda: not window.state.busy, "for the run to be given up")
-        assert find(window, "status.state").text == "UNSAFE"
-        assert find(window, "notices.unsafe.message").text() == MANUAL_SHUTDOWN_INSTRUCTIONS
+        assert sign(window) == "UNSAFE"
+        assert tells_what_to_do_by_hand(window)
         assert window.state.outcome is not None
         assert window.state.outcome.status is RunStatus.UNSAFE
         assert_names(find(window, "notices.unsafe.detail").text(), "driver", "hangs")

@@ -6,9 +6,9 @@ import pytest
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 
+from app.gui.face import DARK, LIGHT, tokens
 from app.gui.shell.page_host import MEASURE, RUNS
 from app.gui.widgets.actions import ACTIONS
-from app.gui.widgets.theme import DARK, LIGHT
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.run_files import finished_run
 from tests.helpers.session_events import LIVE, OPENED
@@ -69,7 +69,7 @@ def test_the_appearance_is_chosen_and_kept(open_stage: OpenStage, settings: QSet
     stage.press(Qt.Key.Key_Comma, CTRL)
     box = find(stage.window, "settings.appearance")
     box.setCurrentIndex(box.findData("dark"))
-    assert stage.window.theme.colors == DARK
+    assert tokens() == DARK
     page = stage.window.central.settings_page
     page.search.setText("appearance")
     assert box.isVisible()
@@ -84,9 +84,9 @@ def test_the_appearance_is_chosen_and_kept(open_stage: OpenStage, settings: QSet
     until(lambda: not stage.window.isVisible(), "for the window to close")
     assert settings.value("window/appearance") == "dark"
     again = open_stage()
-    assert again.window.theme.colors == DARK
-    again.window.set_appearance("light")
-    assert again.window.theme.colors == LIGHT
+    assert tokens() == DARK
+    again.window.look.set_appearance("light")
+    assert tokens() == LIGHT
 
 
 @pytest.mark.deep

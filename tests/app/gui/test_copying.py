@@ -7,6 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 
+from app.gui.face import tokens
 from app.gui.plots.copy import PlotCopyButtons
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.session_events import LIVE, OPENED, point
@@ -69,8 +70,8 @@ def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage
     plot.canvas.setFocus()
     assert plot.copy_buttons[0].isVisible()
     edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
-    assert edge == window.theme.colors.accent
-    assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.colors.panel
+    assert edge == tokens().accent
+    assert before.pixelColor(0, plot.canvas.height() // 2).name() == tokens().surface
     plot.canvas.setAttribute(Qt.WidgetAttribute.WA_UnderMouse, False)  # the pointer may rest on it since another test
     find(window, "measure.specimen").setFocus()
     assert not plot.copy_buttons[0].isVisible()

@@ -14,7 +14,6 @@ from PySide6.QtTest import QTest
 from app.cli.model_options import read_settings
 from app.explore.fit import ExploreFit, fit_runs
 from app.gui.explore.page import ExplorePage
-from app.gui.widgets.theme import DARK, WindowTheme
 from model.identification.fit_options import FitCancelled
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
@@ -24,7 +23,7 @@ from tests.helpers.run_files import finished_run
 
 @pytest.fixture
 def page(open_page: OpenPage) -> ExplorePage:
-    explore: ExplorePage = open_page(lambda: ExplorePage(WindowTheme(), fit_runs))
+    explore: ExplorePage = open_page(lambda: ExplorePage(fit_runs))
     settled(explore)
     return explore
 
@@ -246,7 +245,7 @@ def test_the_page_fits_a_small_screen(stage: Stage) -> None:
     page = stage.window.tabs.explore
     assert page.isVisible()
     settled(page)
-    stage.window.theme.set_colors(DARK)
+    stage.window.look.set_appearance("dark")
     assert page.minimumSizeHint().width() <= 1260
     assert page.mapTo(page.window(), QPoint(0, page.height())).y() <= page.window().height()
 

@@ -11,16 +11,15 @@ from PySide6.QtWidgets import QApplication, QWidget
 from app.archive.description import injected_faults, run_text
 from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import InitialForm, MainWindow
-from app.gui.status.fault_panel import FaultPanel
+from app.gui.status.fault_drawer import FaultDrawer
 from app.gui.status.simulation_controls import SimulationControls
-from app.gui.widgets import column
+from app.gui.widgets import OverlayHost, column
 from app.live.session_link import SessionAdapter
-from app.session import FaultPlan, SimulationSettings
+from app.session import AnsweredBy, FaultPlan, SimulationSettings
 from app.session.bench_connection import connect
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
-from tests.helpers.main_window import OpenStage, Stage, end, find, press, until
+from tests.helpers.main_window import OpenStage, Stage, end, find, press, sign, until
 from tests.helpers.session_events import OPENED
 
 SHIFT = Qt.KeyboardModifier.ShiftModifier
@@ -49,19 +48,22 @@ def window(
 @pytest.mark.deep
 def test_f9_begins_at_the_present_speed_and_tab_leads_on_to_the_faults(qt: QApplication) -> None:
     frame, chosen = QWidget(), list[float | None]()
-    panel = FaultPanel(FaultPlan(), frame, SimulationControls(SimulationSettings(20.0), chosen.append))
-    column(panel, parent=frame)
-    frame.resize(600, 300)
+    panel = FaultDrawer(FaultPlan(), frame, SimulationControls(SimulationSettings(20.0), chosen.append))
+    host = OverlayHost(QWidget())
+    host.add_overlay(panel)
+    column(host, parent=frame)
+    frame.resize(900, 600)
     frame.show()
     frame.activateWindow()
     assert QTest.qWaitForWindowActive(frame, 30_000)
-    panel.open_button.click()
+    panel.toggle()
     assert panel.controls is not None
     assert panel.controls.speed_buttons[20.0].hasFocus()
     QTest.keyClick(panel.controls.speed_buttons[20.0], Qt.Key.Key_Left)
     assert chosen == [5.0]
-    panel.controls.answered_by_box.setFocus()
-    QTest.keyClick(panel.controls.answered_by_box, Qt.Key.Key_Tab)
+    assert panel.controls.answered_by.selected is AnsweredBy.USER, "who looks at faults answers prompts"
+    panel.controls.answered_by.buttons[AnsweredBy.USER].setFocus()
+    QTest.keyClick(panel.controls.answered_by.buttons[AnsweredBy.USER], Qt.Key.Key_Tab)
     assert next(iter(panel.fault_boxes.values())).hasFocus()
     panel.shutdown()
     frame.close()
@@ -85,19 +87,18 @@ def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWin
     assert box.hasFocus()
     QTest.keyClick(box, Qt.Key.Key_Space)
     until(lambda: not window.state.busy, "for the run")
-    assert find(window, "status.state").text == "UNSAFE"
+    assert sign(window) == "UNSAFE"
     until(lambda: faults.active_faults, "for the bench's word")
     assert window.adapter.faults.active_faults() == ("generator-power-off",)
-    assert faults.band.isVisible()
-    assert FAULT_DESCRIPTIONS["generator-power-off"] in faults.band_label.text()
+    assert faults.count_label.text() == "1 fault on"
     assert any("Fault injected: the generator loses mains" in m.text for m in window.state.messages)
     press(window, Qt.Key.Key_F9)
-    assert not faults.list.isVisible()
-    assert faults.band.isVisible(), "what is broken stays in sight"
+    assert not faults.isVisible()
+    assert window.ribbon.fault_count == 1, "what is broken stays in sight"
     press(window, Qt.Key.Key_F9, SHIFT)
     until(lambda: not faults.active_faults, "for the repair")
     assert window.adapter.faults.active_faults() == ()
-    assert faults.isHidden()
+    assert window.ribbon.fault_count == 0
 
 
 @pytest.mark.deep
@@ -166,7 +167,7 @@ def test_a_real_bench_offers_no_faults(
     monkeypatch.setattr(BenchConfig, "simulated", property(lambda _: False))
     stage = open_stage()
     assert stage.window.faults is None
-    assert stage.window.tabs.cornerWidget() is None
+    assert not stage.window.ribbon.accessibleName().startswith("SIMULATED")
 
 
 @pytest.mark.deep
@@ -175,7 +176,7 @@ def test_the_list_goes_with_escape_and_gives_the_keyboard_back(stage: Stage) -> 
     find(stage.window, "measure.specimen").setFocus()
     stage.press(Qt.Key.Key_F9)
     assert stage.window.faults is not None
-    assert stage.window.faults.list.isVisible()
+    assert stage.window.faults.isVisible()
     stage.press(Qt.Key.Key_Escape)
-    assert not stage.window.faults.list.isVisible()
+    assert not stage.window.faults.isVisible()
     assert find(stage.window, "measure.specimen").hasFocus()

@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, ConfigError
-from app.gui.shell.page_host import CAMPAIGN, MEASURE
+from app.gui.shell.page_host import CAMPAIGN, MEASURE, TITLES
 from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts_by_group
 from app.gui.widgets.file_dialog import Mode, choose_files
 from protocols.base import Outcome, Prompt, PromptShown, RunEnded, RunStatus, Verdict
@@ -28,7 +28,7 @@ def titles_of_pages(stage: Stage) -> list[str]:
     for at in range(tabs.count()):
         tabs.page(at)
     return [
-        *(tabs.tabText(at) for at in range(tabs.count())),
+        *TITLES,
         stage.window.central.specimen_page.title,
         stage.window.central.identification_page.title,
     ]

@@ -15,10 +15,10 @@ from app.archive.audit_trail import begin_audit
 from app.archive.catalogue import Catalogue
 from app.common import Progress, typeset
 from app.config.certificate import Certificate, store_certificate
+from app.gui.face import LIGHT
 from app.gui.laboratory.audit_pane import NO_TRAIL
 from app.gui.laboratory.page import AUDIT, CERTIFICATES, CHART, SPECIMENS, LaboratoryPage
 from app.gui.laboratory.value_table import ValueTable
-from app.gui.widgets import LIGHT, WindowTheme
 from model import quantity_label
 from tests.helpers.fleet_runs import write_run
 from tests.helpers.main_window import OpenPage, until
@@ -52,7 +52,7 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def page(open_page: OpenPage, laboratory: Path) -> LaboratoryPage:
-    shown = open_page(lambda: LaboratoryPage(lambda: laboratory, WindowTheme(), laboratory / "index.sqlite"))
+    shown = open_page(lambda: LaboratoryPage(lambda: laboratory, laboratory / "index.sqlite"))
     assert isinstance(shown, LaboratoryPage)
     until(lambda: is_idle(shown), "for the folder")
     return shown
@@ -154,12 +154,12 @@ def test_certificates_are_warned_of_before_and_after_their_date(open_page: OpenP
     for number, days in (("K1", -1), ("K2", 30), ("K3", 31)):
         due = (today + timedelta(days=days)).isoformat()
         store_certificate(tmp_path, Certificate(number, "PTB", "2025-01-02", serial=number, role="sensor", due=due))
-    page = open_page(lambda: LaboratoryPage(lambda: tmp_path, WindowTheme(), tmp_path / "index.sqlite"))
+    page = open_page(lambda: LaboratoryPage(lambda: tmp_path, tmp_path / "index.sqlite"))
     page.show_view(CERTIFICATES)
     until(lambda: is_idle(page))
     assert [row[1] for row in rows(page.certificates.table)] == ["✕ expired", "! due soon", "✓ valid"]
     colors = [page.certificates.table.model().index(r, 1).data(Qt.ItemDataRole.ForegroundRole).name() for r in range(3)]
-    assert colors == [LIGHT.error, LIGHT.warning, LIGHT.text]
+    assert colors == [LIGHT.red_text, LIGHT.amber_text, LIGHT.text]
     assert page.buttons.button(CERTIFICATES).text() == "Certificates   1 expired"
 
 
@@ -168,7 +168,7 @@ def test_a_changed_file_is_found_by_verify(open_page: OpenPage, tmp_path: Path) 
     folder.mkdir()
     path = write_run(folder, "T7", 1.0, 1e-3, 160.0, 1)
     (folder / "T7.specimen.toml").write_text('specimen = "T7"\n')
-    page = open_page(lambda: LaboratoryPage(lambda: folder, WindowTheme(), tmp_path / "index.sqlite"))
+    page = open_page(lambda: LaboratoryPage(lambda: folder, tmp_path / "index.sqlite"))
     page.show_view(AUDIT)
     until(lambda: is_idle(page))
     assert page.audit.result_label.text() == NO_TRAIL
@@ -199,7 +199,7 @@ def test_a_folder_is_read_in_the_background_and_reading_can_be_stopped(
         return scan(self, progress, excluded)
 
     monkeypatch.setattr(Catalogue, "scan", wait)
-    page = open_page(lambda: LaboratoryPage(lambda: laboratory, WindowTheme(), tmp_path / "index.sqlite"))
+    page = open_page(lambda: LaboratoryPage(lambda: laboratory, tmp_path / "index.sqlite"))
     until(page.progress_row.isVisible, "for the progress of the scan")
     page.progress_row.cancel_button.click()
     released.set()
@@ -212,7 +212,7 @@ def test_a_folder_is_read_in_the_background_and_reading_can_be_stopped(
 
 def test_a_folder_without_runs_says_so(open_page: OpenPage, tmp_path: Path) -> None:
     begin_audit(tmp_path)
-    page = open_page(lambda: LaboratoryPage(lambda: tmp_path, WindowTheme(), tmp_path / "index.sqlite"))
+    page = open_page(lambda: LaboratoryPage(lambda: tmp_path, tmp_path / "index.sqlite"))
     until(lambda: is_idle(page))
     for view in (SPECIMENS, CHART):
         page.show_view(view)

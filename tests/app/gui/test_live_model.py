@@ -11,6 +11,7 @@ from PySide6.QtCore import QPointF
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
 
+from app.gui.face import tokens
 from app.gui.measure import page as measure_page
 from app.identification.active_model import PAPER_MODEL
 from app.identification.calibrations import Calibrations, write_calibrations
@@ -71,7 +72,7 @@ def test_accepted_calibration_updates_curve_and_band_in_open_window(
     beside = float((high[top] + (low[top] + high[top]) / 2) / 2)
     assert high[top] - low[top] > 100
     QApplication.processEvents()
-    ground = QColor(stage.window.theme.colors.panel)
+    ground = QColor(tokens().surface)
     assert shown_ink(stage, float(x[top]), beside) != ground
     response.model_curves.band_box.click()
     assert shown_ink(stage, float(x[top]), beside) == ground

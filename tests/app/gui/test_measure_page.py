@@ -19,7 +19,6 @@ from protocols.base import (
     BenchArmed,
     DriveStarted,
     EntryStarted,
-    LogMessage,
     PointMeasured,
     Prompt,
     PromptAnswered,
@@ -34,7 +33,7 @@ from protocols.base import (
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from tests.app.gui.test_other_protocols import POINT
-from tests.helpers.main_window import Stage, find, until
+from tests.helpers.main_window import Stage, find, sign, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED, SEEN_AT_REST, STARTED, point
 
 CTRL = Qt.KeyboardModifier.ControlModifier
@@ -113,55 +112,52 @@ def test_presets_that_do_not_fit_are_a_sentence(tmp_path: Path) -> None:
 
 def test_pause_is_one_key_and_says_that_high_voltage_is_still_on(stage: Stage) -> None:
     live(stage)
-    bar = stage.window.status_bar
     stage.press(Qt.Key.Key_F8)
     assert stage.session.pauses == 1
-    assert find(bar, "status.pause").text() == "PAUSING"
+    assert find(stage.window, "status.pause").text() == "Pause"
+    assert sign(stage.window) == "PAUSING"
     stage.press(Qt.Key.Key_F8)
     assert stage.session.pauses == 1, "once asked is enough"
     stage.session.observation = SEEN_AT_REST
     stage.happen(RunPaused("the card sees 2.500 V"))
-    assert find(bar, "status.state").text == "PAUSED"
-    assert find(bar, "status.voltage").text == "0 V"
-    assert find(bar, "status.voltage").note.startswith("High voltage is still on")
-    QTest.mouseClick(find(bar, "status.pause"), Qt.MouseButton.LeftButton)
+    assert sign(stage.window) == "PAUSED"
+    assert stage.window.strip.view.measured == "0 V"
+    assert stage.window.strip.view.act == "High voltage is still on"
+    QTest.mouseClick(find(stage.window, "status.pause"), Qt.MouseButton.LeftButton)
     assert stage.session.resumes == 1
     stage.happen(RunResumed(), EntryStarted(3, "160 Hz", (160.0,)), DriveStarted(Sine(160.0, 2.5, 2.5, 1000)))
-    assert find(bar, "status.state").text == "LIVE"
-    assert find(bar, "status.pause").text().startswith("PAUSE")
+    assert sign(stage.window) == "LIVE"
+    assert find(stage.window, "status.pause").text() == "Pause"
 
 
 @pytest.mark.deep
 def test_a_pause_of_a_run_without_high_voltage_does_not_say_that_it_is_on(stage: Stage) -> None:
     stage.happen(OPENED, STARTED, BenchArmed(False))
     stage.happen(RunPaused("the card sees 2.500 V", False))
-    bar = stage.window.status_bar
-    assert (find(bar, "status.state").text, find(bar, "status.voltage").note.rpartition("; ")[2]) == (
+    assert (sign(stage.window), stage.window.strip.view.aim) == (
         "HV OFF",
-        "aim: high voltage off, 0 V",
+        "high voltage off, 0 V",
     )
-    assert "Paused, high voltage off: the card sees 2.500 V" in stage.window.measure_page.log.toPlainText()
+    assert "Paused, high voltage off: the card sees 2.500 V" in stage.window.log.view.toPlainText()
 
 
 def test_while_hands_are_on_the_specimen_the_sign_says_that_high_voltage_is_off(stage: Stage) -> None:
     live(stage)
-    bar = stage.window.status_bar
     stage.happen(PromptShown(11, DISABLE_HIGH_VOLTAGE))
-    assert find(bar, "status.state").text == "LIVE", "asked is not done"
+    assert sign(stage.window) == "LIVE", "asked is not done"
     stage.session.observation = SEEN_AT_REST
     stage.happen(PromptAnswered(11, "done"))
-    assert find(bar, "status.state").text == "HV OFF"
-    assert find(bar, "status.voltage").text == "0 V"
-    assert find(bar, "status.voltage").note.endswith("high voltage off, 0 V")
+    assert sign(stage.window) == "HV OFF"
+    assert (stage.window.strip.view.measured, stage.window.strip.view.aim) == ("0 V", "high voltage off, 0 V")
     stage.happen(PromptShown(12, WEIGHT), PromptAnswered(12, "done"))
-    assert find(bar, "status.state").text == "HV OFF"
+    assert sign(stage.window) == "HV OFF"
     stage.happen(PromptShown(13, ENABLE_HIGH_VOLTAGE))
-    assert find(bar, "status.state").text == "LIVE", "whoever is asked switches before answering"
+    assert sign(stage.window) == "LIVE", "whoever is asked switches before answering"
 
 
 def test_a_run_without_high_voltage_never_says_live(stage: Stage) -> None:
     stage.happen(OPENED, RunStarted("sine-dwell", "x.h5", 9.0, 3, True), BenchArmed(high_voltage=False))
-    assert find(stage.window, "status.state").text == "HV OFF"
+    assert sign(stage.window) == "HV OFF"
 
 
 @pytest.mark.parametrize(
@@ -177,7 +173,11 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message
     stage.window.adapter.mailbox.show(21, WEIGHT)
     stage.happen(PromptShown(21, WEIGHT))
     prompt = stage.window.notices.prompt
-    assert [b.text() for b in prompt.buttons] == ["Done   (Enter)", "Repeat the last   (R)", "Skip   (S)"]
+    assert [(b.text(), b.property("cap")) for b in prompt.buttons] == [
+        ("Done", "Enter"),
+        ("Repeat the last", "R"),
+        ("Skip", "S"),
+    ]
     assert prompt.drawing.isVisible()
     until(lambda: stage.window.notices.accepts_input, "for the guard")
     stage.press(key)
@@ -195,7 +195,7 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     assert plot.selection.button.isEnabled()
     plot.selection.button.click()
     assert stage.session.again == [(Path("run.h5"), (1,), tmp_path)]
-    assert find(stage.window, "status.task").text == "Sine dwell · reading run.h5"
+    assert stage.window.strip.view.run.title == "Sine dwell · reading run.h5"
     assert len(plot.scatters[0].points()) == 3, "until the new run has begun the old one is seen"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1, "nothing else begins meanwhile"
@@ -278,18 +278,3 @@ def test_what_the_form_said_comes_back(stage: Stage) -> None:
     stage.window.start_run()
     stage.press(Qt.Key.Key_Z, CTRL)
     assert panel.protocol == WiringCheck(), "what is being run stands still"
-
-
-@pytest.mark.deep
-def test_a_log_that_was_scrolled_up_is_followed_again(stage: Stage) -> None:
-    log = stage.window.measure_page.log
-    stage.happen(OPENED, *(LogMessage(f"line {at}") for at in range(60)))
-    bar = log.verticalScrollBar()
-    until(lambda: bar.maximum() > 0, "for lines below")
-    bar.setValue(0)
-    assert log.newest_button.isVisible()
-    stage.happen(LogMessage("one more"))
-    assert bar.value() == 0, "reading is not disturbed"
-    log.newest_button.click()
-    assert bar.value() == bar.maximum()
-    assert not log.newest_button.isVisible()

@@ -143,7 +143,7 @@ def test_a_scanned_label_names_the_specimen_and_starts_nothing(stage: Stage, tmp
     sheet.write_text('specimen = "M4"\n')
     digest = hashlib.sha256(sheet.read_bytes()).hexdigest()[:12]
     stage.happen(OPENED)
-    field, toast = stage.window.measure_page.run_panel.specimen_edit, stage.window.tabs._toast.label
+    field, toast = stage.window.measure_page.run_panel.specimen_edit, stage.window.status_line.label
     field.setFocus()
     field.selectAll()
     QTest.keyClicks(field, f"M4 #{digest}")
@@ -176,7 +176,7 @@ def test_one_key_saves_a_problem_report(stage: Stage, tmp_path: Path) -> None:
     stage.press(Qt.Key.Key_F1, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.central.is_covered
     stage.window.error_occurred.emit()
-    assert ACTIONS["problem"].shortcut in stage.window.tabs._toast.label.text()
+    assert ACTIONS["problem"].shortcut in stage.window.status_line.label.text()
 
 
 def test_the_settings_are_kept(open_stage: OpenStage, settings: QSettings) -> None:

@@ -132,7 +132,7 @@ def test_a_fault_of_the_setup_is_named_in_terminal_window_list_and_report(
     stage.window.start_run()
     stage.happen(RunStarted(protocol, str(path), 6.0, 2, True), AT_REST)
     stage.happen(RunEnded(status, reason, str(path), (), verdict))
-    assert find(stage.window, "status.task").text == HEADERS[case.outcome]
+    assert stage.window.strip.view.run.title == HEADERS[case.outcome]
     assert stage.window.grab().save(str(tmp_path / "live.png"))
     stage.window.tabs.setCurrentIndex(RUNS)
     page = stage.window.tabs.runs

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, QSize
+from PySide6.QtCore import QPointF
 from PySide6.QtWidgets import QApplication
 
 from app.gui.plots.base import TracePlotBase, needed_axis_width
 from app.gui.plots.curve_layers import COHERENCE, LESS_MEAN, RESIDUAL, isolated, layer_series, layers_of
 from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
-from app.gui.widgets.theme import LARGE_TEXT, LIGHT, WindowTheme, style_sheet, text_scale
 from model import Array
 from protocols.base import Quality, Series, SeriesAxis
 from protocols.measurements.hysteresis import Hysteresis
@@ -85,7 +84,7 @@ def test_every_protocol_with_estimates_on_its_axes_has_a_line() -> None:
 
 @pytest.mark.deep
 def test_the_points_have_their_line_and_residual(qt: QApplication) -> None:
-    plot = PointsPlot(WindowTheme())
+    plot = PointsPlot()
     plot.resize(900, 500)
     plot.show()
     plot.set_protocol(MassResonance)
@@ -115,7 +114,7 @@ def test_a_thin_loop_is_seen_less_its_mean_line(qt: QApplication) -> None:
     assert series is not None
     assert np.ptp(series.y) == pytest.approx(5.0, rel=0.02)
     assert np.abs(series.y).max() < 3.0, "the stroke of 400 µm is taken off"
-    plot = CurvesPlot(WindowTheme())
+    plot = CurvesPlot()
     plot.resize(900, 500)
     plot.show()
     plot.show_curves((loop(), loop(1e-5, "5 Hz")), bare_tactor=False)
@@ -136,7 +135,7 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
     left = layer_series(fitted, RESIDUAL)
     assert left is not None
     np.testing.assert_allclose(left.y, 1e4 * curve.plotted)
-    plot = CurvesPlot(WindowTheme())
+    plot = CurvesPlot()
     plot.resize(900, 500)
     plot.show()
     plot.show_curves((fitted,), bare_tactor=False)
@@ -149,7 +148,7 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
 
 @pytest.mark.deep
 def test_the_legend_lies_above_the_curves(qt: QApplication) -> None:
-    plot = CurvesPlot(WindowTheme())
+    plot = CurvesPlot()
     plot.resize(900, 500)
     plot.show()
     plot.show_curves(tuple(response(f"with {mass} g") for mass in range(9)), bare_tactor=False)
@@ -176,7 +175,7 @@ def test_an_error_that_stands_out_is_no_bow_tie() -> None:
 
 @pytest.mark.deep
 def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) -> None:
-    plot = PointsPlot(WindowTheme())
+    plot = PointsPlot()
     plot.resize(900, 400)
     plot.show()
     plot.set_protocol(MembraneSag)
@@ -198,7 +197,7 @@ def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) ->
 
 @pytest.mark.deep
 def test_one_cursor_goes_through_displacement_and_drive(qt: QApplication) -> None:
-    plot = TracePlotBase(WindowTheme())
+    plot = TracePlotBase()
     plot._add_head()
     plot.resize(800, 400)
     plot.show()
@@ -218,10 +217,3 @@ def test_one_cursor_goes_through_displacement_and_drive(qt: QApplication) -> Non
     tools._on_mouse_moved(QPointF(-10.0, -10.0))
     assert not any(line.isVisible() for line in tools.cursors)
     plot.deleteLater()
-
-
-def test_text_is_larger_in_a_window_on_a_large_screen() -> None:
-    assert text_scale(QSize(1366, 768)) == text_scale(QSize(1920, 1080)) == 1.0
-    assert text_scale(QSize(2560, 1440)) == LARGE_TEXT
-    assert "font-size: 18pt" in style_sheet(LIGHT, LARGE_TEXT), "a heading of 15 points"
-    assert style_sheet(LIGHT) == style_sheet(LIGHT, 1.0)

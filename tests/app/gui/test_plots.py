@@ -8,10 +8,10 @@ import pytest
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QApplication
 
+from app.gui.face import LIGHT
 from app.gui.plots import time_plot
 from app.gui.plots.base import limit_ticks, stable_range, style_axes, tick_spacing
 from app.gui.plots.time_plot import TimePlot, rising_edges
-from app.gui.widgets.theme import LIGHT, WindowTheme
 from app.live import feed as live_feed
 from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
 from drivers.sensors.laser_sensor import LaserSensor
@@ -47,7 +47,7 @@ def test_a_block_before_the_stream_is_known_is_left_out() -> None:
 
 def test_the_shortest_span_stands_still(qt: QApplication) -> None:
     feed = fed(seconds=1.0)
-    plot = TimePlot(feed, AmplifierMap(), WindowTheme())
+    plot = TimePlot(feed, AmplifierMap())
     pictures = []
     for i in range(3):
         feed.add_block(sine_block(5000 + 177 * i, 177, 5000.0))
@@ -63,7 +63,7 @@ def test_the_shortest_span_stands_still(qt: QApplication) -> None:
 
 def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -> None:
     feed = fed()
-    plot = TimePlot(feed, AmplifierMap(), WindowTheme())
+    plot = TimePlot(feed, AmplifierMap())
     for _ in range(10):
         plot.tick()
     plot.deleteLater()
@@ -72,9 +72,8 @@ def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -
 
 def test_traces_without_new_samples_turn_grey_and_state_their_age(qt: QApplication, clock: list[float]) -> None:
     feed = fed()
-    theme = WindowTheme()
-    plot = TimePlot(feed, AmplifierMap(), theme)
-    live, held = [LIGHT.measured, LIGHT.second], [LIGHT.secondary_text] * 2
+    plot = TimePlot(feed, AmplifierMap())
+    live, held = [LIGHT.ink] * 2, [LIGHT.text2] * 2
 
     def look() -> tuple[str, list[str]]:
         plot.tick()
@@ -86,7 +85,7 @@ def test_traces_without_new_samples_turn_grey_and_state_their_age(qt: QApplicati
     assert look() == ("held: 12 s old", held)
     plot.select_span(2)  # another view of the same samples is no new sample
     assert look() == ("held: 12 s old", held)
-    theme.set_colors(LIGHT)
+    QApplication.setPalette(LIGHT.palette())
     assert look()[1] == held
     feed.add_block(sine_block(5100, 100, 5000.0))
     assert look() == ("", live)
@@ -131,7 +130,7 @@ def test_traces_move_at_every_tick_although_samples_arrive_in_blocks(
 ) -> None:
     feed = LiveFeed()
     feed.start_stream(5000.0, SCALES, LaserSensor("laser", 1e-4))
-    plot = TimePlot(feed, AmplifierMap(), WindowTheme())
+    plot = TimePlot(feed, AmplifierMap())
     plot.select_span(span)
     times_s = [100.05 + 0.05 * i + (0.01 if i % 3 else 0.0) for i in range(60)]
     right_s = np.array(arrive(feed, clock, plot, times_s, 103.0))
@@ -152,7 +151,7 @@ def test_a_change_of_the_drive_in_which_no_block_is_read_does_not_stop_the_trace
 ) -> None:
     feed = LiveFeed()
     feed.start_stream(5000.0, SCALES, LaserSensor("laser", 1e-4))
-    plot = TimePlot(feed, AmplifierMap(), WindowTheme())
+    plot = TimePlot(feed, AmplifierMap())
     due_s = [100.05 + 0.05 * i for i in range(100)]
     times_s = [due + max(0.25 - due % 1.0, 0.0) for due in due_s]  # the first five of a second arrive together
     steps_s = np.diff(arrive(feed, clock, plot, times_s, 105.0))[120:]
@@ -164,7 +163,7 @@ def test_a_change_of_the_drive_in_which_no_block_is_read_does_not_stop_the_trace
 def test_a_virtual_clock_is_followed(qt: QApplication, clock: list[float]) -> None:
     feed = LiveFeed()
     feed.start_stream(5000.0, SCALES, LaserSensor("laser", 1e-4))
-    plot = TimePlot(feed, AmplifierMap(), WindowTheme())
+    plot = TimePlot(feed, AmplifierMap())
     arrive(feed, clock, plot, [100.0 + 0.001 * i for i in range(2000)], 102.0)
     assert feed.streamed_s == pytest.approx(100.0)
     assert feed.streamed_s + plot.curves[1].pos().x() < MAX_DELAY_S + 0.1

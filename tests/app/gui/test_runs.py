@@ -14,7 +14,6 @@ from app.archive import RunState
 from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
-from app.gui.widgets.theme import WindowTheme
 from app.live.model_overlay import Overlay
 from app.session.bench_state import BenchState
 from protocols.measurements.sweep import Sweep
@@ -53,9 +52,7 @@ def show(open_page: OpenPage, config: BenchConfig) -> Callable[..., RunsPage]:
 
     def show(folder: Path, count: int = 3) -> RunsPage:
         overlay = Overlay(amplifier=config.amplifier.amplifier_map)
-        return listed(
-            open_page(lambda: RunsPage(lambda: folder, lambda: "T7", config.amplifier, overlay, WindowTheme())), count
-        )
+        return listed(open_page(lambda: RunsPage(lambda: folder, lambda: "T7", config.amplifier, overlay)), count)
 
     return show
 
@@ -423,8 +420,8 @@ def test_a_run_is_moved_to_the_trash_with_its_notes_and_taken_out_of_it(page: Ru
     assert not run.exists()
     assert not notes_path(run).exists()
     assert (folder / ".trash" / run.name).exists(), "nothing measured is lost"
-    assert "1 run moved to the trash" in page.toast.label.text()
-    page.toast.undo_button.click()
+    assert "1 run moved to the trash" in page.window().told[-1].text
+    page.window().told[-1].undo()
     until(lambda: names(page).count("T7") == 1 and page.list.folder_model.is_idle, "for the list")
     notes = read_notes(notes_path(run))
     assert (notes.tags, notes.note) == (("good",), note)

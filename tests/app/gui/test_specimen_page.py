@@ -94,7 +94,7 @@ def test_the_form_fits_a_small_window_in_both_themes(open_stage: OpenStage) -> N
     stage = open_stage()
     page = opened(stage)
     for appearance in ("light", "dark"):
-        stage.window.set_appearance(appearance)
+        stage.window.look.set_appearance(appearance)
         stage.window.resize(900, 470)
         until(lambda: stage.window.width() == 900, "for the size")
         assert page._area.horizontalScrollBar().maximum() == 0

@@ -4,11 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QRect
+from PySide6.QtWidgets import QWidget
 
+from app.gui.face import DARK, LIGHT
 from app.gui.runs.run_table import COLUMNS
 from app.gui.shell.page_host import RUNS
-from app.gui.widgets.theme import DARK, LIGHT
 from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
@@ -25,6 +26,12 @@ FAILED_CHECK = Verdict(Outcome.DID_NOT_PASS, (CHECKS[1].text,), CHECKS)
 NO_RESULT = Verdict(Outcome.NO_RESULT, ("no usable point of 18 (18 out of range); bring the target into the range",))
 
 
+def color_in(widget: QWidget, area: QRect, color: str) -> bool:
+    """Whether a colour stands in a part of a widget's picture."""
+    image = widget.grab(area).toImage()
+    return any(image.pixelColor(x, y).name() == color for x in range(image.width()) for y in range(image.height()))
+
+
 def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -35,33 +42,32 @@ def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
 @pytest.mark.parametrize(
     ("verdict", "header", "color"),
     [
-        (Verdict(Outcome.GOOD), "✓ GOOD", "success"),
-        (Verdict(Outcome.DOUBTFUL, ("2 of 18 clipped",)), "△ DOUBTFUL", "warning"),
-        (NO_RESULT, "○ NO RESULT", "warning"),
-        (FAILED_CHECK, "⊘ DID NOT PASS", "error"),
+        (Verdict(Outcome.GOOD), "✓ GOOD", "green_text"),
+        (Verdict(Outcome.DOUBTFUL, ("2 of 18 clipped",)), "△ DOUBTFUL", "amber_text"),
+        (NO_RESULT, "○ NO RESULT", "amber_text"),
+        (FAILED_CHECK, "⊘ DID NOT PASS", "red_text"),
     ],
 )
 def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str) -> None:
     for theme in (LIGHT, DARK):
-        stage.window.theme.set_colors(theme)
+        stage.window.look.set_appearance("dark" if theme is DARK else "light")
         end_with(stage, verdict)
-        sign = find(stage.window, "status.task")
-        assert sign.text == header
-        assert SineDwell.title in sign.note
-        assert sign._foreground == getattr(theme, color)
+        run = stage.window.strip.view.run
+        assert (run.note.split(",")[0], run.title) == (SineDwell.title, header)
+        strip = stage.window.strip
+        title = QRect(664, 8, strip.pause_button.x() - 676, 20)
+        assert color_in(strip, title, getattr(theme, color))
         assert "ompleted" not in stage.window.state.messages[-1].text
 
 
 @pytest.mark.deep
-def test_no_usable_point_is_a_notice_with_the_remedy_until_it_is_dismissed(stage: Stage) -> None:
+def test_no_usable_point_is_told_with_the_remedy_in_the_status_line_and_on_the_card(stage: Stage) -> None:
     end_with(stage, NO_RESULT)
-    notice = find(stage.window, "notices.verdict")
-    assert not notice.isHidden()
-    assert notice.property("kind") == "caution"
-    assert "no usable point of 18" in notice.message_label.text()
-    assert "bring the target into the range" in notice.message_label.text()
-    stage.press(Qt.Key.Key_F4)
-    assert notice.isHidden()
+    line, reason = stage.window.status_line.label, find(stage.window, "result.reason")
+    assert line.property("tone") == "attention"
+    for told in (line.toolTip(), reason.text()):
+        assert "o usable point of 18" in told
+        assert "bring the target into the range" in told
 
 
 def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Stage) -> None:
@@ -78,7 +84,7 @@ def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Sta
     rows = [[table.item(r, c).text() for c in range(table.columnCount())] for r in range(table.rowCount())]
     assert rows == expected
     assert plots.checks.caption.text() == "⊘ 1 of 2 checks did not pass"
-    assert find(stage.window, "notices.verdict").message_label.text() == "Did not pass: gain above rest"
+    assert "gain above rest" in stage.window.status_line.label.toolTip()
     stage.window.start_run()
     stage.happen(begin)
     assert plots.currentWidget() is not plots.checks, "the next run shows its points"

@@ -11,12 +11,11 @@ from PySide6.QtWidgets import QApplication
 from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import MainWindow
 from app.session.bench_state import BenchState
-from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.resume import ResumableRun, load_resumable
 from protocols.runfile.reader import Run
-from tests.helpers.main_window import Bench, find, press, until, whole_window
+from tests.helpers.main_window import Bench, find, press, sign, tells_what_to_do_by_hand, until, whole_window
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
 
@@ -48,7 +47,7 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     until(lambda: not window.state.busy, "for the run")
     assert window.state.outcome is not None
     assert window.state.outcome.status is RunStatus.COMPLETED
-    assert find(window, "status.state").text == BenchState.AT_REST.upper()
+    assert sign(window) == BenchState.AT_REST.upper()
     (path,) = tmp_path.glob("*_T7_sine-dwell.h5")
     with Run(path) as run:
         measured = 1e6 * run.points()["peak_to_peak"]
@@ -81,7 +80,7 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
     until(asked.is_set, "for the session to read")
     press(window, Qt.Key.Key_F5)
     window.controller.repeat_entries((2,), tmp_path)
-    assert find(window, "status.task").text.endswith(f"reading {first.name}")
+    assert window.strip.view.run.title.endswith(f"reading {first.name}")
     assert len(window.measure_page.live_pane.plots.response.scatters[0].points()) == 3
     may_read.set()
     until(lambda: not window.state.busy, "for the second run")
@@ -101,8 +100,8 @@ def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, be
     until(lambda: not window.state.busy, "for the run")
     assert window.state.outcome is not None
     assert window.state.outcome.status is RunStatus.STOPPED
-    assert find(window, "status.state").text == BenchState.AT_REST.upper()
-    assert find(window, "status.voltage").text == "0 V"
+    assert sign(window) == BenchState.AT_REST.upper()
+    assert window.strip.view.measured == "0 V"
 
 
 @pytest.mark.deep
@@ -112,7 +111,7 @@ def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window:
     press(window, Qt.Key.Key_F5)
     assert window.state.busy
     until(lambda: not window.state.busy, "for the run")
-    assert find(window, "status.state").text == "UNSAFE"
-    assert find(window, "notices.unsafe.message").text() == MANUAL_SHUTDOWN_INSTRUCTIONS
+    assert sign(window) == "UNSAFE"
+    assert tells_what_to_do_by_hand(window)
     assert "Measured: " in find(window, "notices.unsafe.detail").text()
     assert window.state.exit_code == 3

@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QRect, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton
 
+from app.gui.face import DARK, LIGHT, tokens
 from app.gui.shell.main_window import MainWindow
-from app.gui.status.notices import INPUT_GUARD_S
-from app.gui.widgets.theme import DARK, LIGHT
+from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.bench_state import BenchState, Observation
 from app.session.session import BenchFailed, RunRejected
 from drivers.bench.card_reading import CardReading
@@ -33,7 +32,7 @@ from protocols.base import (
 )
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import OpenStage, Stage, find, grab, until
+from tests.helpers.main_window import OpenStage, Stage, find, grab, sign, until, word
 from tests.helpers.messages import assert_names
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
 from tests.protocols.test_rehearsal import guard
@@ -53,13 +52,13 @@ def wait_past_the_guard() -> None:
 
 
 def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage: Stage) -> None:
-    bar = stage.window.status_bar
-    assert find(bar, "status.state").text == "CONNECTING"
+    assert sign(stage.window) == "CONNECT"
     assert find(stage.window, "measure.run").isEnabled()  # it begins when the bench is connected
     stage.happen(OPENED)
-    assert find(bar, "status.state").text == BenchState.IDLE.upper()
-    assert next(lamp.instrument.identity for lamp in bar.lamps) == "Keysight 33511B #1"
-    assert find(bar, "status.simulated").isVisible()
+    assert sign(stage.window) == BenchState.IDLE.upper()
+    assert next(lamp.instrument.identity for lamp in stage.window.status_line.lamps) == "Keysight 33511B #1"
+    assert stage.window.ribbon.accessibleName().startswith("SIMULATED")
+    assert stage.window.ribbon.isVisible()
     assert find(stage.window, "measure.run").isEnabled()
 
 
@@ -109,32 +108,30 @@ def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
     stage.window.start_run()
     stage.session.observation = Observation(CardReading((0.0, 5.0), (0.0, 5.0), time.monotonic() + 3600))
     stage.happen(*LIVE, ProgressUpdated(7, 18, 15.0, "160 Hz"))
-    bar = stage.window.status_bar
-    assert find(bar, "status.state").text == "LIVE"
-    assert find(bar, "status.voltage").text == "−500 … +1500 V"
-    assert find(bar, "status.voltage").note == "at the specimen, 0.0 s ago; aim: sine, 160 Hz, −500 … +1500 V"
-    assert "160 Hz" in find(bar, "status.task").text
-    assert_names(find(bar, "status.task").note, 7, 18)
-    assert "15 s left" in find(bar, "status.task").note
+    view = stage.window.strip.view
+    assert sign(stage.window) == "LIVE"
+    assert (view.measured, view.caption) == ("−500 … +1500 V", "at the specimen, 0.0 s ago")
+    assert view.aim == "sine, 160 Hz, −500 … +1500 V"
+    assert "160 Hz" in view.run.title
+    assert_names(view.run.note, 7, 18)
+    assert "15 s left" in view.run.note
 
 
 def test_the_time_left_stays_real_when_the_state_changes(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
-    stage.happen(*LIVE, ProgressUpdated(7, 18, 300.0, "160 Hz"))
-    bar = stage.window.status_bar
     stage.session.bench = SimpleNamespace(configuration={"speed": 20.0})
-    bar.set_state(stage.window.state)
-    assert "15 s left" in find(bar, "status.task").note
+    stage.happen(*LIVE, ProgressUpdated(7, 18, 300.0, "160 Hz"))
+    assert "15 s left" in stage.window.strip.view.run.note
     stage.window.controller.toggle_pause()
-    assert find(bar, "status.state").text == "PAUSING"
-    assert "15 s left" in find(bar, "status.task").note
+    assert sign(stage.window) == "PAUSING"
+    assert "15 s left" in stage.window.strip.view.run.note
 
 
 def test_a_run_that_is_asked_for_while_the_bench_is_connected_begins_then(stage: Stage) -> None:
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == []
-    assert_names(find(stage.window.status_bar, "status.task").note, "begins", "connected")
+    assert_names(stage.window.strip.view.run.note, "begins", "connected")
     assert not find(stage.window, "measure.run").isEnabled()
     stage.happen(OPENED)
     assert len(stage.session.runs) == 1
@@ -161,7 +158,7 @@ def test_stop_is_one_key_and_is_shown_at_once(stage: Stage, key: Qt.Key) -> None
     stage.happen(*LIVE)
     stage.press(key)
     assert stage.session.stops == 1
-    assert find(stage.window, "status.state").text == "GOING TO REST"
+    assert sign(stage.window) == word(BenchState.GOING_TO_REST)
 
 
 def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -> None:
@@ -178,9 +175,9 @@ def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -
     for i in range(40):
         stage.window.adapter.observe(blocks[i % 4])
     QTest.mouseClick(find(stage.window, "status.stop"), Qt.MouseButton.LeftButton)
-    stage.window.status_bar.repaint()
+    stage.window.strip.repaint()
     assert stage.session.stops == 1
-    assert find(stage.window, "status.state").text == "GOING TO REST"
+    assert sign(stage.window) == word(BenchState.GOING_TO_REST)
     assert stage.window.measure_page.live_pane.time_plot.frames == drawn
     stage.window.tick()
     assert stage.window.measure_page.live_pane.time_plot.frames == drawn + 1  # they were waiting
@@ -193,7 +190,7 @@ def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Sta
     spots = stage.window.measure_page.live_pane.plots.response.scatters[0].points()
     assert [spot.pos().x() for spot in spots] == [100.0, 150.0]
     assert spots[0].pos().y() == pytest.approx(900.0)
-    paper = stage.window.theme.colors.panel
+    paper = tokens().surface
     assert spots[0].brush().color().name() != paper
     assert spots[1].brush().color().name() == paper
     assert "unsettled" in spots[1].data()
@@ -242,15 +239,19 @@ def test_the_model_curve_comes_without_being_waited_for(stage: Stage) -> None:
 def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> None:
     prompted(stage)
     assert find(stage.window, "notices.prompt").isVisible()
-    assert find(stage.window, "notices.prompt.message").text() == ENABLE_HIGH_VOLTAGE.text
-    assert find(stage.window, "status.state").text == "LIVE"
+    assert (
+        stage.window.notices.prompt.text
+        == find(stage.window, "notices.prompt.detail").text()
+        == ENABLE_HIGH_VOLTAGE.text
+    )
+    assert sign(stage.window) == "LIVE"
     stage.press(Qt.Key.Key_Return)
     assert stage.window.adapter.mailbox.answer(2) is None, "an Enter meant for something else"
     wait_past_the_guard()
     stage.press(Qt.Key.Key_Return)
     assert stage.window.adapter.mailbox.answer(2) == "done"
     stage.happen(PromptAnswered(2, "done"))
-    assert not stage.window.notices.isVisible()
+    assert not stage.window.central.opened
 
 
 @pytest.mark.deep
@@ -258,7 +259,7 @@ def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) ->
     prompted(stage)
     stage.window.adapter.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
     stage.happen(PromptAnswered(2, "done"), PromptShown(3, DISABLE_HIGH_VOLTAGE))
-    assert find(stage.window, "notices.prompt.message").text() == DISABLE_HIGH_VOLTAGE.text
+    assert find(stage.window, "notices.prompt.detail").text() == DISABLE_HIGH_VOLTAGE.text
     wait_past_the_guard()
     stage.press(Qt.Key.Key_Return)
     assert stage.window.adapter.mailbox.answer(3) == "done"
@@ -266,9 +267,7 @@ def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) ->
 
 def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
     prompted(stage)
-    stop = stage.window.notices.prompt.findChildren(QPushButton)[0]
-    assert stop.text().startswith("Stop")
-    QTest.mouseClick(stop, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(find(stage.window, "status.stop"), Qt.MouseButton.LeftButton)
     assert stage.session.stops == 1
     assert not find(stage.window, "notices.prompt").isVisible()
 
@@ -283,14 +282,14 @@ def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: S
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, *LOST)
-    assert find(stage.window, "status.state").text == "UNSAFE"
-    assert "high voltage OFF by hand" in find(stage.window, "notices.unsafe.message").text()
+    assert sign(stage.window) == "UNSAFE"
+    assert "high voltage OFF by hand" in find(stage.window, "notices.unsafe.detail").text()
     assert find(stage.window, "notices.unsafe").isVisible()
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1
     stage.press(Qt.Key.Key_F4)
     assert not find(stage.window, "notices.unsafe").isVisible()
-    assert find(stage.window, "status.state").text == "UNSAFE", "acknowledging measures nothing"
+    assert sign(stage.window) == "UNSAFE", "acknowledging measures nothing"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 2
 
@@ -303,7 +302,7 @@ def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.FAILED, why, "run.h5"))
     assert find(stage.window, "notices.problem.message").text().casefold() == why
     stage.press(Qt.Key.Key_F4)
-    assert not stage.window.notices.isVisible()
+    assert not stage.window.central.opened
 
 
 @pytest.mark.deep
@@ -319,10 +318,10 @@ def test_a_refused_run_file_is_told_and_the_window_is_ready_again(stage: Stage) 
 def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
     why = "no generator answers; switch it on"
     stage.happen(BenchFailed(why))
-    assert find(stage.window, "status.state").text == BenchState.NO_BENCH.upper()
+    assert sign(stage.window) == BenchState.NO_BENCH.upper()
     assert why in find(stage.window, "notices.problem.message").text().casefold()
     stage.press(Qt.Key.Key_F6)
-    assert find(stage.window, "status.state").text == "CONNECTING"
+    assert sign(stage.window) == "CONNECT"
     stage.window.tick()
     stage.happen(OPENED)
     assert stage.window.state.bench_state is BenchState.IDLE
@@ -342,7 +341,7 @@ def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), *STOPPED)
-    log = stage.window.measure_page.log.toPlainText()
+    log = stage.window.log.view.toPlainText()
     assert "simulated bench is open" in log
     assert_names(next(line for line in log.splitlines() if "100.000 Hz" in line), "900.0", "µm")
     assert STOPPED[-1].reason in log.casefold()
@@ -404,7 +403,7 @@ def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path,
     stage.window.resize(*size)
     brightness = []
     for theme in (LIGHT, DARK):
-        stage.window.theme.set_colors(theme)
+        stage.window.look.set_appearance("dark" if theme is DARK else "light")
         grab(stage.window, tmp_path / "window.png")
         image = stage.window.grab().toImage()
         assert image.width() == size[0]
@@ -457,27 +456,23 @@ def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
         stage.window.resize(size)
         QCoreApplication.processEvents()
         assert stage.window.size() == size
-        bar = stage.window.status_bar
-        assert find(bar, "status.stop").width() >= find(bar, "status.stop").sizeHint().width()
 
 
 @pytest.mark.one_in(100)
 @pytest.mark.parametrize("state", ["idle", "live", "unsafe"])
 def test_state_pause_and_stop_are_whole_in_the_smallest_window(stage: Stage, state: str) -> None:
-    """640 x 330 points are a screen of 1366 x 768 at 200 %, and its frame."""
     stage.happen(OPENED)
     if state != "idle":
         stage.window.start_run()
         stage.happen(*LIVE, *(LOST if state == "unsafe" else ()))
     for page in range(stage.window.tabs.count()):
         stage.window.tabs.setCurrentIndex(page)
-        for size in (QSize(640, 330), QSize(900, 470), QSize(1092, 614)):
+        for size in (QSize(900, 540), QSize(1092, 614)):
             stage.window.resize(size)
             QCoreApplication.processEvents()
             assert stage.window.size() == size
-            bar = stage.window.status_bar
-            for name in ("status.state", "status.voltage", "status.pause", "status.stop"):
-                shown = find(bar, name)
+            for name in ("strip", "status.pause", "status.stop"):
+                shown = find(stage.window, name)
                 assert stage.window.rect().contains(QRect(shown.mapTo(stage.window, QPoint(0, 0)), shown.size())), (
                     name,
                     size,

@@ -1,0 +1,8 @@
+"""Design system: tokens, typeface, icons and style sheet.
+
+Each name is imported when it is first used, so that the package costs nothing at start-up.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

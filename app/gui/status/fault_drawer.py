@@ -1,0 +1,227 @@
+"""Drawer of the simulated bench (F9): its speed, who answers its prompts, and a switch for every fault."""
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QCheckBox, QFrame, QSizePolicy, QWidget
+
+from app.common import pluralize
+from app.gui.face import LABEL_PX, REGULAR, SEMIBOLD, px, set_length, text_font, tokens
+from app.gui.status.ribbon import draw_hatch
+from app.gui.status.simulation_controls import SimulationControls
+from app.gui.widgets import (
+    STRETCH,
+    BackgroundWorker,
+    OverlayCard,
+    Place,
+    add_actions,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_scroll_area,
+    row,
+    tooltip,
+)
+from app.session import FaultPlan, WindowState
+from sim_hardware.plant import FAULT_DESCRIPTIONS
+
+GROUPS: dict[str, dict[str, str]] = {
+    "Wires and generator": {
+        "drive-cable-off": "Cable to the amplifier is off",
+        "generator-power-off": "Generator loses mains",
+        "output-tripped": "Overload protection opened the output",
+        "clock-drift": "Generator’s clock runs 50 ppm fast",
+    },
+    "Generator’s answers": {
+        "scpi-silent": "Silent, output goes on",
+        "scpi-late": "Late",
+        "scpi-garbled": "Rubbish",
+        "scpi-half": "Half of each answer",
+        "scpi-previous": "Answer to the query before",
+        "scpi-other-model": "Another model answers",
+        "scpi-dropped": "Connection closed",
+    },
+    "Amplifier and card": {
+        "amplifier-limited": "Amplifier at its current limit",
+        "card-unplugged": "Card’s USB cable is off",
+        "card-overrun": "Card’s buffer overwritten",
+        "grpc-gone": "Card’s server has died",
+    },
+    "Sensor and specimen": {
+        "sensor-out-of-range": "Sensor out of range",
+        "sensor-stuck": "Sensor stuck",
+        "membrane-left-on": "Membrane left on",
+        "membrane-missing": "Membrane missing",
+        "weight-mislabelled": "50 g weight weighs 61 g",
+    },
+}
+"""Short names of the faults by group; one that is not listed has its description."""
+
+
+class FaultSwitch(QCheckBox):
+    """A row with the name of a fault, and a switch at its right end."""
+
+    def sizeHint(self) -> QSize:
+        return QSize(px(240), px(24))
+
+    def hitButton(self, at: object) -> bool:  # noqa: ARG002 - the whole row can be clicked
+        return True
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        colors, on = tokens(), self.isChecked()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if on:
+            painter.fillRect(self.rect(), QColor(colors.accent_tint))
+        painter.setFont(text_font(LABEL_PX, SEMIBOLD if on else REGULAR))
+        painter.setPen(QColor(colors.text if self.isEnabled() else colors.text2))
+        flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+        painter.drawText(QRectF(px(16), 0, self.width() - px(72), self.height()), flags, self.text())
+        track = QRectF(self.width() - px(46), (self.height() - px(16)) / 2, px(30), px(16))
+        painter.setPen(QPen(QColor(colors.accent if on else colors.outline), 1.25))
+        painter.setBrush(QColor(colors.accent if on else colors.surface))
+        painter.drawRoundedRect(track, px(8), px(8))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor("white" if on else colors.outline))
+        x = track.right() - px(8) if on else track.left() + px(8)
+        painter.drawEllipse(QPointF(x, track.center().y()), px(5), px(5))
+        if self.hasFocus():
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.setPen(QPen(QColor(colors.accent_text), 2.0))
+            painter.drawRoundedRect(QRectF(self.rect()).adjusted(2, 1, -2, -1), px(4), px(4))
+        painter.end()
+
+
+class _HatchedHead(QFrame):
+    """Head of the drawer on the hatch of SIMULATED."""
+
+    def __init__(self, *labels: QWidget) -> None:
+        super().__init__()
+        row(labels[0], STRETCH, *labels[1:], parent=self, margins=(16, 0, 16, 0))
+        set_length(self, height=40)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        colors = tokens()
+        draw_hatch(painter, QRectF(self.rect()), colors.violet2, QColor(colors.violet))
+        painter.end()
+
+
+class FaultDrawer(OverlayCard):
+    """Lies over the page at its right; F9 opens and closes it.
+
+    Args:
+        plan: injects and clears faults; called in this drawer's background thread.
+        parent: in which the shortcuts work.
+        controls: shown above the list; None for none.
+    """
+
+    faults_changed = Signal(int)
+    """Number of active faults."""
+
+    def __init__(self, plan: FaultPlan, parent: QWidget, controls: SimulationControls | None = None) -> None:
+        content = QWidget()
+        super().__init__("faults.drawer", content, Place.RIGHT)
+        self.controls = controls
+        self._plan, self._worker, self._connected = plan, BackgroundWorker("faults", self), False
+        self.active_faults: tuple[str, ...] = ()
+        """Active faults as reported by the bench."""
+        self.count_label = make_label(wrap=False, name="faults.count")
+        self.message_label = make_label(kind="fault", name="faults.message", visible=False)
+        self.clear_button = make_button(
+            "All faults off",
+            lambda: self._switch_fault("", active=False),
+            name="faults.clear",
+            tip=tooltip("faults.clear"),
+            key="Shift+F9",
+        )
+        short = {name: text for group in GROUPS.values() for name, text in group.items()}
+        self.fault_boxes = {
+            name: configure(
+                FaultSwitch(short.get(name, f"{description[0].upper()}{description[1:]}")),
+                f"faults.{name}",
+                toolTip=f"{description[0].upper()}{description[1:]}\nAt a command line: run ... --fault {name}@5",
+                accessibleName=f"inject: {description}",
+                sizePolicy=QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed),
+            )
+            for name, description in FAULT_DESCRIPTIONS.items()
+        }
+        self._build(content)
+        add_actions(parent, {"faults.toggle": self.toggle, "faults.clear": self.clear_button.click})
+
+    def set_state(self, view: WindowState) -> None:
+        """Read the active faults again when the connection changes."""
+        if self.controls is not None:
+            self.controls.set_state(view)
+        if view.connected != self._connected:
+            self._connected = view.connected
+            self._worker.submit(self._plan.active_faults, self._show_faults, self._on_error)
+
+    def toggle(self) -> None:
+        """Open the drawer, or close it."""
+        if not self.isHidden():
+            self.dismiss()
+            return
+        if self.controls is not None:
+            self.controls.on_list_opened()
+        first = next(iter(self.fault_boxes.values())) if self.controls is None else self.controls.first_widget
+        self.open(first)
+
+    def shutdown(self) -> None:
+        """Stop background threads."""
+        self._worker.close()
+
+    def _switch_fault(self, name: str, active: bool) -> None:
+        """Inject or clear a fault, or with no name clear all; then read the active faults."""
+
+        def act() -> tuple[str, ...]:
+            if active:
+                self._plan.inject(name)
+            else:
+                self._plan.clear(name or None)
+            return self._plan.active_faults()
+
+        self._worker.submit(act, self._show_faults, self._on_error)
+
+    def _show_faults(self, active: tuple[str, ...]) -> None:
+        self.active_faults = active
+        self._show_message("")
+        self.count_label.setText(f"{pluralize(len(active), 'fault')} on" if active else "")
+        self.faults_changed.emit(len(active))
+
+    def _on_error(self, error: Exception) -> None:
+        self._show_message(str(error))
+
+    def _show_message(self, text: str) -> None:
+        self.message_label.setText(text)
+        self.message_label.setVisible(bool(text))
+        for name, box in self.fault_boxes.items():
+            box.setChecked(name in self.active_faults)
+
+    def _build(self, content: QWidget) -> None:
+        title = make_label("Simulation", "heading", wrap=False)
+        for label in (title, self.count_label):
+            label.setProperty("on", "violet")
+        rows: list[QWidget] = []
+        grouped = {name for group in GROUPS.values() for name in group}
+        others = [name for name in self.fault_boxes if name not in grouped]
+        for group, names in (*((title, list(names)) for title, names in GROUPS.items()), ("Further", others)):
+            if names:
+                caption = make_label(group, "caption", wrap=False)
+                caption.setContentsMargins(px(16), px(8), 0, px(2))
+                rows += [caption, *(self.fault_boxes[name] for name in names if name in self.fault_boxes)]
+        for name, box in self.fault_boxes.items():
+            box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
+        faults = make_scroll_area(*rows, STRETCH, spacing=0, focusPolicy=Qt.FocusPolicy.NoFocus)
+        faults.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        close = make_button("Close", self.toggle, name="faults.close", key="F9")
+        above = [] if self.controls is None else [row((self.controls, 1), margins=(16, 16, 16, 12))]
+        column(
+            _HatchedHead(title, self.count_label),
+            *above,
+            row(self.message_label, margins=(16, 0, 16, 0)),
+            (faults, 1),
+            row(self.clear_button, STRETCH, close, margins=(16, 10, 16, 10)),
+            parent=content,
+            spacing=0,
+        )

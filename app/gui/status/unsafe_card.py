@@ -1,0 +1,223 @@
+"""Card of the unsafe state: what to do by hand, in order; what was measured; and how it ends."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtWidgets import QFrame, QWidget
+
+from app.gui.face import BOLD, LABEL_PX, PRESENT_PX, SEMIBOLD, VALUE_PX, px, set_length, text_font, tokens
+from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row
+from app.session import WindowState
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
+from model import AmplifierMap
+
+HEADING = "High voltage may be on the specimen"
+ACTS = (
+    ("Switch the amplifier’s high voltage OFF", "At the amplifier itself. Do it now; the program cannot."),
+    ("Wait until the amplifier’s display reads 0 V", "Only the display tells; waiting alone does not."),
+    ("Until then, touch neither the specimen nor the cables", "Nor the generator’s cable: plugging it may drive the amplifier."),
+)  # fmt: skip
+"""The instructions of `MANUAL_SHUTDOWN_INSTRUCTIONS` as acts, with what belongs to each."""
+
+
+class AmplifierFront(QWidget):
+    """Schematic front of an amplifier: its display, its switch and its output."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        set_length(self, 200, 132)
+        self.setAccessibleName("amplifier: 1 its switch, 2 its display")
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        colors = tokens()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.scale(self.width() / 200, self.height() / 132)
+        painter.setPen(QPen(QColor(colors.line), 1))
+        painter.setBrush(QColor(colors.window))
+        painter.drawRoundedRect(QRectF(0.5, 0.5, 199, 131), 8, 8)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor("#12161c"))
+        painter.drawRoundedRect(QRectF(16, 16, 96, 40), 4, 4)
+        painter.setBrush(QColor(colors.red))
+        painter.drawRoundedRect(QRectF(132, 16, 52, 40), 6, 6)
+        scale = px(100) / 100
+        for box, text, size, color in (
+            (QRectF(16, 16, 88, 40), "0 V", PRESENT_PX, "white"),
+            (QRectF(132, 16, 52, 40), "OFF", VALUE_PX, "white"),
+            (QRectF(16, 62, 80, 20), "2 display", LABEL_PX, colors.text2),
+            (QRectF(132, 62, 60, 20), "1 switch", LABEL_PX, colors.text2),
+            (QRectF(54, 93, 80, 20), "HV out", LABEL_PX, colors.text2),
+        ):
+            font = text_font(
+                size, BOLD if size == VALUE_PX else SEMIBOLD if size == PRESENT_PX else text_font().weight()
+            )
+            font.setPixelSize(round(font.pixelSize() / scale))
+            painter.setFont(font)
+            painter.setPen(QColor(color))
+            where = Qt.AlignmentFlag.AlignCenter if size == VALUE_PX else Qt.AlignmentFlag.AlignVCenter
+            side = Qt.AlignmentFlag.AlignRight if size == PRESENT_PX else Qt.AlignmentFlag.AlignLeft
+            painter.drawText(box, where if size == VALUE_PX else where | side, text)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(QColor(colors.text2), 2))
+        painter.drawEllipse(QPointF(34, 103), 10, 10)
+        painter.setBrush(QColor(colors.text2))
+        painter.drawEllipse(QPointF(34, 103), 2, 2)
+        painter.end()
+
+
+class NumberDisc(QWidget):
+    """A number in a red disc."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self._number = number
+        set_length(self, 36, 36)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(tokens().red))
+        painter.drawEllipse(self.rect())
+        painter.setPen(QColor("white"))
+        painter.setFont(text_font(VALUE_PX, SEMIBOLD))
+        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, str(self._number))
+        painter.end()
+
+
+class InputScale(QWidget):
+    """Volts at the amplifier's input on a scale with rest marked."""
+
+    def __init__(self, amplifier: AmplifierMap) -> None:
+        super().__init__()
+        self._amplifier = amplifier
+        self._volts: tuple[float, float] | None = None
+        self.setAccessibleName("volts at the amplifier's input")
+
+    def sizeHint(self) -> QSize:
+        return QSize(px(400), px(48))
+
+    def show_volts(self, volts: tuple[float, float] | None) -> None:
+        """Show lowest and highest volts; None: nothing measured."""
+        if volts != self._volts:
+            self._volts = volts
+            self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        colors, amplifier = tokens(), self._amplifier
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        left, right, y = px(20), self.width() - px(20), px(14)
+
+        def place(volts: float) -> float:
+            share = (volts - amplifier.low_v) / (amplifier.high_v - amplifier.low_v)
+            return left + min(max(share, 0.0), 1.0) * (right - left)
+
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(colors.line))
+        painter.drawRoundedRect(QRectF(left, y - px(4), right - left, px(8)), px(4), px(4))
+        painter.setBrush(QColor(colors.green))
+        painter.drawRoundedRect(QRectF(place(amplifier.rest_v) - px(5), y - px(8), px(10), px(16)), 2, 2)
+        painter.setFont(text_font(LABEL_PX))
+        painter.setPen(QColor(colors.text2))
+        below = QRectF(0, y + px(12), self.width(), px(18))
+        rest = f"{amplifier.rest_v:.3f} is rest"
+        used = float(px(20))
+        if self._volts is not None:
+            low = round(self._volts[0], 3) + 0.0
+            painter.setBrush(QColor(colors.red_line))
+            painter.setPen(Qt.PenStyle.NoPen)
+            at = place(low)
+            painter.drawPolygon(
+                QPolygonF([QPointF(at, y - px(7)), QPointF(at - px(7), y + px(6)), QPointF(at + px(7), y + px(6))])
+            )
+            painter.setPen(QColor(colors.red_text))
+            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
+            specimen = float(amplifier.specimen_v([low])[0])
+            text = f"{low:.3f} now, about {specimen:+.0f} V".replace("-", "−")
+            left_of = min(max(at - px(8), px(2)), self.width() / 2)
+            painter.drawText(below.adjusted(left_of, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, text)
+            used = left_of + painter.fontMetrics().horizontalAdvance(text) + px(12)
+            painter.setFont(text_font(LABEL_PX))
+            painter.setPen(QColor(colors.text2))
+        at_rest = max(place(amplifier.rest_v) - painter.fontMetrics().horizontalAdvance(rest) / 2, used)
+        painter.drawText(below.adjusted(at_rest, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, rest)
+        painter.drawText(below.adjusted(0, 0, -px(16), 0), Qt.AlignmentFlag.AlignRight, f"{amplifier.high_v:g}")
+        painter.end()
+
+
+class UnsafeCard(OverlayCard):
+    """No button takes the keyboard: only F4, F6 or a click answer it.
+
+    Args:
+        amplifier: characteristic of the amplifier.
+        acknowledge: the operator has read the message, and switched the high voltage off.
+        measure_again: opens the bench again and measures rest.
+    """
+
+    def __init__(
+        self, amplifier: AmplifierMap, acknowledge: Callable[[], object], measure_again: Callable[[], object]
+    ) -> None:
+        content = QWidget()
+        super().__init__("notices.unsafe", content, width=880, edge="red_line", closable=False, washed=True)
+        self.message_label = make_label(HEADING, "act", name="notices.unsafe.message")
+        self.message_label.setProperty("tone", "bad")
+        self.detail_label = make_label(kind="large", name="notices.unsafe.detail", textInteractionFlags=SELECTABLE)
+        self.scale = InputScale(amplifier)
+        self.measured_label = make_label(name="unsafe.measured")
+        self.buttons = [
+            make_button("I have switched it off", acknowledge, "go", name="unsafe.acknowledge", key="F4"),
+            make_button("Measure rest again", measure_again, "main", name="unsafe.measure", key="F6"),
+        ]
+        for button in self.buttons:
+            button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        acts = []
+        for number, (act, note) in enumerate(ACTS, 1):
+            texts = column(make_label(act, "heading"), make_label(note, "note"), spacing=0)
+            acts.append(row(NumberDisc(number), (texts, 1), spacing=16))
+        band = configure(QFrame(), "unsafe.band", kind="band")
+        row(
+            (column(make_label("Amplifier’s input, V", wrap=False), self.scale), 3),
+            (self.measured_label, 2),
+            parent=band,
+            margins=(24, 12, 24, 8),
+            spacing=24,
+        )
+        stays = make_label("The sign stays until rest is measured.", "note", wrap=False)
+        column(
+            column(
+                self.message_label,
+                self.detail_label,
+                row((AmplifierFront(), 0, Qt.AlignmentFlag.AlignTop), (column(*acts, spacing=10), 1), spacing=32, margins=(0, 12, 0, 0)),
+                margins=(24, 20, 24, 16),
+                spacing=4,
+            ),
+            band,
+            row(*self.buttons, STRETCH, stays, margins=(24, 12, 24, 16), spacing=12),
+            parent=content,
+        )  # fmt: skip
+
+    def show_state(self, view: WindowState) -> None:
+        """Show what is known, or hide the card where nothing is unsafe."""
+        if not view.unsafe:
+            self.dismiss()
+            return
+        detail = view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". ")
+        self.detail_label.setText(detail)
+        self.detail_label.setVisible(bool(detail))
+        if self.isHidden():
+            self.open()
+
+    def show_volts(self, volts: tuple[float, float] | None) -> None:
+        """Show what the card measures at the amplifier's input."""
+        self.scale.show_volts(volts)
+        seen = (
+            "nothing is measured"
+            if volts is None
+            else "lowest {:.3f} V, highest {:.3f} V".format(*(round(each, 3) + 0.0 for each in volts)).replace("-", "−")
+        )
+        text = f"Measured by the card\n{seen}\nMend after step 2 what the message names"
+        if text != self.measured_label.text():
+            self.measured_label.setText(text)

@@ -1,0 +1,83 @@
+"""Cut and overlapping texts: the detector finds planted ones in plots and among widgets, and none in the window at any size or scale."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyqtgraph as pg
+import pytest
+from PySide6.QtCore import QCoreApplication, QSize
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
+
+from tests.helpers.main_window import Stage
+from tests.helpers.session_events import OPENED
+from tests.helpers.size_matrix import SCALES
+from tests.helpers.text_places import faults_of_plot, faults_of_window
+
+
+def shown_plot() -> pg.PlotWidget:
+    plot = pg.PlotWidget()
+    plot.resize(400, 300)
+    plot.setXRange(0, 10)
+    plot.setYRange(0, 10)
+    plot.show()
+    QCoreApplication.processEvents()
+    return plot
+
+
+def test_a_sound_plot_has_no_fault(qt: QApplication) -> None:
+    plot = shown_plot()
+    assert list(faults_of_plot(plot)) == []
+    plot.deleteLater()
+
+
+@pytest.mark.parametrize(
+    ("places", "fault"),
+    [(((5.0, 5.0), (5.1, 5.05)), "overlaps"), (((9.9, 5.0),), "is cut"), (((-1.2, 5.0),), "overlaps")],
+    ids=["two labels", "at the edge", "over the ticks"],
+)
+def test_planted_faults_of_a_plot_are_found(
+    qt: QApplication, places: tuple[tuple[float, float], ...], fault: str
+) -> None:
+    plot = shown_plot()
+    for at in places:
+        item = pg.TextItem("a direct label")
+        plot.addItem(item, ignoreBounds=True)
+        item.setPos(*at)
+    QCoreApplication.processEvents()
+    assert any(fault in each for each in faults_of_plot(plot))
+    plot.deleteLater()
+
+
+def test_overlapping_labels_are_found(qt: QApplication) -> None:
+    window = QWidget()
+    for text, x in (("one text", 0), ("another text", 20)):
+        QLabel(text, window).move(x, 0)
+    window.show()
+    QCoreApplication.processEvents()
+    assert any("overlaps" in each for each in faults_of_window(window))
+    window.deleteLater()
+
+
+def test_the_shell_has_no_fault_at_any_size(stage: Stage) -> None:
+    stage.happen(OPENED)
+    for size in (QSize(900, 560), QSize(1093, 614), QSize(1366, 768), QSize(1920, 1080)):
+        stage.window.resize(size)
+        QCoreApplication.processEvents()
+        assert list(faults_of_window(stage.window)) == [], size
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("scale", SCALES)
+def test_nothing_is_cut_and_stop_pause_and_state_are_whole(scale: float, tmp_path: Path) -> None:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("QT_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.helpers.size_matrix", "--scale", f"{scale:g}"],
+        env={**environment, "PYTHONPATH": str(Path(__file__).parents[3])},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr[-2000:]}"
