@@ -159,7 +159,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UsageError as error:
         print_message(f"{PROGRAM}: {error}")
         return ExitCode.USAGE
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise  # the other one is an interruption within HDF5
         print_message(f"{PROGRAM}: interrupted")
         return ExitCode.FAILED
     except BrokenPipeError:  # the reader closed the pipe: `tactor-bench show RUN | head`

@@ -178,6 +178,15 @@ def test_a_bench_file_that_is_too_long_is_not_read_to_its_end(here: Path, capsys
     assert "long.toml is longer than 1 MB and no bench file" in capsys.readouterr().err
 
 
+def test_an_interruption_within_hdf5_is_one(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    Path("runs").mkdir()
+    monkeypatch.setattr("app.cli.runs.scanned_catalogue", interrupted)
+    assert main(["runs"]) == ExitCode.FAILED
+
+
 @pytest.mark.parametrize("name", ["certificates", "audit.jsonl", "runs"])
 def test_a_folder_that_the_disk_does_not_show_is_a_sentence(
     name: str, here: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
