@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from app.session.strip import RunLine, StripView
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QColor, QFontInfo, QImage
 from PySide6.QtTest import QTest
@@ -14,6 +13,7 @@ from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, styl
 from app.gui.shell.page_host import MEASURE
 from app.gui.status.bench_strip import LOOKS, BenchStrip
 from app.session import BenchState
+from app.session.strip import RunLine, StripView
 from protocols.base import Outcome, Prompt, PromptShown, RunPaused
 from tests.helpers.main_window import OpenStage, Stage, find, sign, until, word
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED
