@@ -20,6 +20,8 @@ sys.path.insert(0, str(HERE.parent))
 from tests.helpers.double_faults import (  # noqa: E402
     DRIVES,
     FAULTS,
+    INTERLOCK,
+    SAFE_V,
     SLOW_WIRE_S,
     SOURCES,
     WATCHDOG_PATIENCE_S,
@@ -37,6 +39,8 @@ real wires of the simulated bench; both faults are injected while the drive is o
 amplifier's input, over the whole run, decides what a cell says, and the text of the program and `watchdog.log` decide who reported it.
 
 - **rest 0.5 s**: from 0.5 s after the faults on, the input was constant at rest.
+- **off 0.5 s** (*level with interlock*: a bench with an interlock, monostable {INTERLOCK.monostable_s:g} s, relay and amplifier {INTERLOCK.release_s:g} s): from 0.5 s after the
+  faults on, the specimen had less than {SAFE_V:g} V, because the interlock had taken the high voltage away.
 - **3.2 V** in bold: the input was not at rest at the end. Every such cell names who reported it, and when.
 - *may be live*: the warning that the specimen may be live, with the manual instruction, before the program or the watchdog acts.
 - *unsafe*: the run ended unsafe, exit code 3. *could not*: the watchdog wrote into `watchdog.log` and on the terminal that the source could

@@ -13,7 +13,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 from protocols.registry import PROTOCOLS  # noqa: E402
-from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, SPECIMEN_FAULTS  # noqa: E402
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, INTERLOCK_FAULTS, SPECIMEN_FAULTS  # noqa: E402
 from tests.helpers.fault_matrix import MOMENTS, ON_WIRES_ONLY, Cell, cell, moments_of  # noqa: E402
 
 ON_WIRES = (
@@ -68,7 +68,9 @@ def main() -> int:
             lines += [row for row in before[name] if row.count(" | ") != WIRE_ROW]
             continue
         own = moments_of(name).names
-        for fault in [fault for fault in FAULT_DESCRIPTIONS if fault not in (*ON_WIRES_ONLY, *SPECIMEN_FAULTS)]:
+        for fault in [
+            fault for fault in FAULT_DESCRIPTIONS if fault not in (*ON_WIRES_ONLY, *SPECIMEN_FAULTS, *INTERLOCK_FAULTS)
+        ]:
             cells = [_run(fault, name, moment) if moment in own else None for moment in MOMENTS]
             lines.append(f"| {name} | {fault} | {' | '.join(one.words if one else '-' for one in cells)} |")
             bad += [f"{name}, {fault}: {one.words}" for one in cells if one and one.faults]

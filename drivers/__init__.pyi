@@ -10,6 +10,8 @@ from .bench.bench import Bench as Bench
 from .bench.card_reading import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.card_reading import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.card_reading import CardReading as CardReading
+from .bench.interlock import INTERLOCK_RECOMMENDED as INTERLOCK_RECOMMENDED
+from .bench.interlock import Interlock as Interlock
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
 from .bench.shutdown import LiveWarning as LiveWarning
@@ -90,6 +92,7 @@ from .interfaces import UnattendedEnd as UnattendedEnd
 from .nidaq.analog_input import NiDigitizer as NiDigitizer
 from .nidaq.analog_input import list_devices as list_devices
 from .nidaq.analog_output import NiAnalogOutput as NiAnalogOutput
+from .nidaq.digital_lines import NiDigitalLines as NiDigitalLines
 from .sensors.environment import EnvironmentReading as EnvironmentReading
 from .sensors.environment import EnvironmentSensor as EnvironmentSensor
 from .sensors.environment import TextEnvironmentSensor as TextEnvironmentSensor

@@ -9,7 +9,7 @@ import numpy as np
 from drivers import Clock, WallClock
 from sim_hardware import plant
 from sim_hardware.generators import SegmentFactory, SimulatedGenerator, make_generator
-from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer
+from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer, SimulatedInterlock
 from sim_hardware.supplies import SimulatedSupply, make_supply_engine
 from sim_hardware.wires import InProcessLink, MessagePort, ScpiEngine, ScpiInstrument
 
@@ -56,7 +56,10 @@ class SimulatedBench:
         self._cable = _Cable(self.history, self.clock, parameters.amplifier.open_v)
         outputs = [SimulatedAnalogOutput(self._segment_sink(name)) for name in ("ao0", "ao1")]
         self.laser_view = plant.LaserView(parameters, self.plant)
-        self.card = SimulatedCard(parameters, self.history, self.plant, self.laser_view, self.faults, outputs)
+        self.interlock = SimulatedInterlock(parameters.interlock, self.history, self.clock, self.faults)
+        self.card = SimulatedCard(
+            parameters, self.history, self.plant, self.laser_view, self.faults, outputs, self.interlock
+        )
         g = parameters.generator
         self.generator = SimulatedGenerator(
             self._segment_sink("generator"), parameters.seed, g.clock_ppm, g.relay_s, parameters.amplifier.open_v
@@ -188,6 +191,8 @@ class SimulatedBench:
                 if not active:
                     self._generator_model.reset()
                 self.supply.set_power(on=not active)
+            case "interlock-relay-stuck" | "interlock-never-drops":
+                self.interlock.update_from_faults()
             case "drive-cable-off":
                 self._cable.set_connected(connected=not active)
             case "output-tripped" if active:
@@ -210,6 +215,7 @@ class SimulatedBench:
 
     def report(self, tolerance_v: float = 0.02) -> plant.VoltageReport:
         rest_v = self.parameters.amplifier.map.rest_v
+        self.history.settle(self.clock.now())
         return plant.make_voltage_report(
             self.history.entries(), self.clock.now(), self.parameters.plant_rate_hz, rest_v, tolerance_v
         )

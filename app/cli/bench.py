@@ -27,10 +27,11 @@ from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_answer, pr
 from app.common import ExitCode, UsageError, check_row, print_message
 from app.config import bench_template, find_devices
 from app.services import operator_reachable
-from drivers import REST_REPEATABILITY_V, BenchError
+from drivers import INTERLOCK_RECOMMENDED, REST_REPEATABILITY_V, BenchError
 from protocols import WIRING_CHECK
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
     CheckResult,
     Outcome,
     PointMeasured,
@@ -74,10 +75,13 @@ class CheckCommand(ProtocolOptions):
                 "reason": ended.reason if ended else "the bench could not be opened",
                 "file": str(path) if path else None,
                 "checks": [_check_record(check) for check in checks],
+                "interlock": bool(bench.config.interlock.line),
             }
             print_json(record)
         else:
             _print_checks(checks, failed)
+            if not (bench.config.simulated or bench.config.interlock.line):
+                print_message(INTERLOCK_RECOMMENDED)
             if passed:
                 print_message(f"Next: tactor-bench run sine-dwell --bench {self.bench} --set 'peak_to_peak_v=1 V'")
         return code if passed or code != ExitCode.DONE else ExitCode.FAILED
@@ -146,7 +150,13 @@ class CommissionCommand(BenchSelection):
                 "not a terminal. Nothing was moved. Start it at a terminal"
             )
         try:
-            done = commission(bench.config, bench.speed, _wait_for_high_voltage_off, _print_exercise)
+            done = commission(
+                bench.config,
+                bench.speed,
+                _wait_for_high_voltage_off,
+                _print_exercise,
+                high_voltage_on=_wait_for_high_voltage_on,
+            )
         except BenchError as error:
             raise UsageError(f"not commissioned, and no record is stored: {error}") from None
         record = make_record(done.identity, bench.config.simulated, done.rate_hz, done.result)
@@ -181,12 +191,21 @@ def _wait_for_high_voltage_off() -> None:
         raise UsageError("standard input has ended without confirmation that high voltage is off; nothing was moved")
 
 
+def _wait_for_high_voltage_on() -> None:
+    print_message(
+        f"The interlock is measured with 300 V on the specimen. {ENABLE_HIGH_VOLTAGE.text} Press Enter when it is on, and switch it off when the result is shown"
+    )
+    if not sys.stdin.readline():
+        raise BenchError("standard input has ended without confirmation that high voltage is on")
+
+
 TIMES = {
     "stop_s": "Stop takes {s:.2f} s until the instrument reports rest",
     "level_stop_s": "Stop from a held level takes {s:.2f} s, because the rest of its burst can be played faster",
     "upload_s": "The longest waveform is uploaded in {s:.2f} s",
     "reply_s": "The slowest reply arrives {s:.2f} s after its message{slowest}, an upload's included",
     "start_s": "A drive begins {ms:.1f} ms after its trigger",
+    "interlock_s": "High voltage is off {s:.2f} s after the last heartbeat of the interlock",
     "second_client_s": "A second connection is answered after {ms:.1f} ms",
 }
 """Sentences on the measured times of a commissioning, by their names in its record."""

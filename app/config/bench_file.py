@@ -18,6 +18,7 @@ from app.config.bench_tables import (
     ChannelTable,
     EnvironmentTable,
     GeneratorTable,
+    InterlockTable,
     LevelsTable,
     MeterTable,
     SensorTable,
@@ -57,6 +58,7 @@ class BenchConfig(ConfigTable):
     )
     environment: EnvironmentTable = Field(default_factory=EnvironmentTable)
     watchdog: WatchdogTable = Field(default_factory=WatchdogTable)
+    interlock: InterlockTable = Field(default_factory=InterlockTable)
     backup: BackupTable = Field(default_factory=BackupTable)
     specimen: SpecimenTable = Field(default_factory=SpecimenTable)
     levels: LevelsTable = Field(default_factory=LevelsTable)
@@ -82,7 +84,8 @@ class BenchConfig(ConfigTable):
     def simulation_parameters(self) -> SimulationParameters:
         """The true parameters of the simulated bench."""
         at_the_cable = {"generator": "generator", "card-output": self.source.channel, "dc-supply": "supply"}
-        return SimulationParameters.from_record({"source": at_the_cable[self.source.kind], **(self.simulation or {})})
+        wired = {"source": at_the_cable[self.source.kind], "interlock": self.interlock.model_dump()}
+        return SimulationParameters.from_record({**wired, **(self.simulation or {})})
 
     @property
     def source_connection(self) -> GeneratorTable | SupplyTable:

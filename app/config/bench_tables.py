@@ -184,6 +184,36 @@ class WatchdogTable(ConfigTable):
     ] = 30.0
 
 
+class InterlockTable(ConfigTable):
+    """The interlock: a heartbeat, without which a monostable at the card takes the high voltage away (docs/how-to/build-an-interlock.md)."""
+
+    line: Annotated[
+        str, "digital line of the card with the heartbeat, e.g. port0/line0; empty: there is no interlock"
+    ] = ""
+    state_line: Annotated[
+        str, "digital line at the second contact of the interlock's relay, e.g. port0/line1; empty: not wired"
+    ] = ""
+    monostable_s: Annotated[
+        float,
+        Unit("s"),
+        Interval(ge=0.2, le=5),
+        "time of the monostable: high voltage goes off this long after the last heartbeat",
+    ] = 0.5
+
+    @field_validator("line", "state_line")
+    @classmethod
+    def _check_line(cls, line: str) -> str:
+        if line and not re.fullmatch(r"port\d+/line\d+", line.lower()):
+            raise ValueError(f"must be one digital line of the card, for example port0/line0, not {line!r}")
+        return line.lower()
+
+    @model_validator(mode="after")
+    def _check_lines(self) -> "InterlockTable":
+        if self.state_line and self.line in ("", self.state_line):
+            raise ValueError("state_line needs line, the line of the heartbeat, which must be another one")
+        return self
+
+
 class SourceTable(ConfigTable):
     """The instrument at the amplifier's input."""
 

@@ -15,6 +15,7 @@ from app.session.instruments import (
     lock_panel,
     open_digitizer,
     open_environment_sensor,
+    open_interlock,
     open_meters,
     open_source,
     source_options,
@@ -213,6 +214,8 @@ def _open_instruments(
         meters = open_meters(config.meters, clock, stack, read_displacement)
         watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
         bench = _make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed)
+        bench.interlock = open_interlock(config, server)
+        stack.callback(bench.interlock.close)
     bench.answered_s = answered_s
     locks.forget_earlier_program()
     return bench

@@ -2,14 +2,14 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.config import BenchConfig
 from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, allows_second_connection, connect
 from app.session.commissioning_record import save_record, simulated_bench_key
 from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
-from protocols.commissioning import Commissioned, MessageLog, commission_bench
+from protocols.commissioning import Commissioned, MessageLog, commission_bench, measure_interlock, worst_verdict
 
 RATES_HZ = (100e3, 50e3, 20e3)
 """Scans per second: the first that the card can do."""
@@ -31,6 +31,7 @@ def commission(
     high_voltage_off: Callable[[], None],
     progress: Callable[[str, float], object] = lambda _name, _fraction: None,
     check_stop: Callable[[], object] = lambda: None,
+    high_voltage_on: Callable[[], None] | None = None,
 ) -> CommissionedSource:
     """Commission the source of a bench and store the record.
 
@@ -40,6 +41,7 @@ def commission(
         high_voltage_off: function that returns after the operator has switched high voltage off; raises to abandon.
         progress: callback with the name of each exercise at its begin, and the completed fraction.
         check_stop: callback with every block; raises to abandon, with the source brought to rest.
+        high_voltage_on: like high_voltage_off, to measure the bench's interlock after a source that passed; None: not measured.
 
     Raises:
         BenchError: an instrument is absent, or rejects its set-up.
@@ -50,11 +52,19 @@ def commission(
         bench = connection.bench
         rate_hz = _highest_rate(bench)
         second_client = _second_client(config) if not config.simulated else None
-        switch = _OffSwitch(connection, high_voltage_off)
+        switch = _Switch(connection, high_voltage_off)
         result = commission_bench(bench, switch, rate_hz, messages, progress, second_client, check_stop)
         identity = bench.amplifier.identity
         path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
-        return CommissionedSource(identity, result, rate_hz, path)
+    wired = config.interlock.line and (not config.simulated or speed is not None)
+    if high_voltage_on is not None and wired and worst_verdict(result.checks) == "pass":
+        progress("interlock", 1.0)
+        with connect(config, speed, UNATTENDED_BLOCK_S) as connection:
+            switch = _Switch(connection, high_voltage_off, high_voltage_on)
+            check = measure_interlock(connection.bench, switch, check_stop)
+        result = replace(result, checks=(*result.checks, check))
+        path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
+    return CommissionedSource(identity, result, rate_hz, path)
 
 
 def _second_client(config: BenchConfig) -> Callable[[], float] | None:
@@ -76,11 +86,12 @@ def _second_client(config: BenchConfig) -> Callable[[], float] | None:
 
 
 @dataclass(slots=True)
-class _OffSwitch:
-    """Switches high voltage off, and never on; the operator is prompted once."""
+class _Switch:
+    """Switches high voltage off, and on to measure the interlock; the operator is prompted once for each."""
 
     connection: BenchConnection
-    prompt: Callable[[], None]
+    prompt_off: Callable[[], None]
+    prompt_on: Callable[[], None] | None = None
     is_off: bool = False
 
     def disable(self) -> None:
@@ -89,11 +100,17 @@ class _OffSwitch:
         if self.connection.control is not None:
             self.connection.control.disable_hv()
         else:
-            self.prompt()
+            self.prompt_off()
         self.is_off = True
 
     def enable(self) -> None:
-        raise AssertionError("a source is commissioned with high voltage off")
+        if self.prompt_on is None:
+            raise AssertionError("a source is commissioned with high voltage off")
+        if self.connection.control is not None:
+            self.connection.control.enable_hv()
+        else:
+            self.prompt_on()
+        self.is_off = False
 
 
 def _highest_rate(bench: Bench) -> float:

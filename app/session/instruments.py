@@ -13,7 +13,7 @@ from app.config import (
     load_driver,
     open_generator,
 )
-from drivers import Clock, Digitizer, Link, Meter, Source
+from drivers import Clock, Digitizer, Interlock, Link, Meter, Source
 
 if TYPE_CHECKING:
     from drivers import EnvironmentSensor
@@ -149,6 +149,21 @@ def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displaceme
         else SimulatedOptoNcdt(read_displacement, table.range_m)
     )
     return stack.enter_context(PtyServer(model)).port
+
+
+def open_interlock(config: BenchConfig, server: str) -> Interlock:
+    """Open the interlock's lines on the card; the bench closes them.
+
+    Raises:
+        InstrumentError: the card is absent.
+    """
+    table = config.interlock
+    if not table.line:
+        return Interlock()
+    from drivers import NiDigitalLines
+
+    lines = NiDigitalLines(config.card.device, table.line, table.state_line, server=server or None)
+    return Interlock(lines, table.monostable_s)
 
 
 def open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:

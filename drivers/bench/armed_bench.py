@@ -9,6 +9,7 @@ from typing import Protocol
 
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.card_reading import WatchedStream
+from drivers.bench.interlock import Interlock
 from drivers.bench.rest import RestMeasurement
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.drive_shapes import Drive
@@ -52,6 +53,7 @@ class ArmedBench:
     block_sink: Callable[[Block], None]
     watchdog: Watchdog
     measure_rest: Callable[[], RestMeasurement]
+    interlock: Interlock
     high_voltage_may_be_on: bool = False
     """Whether high voltage may be on; then every shutdown must measure rest."""
     initial_rest: RestMeasurement | None = None
@@ -106,11 +108,13 @@ class ArmedBench:
     def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
         """Give the operator access to the specimen: rest verified and high voltage off; on exit rest verified again, then on."""
         self.return_to_verified_rest()
+        self.interlock.end()
         switch.disable()
         yield
         if not (rest := self.measure_rest()).confirmed:
             raise BenchError(f"high voltage stays off: {rest.message}")
         switch.enable()
+        self.interlock.begin(self.discard_block)
         if not (rest := self.measure_rest()).confirmed:
             raise BenchError(f"after high voltage was enabled, {rest.message}")
 
@@ -119,7 +123,7 @@ class ArmedBench:
 
         Raises:
             AcquisitionError: the card lost scans or does not answer.
-            BenchError: the watchdog has ended or taken over.
+            BenchError: the watchdog has ended or taken over, or the interlock has switched high voltage off.
         """
         block = self.discard_block()
         self.block_sink(block)
@@ -151,18 +155,20 @@ class ArmedBench:
         self.last_block = block = self.stream.read()
         self.watchdog.send_heartbeat()
         self.watchdog.raise_for_status()
+        self.interlock.raise_for_status()
         self.amplifier.renew_hold()
         if self.monitor is not None:
             self.monitor.block_read(block)
         return block
 
 
-def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, predicted_rest_s: float) -> str:
+def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, interlock: Interlock, predicted_rest_s: float) -> str:
     """Return, for the log, the time to rest after a stop, and after the death of program and watchdog; empty if unknown.
 
     Args:
         amplifier: amplifier with the source.
         watchdog: watchdog of the bench.
+        interlock: interlock of the bench.
         predicted_rest_s: duration of the way to rest from the farthest level, NaN if unknown.
     """
     clauses = []
@@ -177,7 +183,7 @@ def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, predicted_rest_
     if amplifier.unattended_end:
         both = "program and watchdog die" if math.isfinite(watchdog.notices_after_s) else "this program dies"
         clauses.append(f"if {both}, {amplifier.unattended_end}")
-    return "; ".join(clauses)
+    return "; ".join(clauses) + interlock.statement
 
 
 def longest_unmoved_s(amplifier: HvAmplifier, predicted_rest_s: float) -> float:

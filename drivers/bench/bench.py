@@ -14,6 +14,7 @@ from drivers.bench.abort_level_settings import LevelSettings
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.card_reading import CardReading, WatchedStream
+from drivers.bench.interlock import Interlock
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.bench.shutdown import REST_TIMEOUT_S, LiveWarning, SafeShutdown, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
@@ -58,6 +59,7 @@ class Bench:
     meters: Mapping[str, Meter] = field(default_factory=dict)
     name: str = "bench"
     watchdog: Watchdog = field(default_factory=NoWatchdog)
+    interlock: Interlock = field(default_factory=Interlock)
     levels: LevelSettings = field(default_factory=LevelSettings)
     channels: tuple[InputChannel, ...] = ()
     """Further inputs of the card, in the order of a block's rows from the third on."""
@@ -90,7 +92,8 @@ class Bench:
 
     def close(self) -> None:
         """Close all instruments; the source's output stays on, at rest."""
-        instruments: list[HvAmplifier | Digitizer | Meter | EnvironmentSensor] = [
+        instruments: list[HvAmplifier | Digitizer | Meter | EnvironmentSensor | Interlock] = [
+            self.interlock,
             self.amplifier,
             self.digitizer,
             *self.meters.values(),
@@ -128,7 +131,15 @@ class Bench:
         return self._watch(self.digitizer.scan(order, rate_hz, max(round(rate_hz * self.block_s), 1)), self.block_s)
 
     def _watch(self, stream: Stream, block_s: float) -> WatchedStream:
-        self._stream = WatchedStream(stream, self.clock, block_s, self.sensor, self.channels, self.reading)
+        self._stream = WatchedStream(
+            stream,
+            self.clock,
+            block_s,
+            self.sensor,
+            self.channels,
+            self.reading,
+            lambda age_s: self.interlock.beat(age_s, self.watchdog.overdue_s),
+        )
         return self._stream
 
     @contextlib.contextmanager
@@ -162,7 +173,7 @@ class Bench:
         except Exception as error:
             self._leave_unmeasured(shutdown, error, on_warning)
             raise
-        with stream:
+        with self.interlock, stream:
             # An earlier run may have left high voltage on: then any failure from here must measure rest.
             armed = ArmedBench(
                 self.amplifier,
@@ -170,6 +181,7 @@ class Bench:
                 block_sink,
                 self.watchdog,
                 lambda: shutdown.measure_rest(armed.discard_block, stream, REST_TIMEOUT_S, armed.initial_rest),
+                self.interlock,
                 high_voltage_may_be_on=self._high_voltage_enabled,
             )
             warned: list[object] = []
@@ -193,9 +205,8 @@ class Bench:
                 yield armed
             except BaseException as error:
                 failure = error
-                refused = isinstance(error, DriveRejectedError)
                 if isinstance(error, InstrumentError) or (
-                    isinstance(error, BenchError) and not is_armed and not refused
+                    isinstance(error, BenchError) and not (is_armed or isinstance(error, DriveRejectedError))
                 ):
                     warn(error)
                 raise
@@ -205,9 +216,8 @@ class Bench:
                     armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
                     self.watchdog.disarm()  # except after an interrupted shutdown: then the watchdog must act
                     if not armed.final_rest.confirmed:
-                        raise UnsafeError(
-                            f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}"
-                        ) from failure
+                        by_hand = MANUAL_SHUTDOWN_INSTRUCTIONS + self.interlock.statement
+                        raise UnsafeError(f"{by_hand}. Measured: {armed.final_rest.message}") from failure
                 if failure is None and lost is not None:
                     raise lost
 
@@ -240,6 +250,7 @@ class Bench:
                 block_sink,
                 self.watchdog,
                 lambda: shutdown.measure_rest(exercised.discard_block, stream, REST_TIMEOUT_S),
+                self.interlock,
             )
             try:
                 yield exercised
@@ -314,6 +325,7 @@ class Bench:
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True
         self.watchdog.arm()
         switch.enable()
+        self.interlock.begin(armed.read_block)
         rest = shutdown.measure_rest(armed.read_block, armed.stream, REST_TIMEOUT_S)
         if not rest.confirmed:
             raise BenchError(f"after high voltage was enabled, {rest.message}")

@@ -5,7 +5,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,6 +85,7 @@ class WatchedStream(Closeable):
         sensor: displacement sensor.
         channels: further inputs, in the order of a block's rows from the third on.
         before: what the card measured before this acquisition.
+        heartbeat: callback with the age of every block that was read, real seconds.
     """
 
     def __init__(
@@ -95,9 +96,10 @@ class WatchedStream(Closeable):
         sensor: LaserSensor,
         channels: Sequence[InputChannel] = (),
         before: CardReading | None = None,
+        heartbeat: Callable[[float], object] = lambda _age_s: None,
     ) -> None:
         self.rate_hz, self.scales, self.start_time_s = stream.rate_hz, stream.scales, stream.start_time_s
-        self._stream, self._clock, self._sensor = stream, clock, sensor
+        self._stream, self._clock, self._sensor, self._heartbeat = stream, clock, sensor, heartbeat
         self._reading, self._reading_of = before, tuple[Block, ...]()
         """The reading that was computed last, and its blocks."""
         self._before_s = 0.0 if before is None else before.age_s(time.monotonic())
@@ -203,6 +205,7 @@ class WatchedStream(Closeable):
         blocks = (*(each for each in kept if each.stop >= oldest or each is kept[-1]), block)
         measured_s = time.monotonic() - (late_s - self._usual_s) / self._speed if self._runs else math.inf
         self._noted, self._failed_s, self._stop = (blocks, measured_s), math.inf, block.stop
+        self._heartbeat((late_s - self._usual_s) / self._speed)
         return block
 
     def _compute(self, blocks: Sequence[Block], measured_s: float) -> CardReading:

@@ -25,6 +25,7 @@ class OutputCheck(StrEnum):
     SKEW = "skew of the card's inputs"
     START_ROUTE = "start of a drive on a scan"
     LONG_LEVEL = "long level"
+    INTERLOCK = "high voltage without the heartbeat"
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from drivers.evidence.assumption import Assumption
 
-CARD_INPUT, CARD_OUTPUT, SUPPLY = "card", "card-output", "dc-supply"
-"""Drivers of the tables: the card's inputs, its analogue output, and the DC supplies."""
+CARD_INPUT, CARD_OUTPUT, INTERLOCK, SUPPLY = "card", "card-output", "interlock", "dc-supply"
+"""Drivers of the tables: the card's inputs, its analogue output, the interlock at its digital lines, and the DC supplies."""
 
 SUPPLY_MODELS = ("E36", "DP8", "SPD")
 """Prefixes of the names of the supplies of drivers.supplies.dialects."""
@@ -63,7 +63,7 @@ def assumptions_about(model: str) -> tuple[Assumption, ...]:
     return tuple(
         each
         for each in assumptions()
-        if each.driver not in (CARD_INPUT, CARD_OUTPUT)
+        if each.driver not in (CARD_INPUT, CARD_OUTPUT, INTERLOCK)
         and (each.driver == SUPPLY) == is_supply
         and each.is_about(model)
     )

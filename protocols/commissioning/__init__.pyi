@@ -1,4 +1,5 @@
 from .exercise import Trace as Trace
+from .interlock import measure_interlock as measure_interlock
 from .messages import MessageLog as MessageLog
 from .sequence import Commissioned as Commissioned
 from .sequence import commission_bench as commission_bench

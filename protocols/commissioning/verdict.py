@@ -51,7 +51,9 @@ class CheckedOutput:
             return OutputVerdict.NOT_MEASURED
         if (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high):
             return OutputVerdict.PASS
-        if self.check is OutputCheck.POLARITY or (self.unit == "V" and abs(self.value) >= DANGEROUS_V):
+        if self.check in (OutputCheck.POLARITY, OutputCheck.INTERLOCK) or (
+            self.unit == "V" and abs(self.value) >= DANGEROUS_V
+        ):
             return OutputVerdict.DANGEROUS
         if self.check in (OutputCheck.SCALE, OutputCheck.UNEVEN, OutputCheck.SHAPE):
             return (

@@ -204,7 +204,8 @@ class Runner:
                 protocol.high_voltage,
                 self._warn_of_live_specimen,
             ) as armed:
-                statement = safety_statement(self._bench.amplifier, self._bench.watchdog, armed.predicted_rest_s)
+                bench = self._bench
+                statement = safety_statement(bench.amplifier, bench.watchdog, bench.interlock, armed.predicted_rest_s)
                 self._recorder.publish(
                     BenchArmed(
                         protocol.high_voltage, armed.predicted_rest_s, statement if protocol.high_voltage else ""

@@ -14,6 +14,7 @@ from drivers import Scale
 from model import Array
 from sim_hardware.generators import Trait, draw_options
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
+from sim_hardware.nidaq.interlock import SimulatedInterlock
 from sim_hardware.nidaq.output_queue import SimulatedOutputQueue
 from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 
@@ -216,10 +217,11 @@ class SimulatedCard:
         plant: Plant,
         laser_view: LaserView,
         faults: FaultState,
-        outputs: Sequence[SimulatedAnalogOutput] = (),
+        outputs: Sequence[SimulatedAnalogOutput],
+        interlock: SimulatedInterlock,
     ) -> None:
         self.parameters = parameters.card
-        self.outputs = tuple(outputs)
+        self.outputs, self.interlock = tuple(outputs), interlock
         self.plant = plant
         self.seed = parameters.seed
         self.noise_seed = parameters.seed if parameters.noise_seed is None else parameters.noise_seed

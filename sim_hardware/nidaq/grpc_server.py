@@ -128,6 +128,14 @@ class NiGrpcServer(Closeable):
             "CreateAOVoltageChan": lambda q: self._tasks.add_output(
                 q.task.name, q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
             ),
+            "CreateDOChan": lambda q: self._tasks.add_line(q.task.name, q.lines, output=True),
+            "CreateDIChan": lambda q: self._tasks.add_line(q.task.name, q.lines, output=False),
+            "WriteDigitalLines": self._write_line,
+            "ReadDigitalLines": lambda q: {
+                "read_array": bytes([self._tasks.line(q.task.name).read()]),
+                "samps_per_chan_read": 1,
+                "num_bytes_per_samp": 1,
+            },
             "CfgDigEdgeStartTrig": lambda q: self._output(q).configure_trigger(q.trigger_source),
             "WriteAnalogF64": lambda q: {
                 "samps_per_chan_written": self._output(q).write(
@@ -157,7 +165,7 @@ class NiGrpcServer(Closeable):
                 value = "value_raw" if "value_raw" in method.output_type.fields_by_name else "value"
                 yield name, lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
 
-    def _task(self, request: Any) -> NiInputTask | NiOutputTask:
+    def _task(self, request: Any) -> properties.NiAnyTask:
         return self._tasks[request.task.name]
 
     def _input(self, request: Any) -> NiInputTask:
@@ -211,6 +219,10 @@ class NiGrpcServer(Closeable):
         if request.attribute_raw not in (0x186C, 0x186D):  # input, output
             raise NiError(-200452)
         self._task(request).set_buffer(request.value)
+
+    def _write_line(self, request: Any) -> Mapping[str, Any]:
+        self._tasks.line(request.task.name).write(bool(request.write_array[0]))
+        return {"samps_per_chan_written": 1}
 
     def _write_scalar(self, request: Any) -> None:
         self._output(request).write(np.array([request.value]), request.auto_start)

@@ -4,11 +4,14 @@ from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
 from sim_hardware.nidaq.card import convert_interval_s
+from sim_hardware.nidaq.digital_task import NiDigitalTask
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.output_queue import FIFO_SAMPLES, ONBOARD_BUFFER, REQUEST_COUNT, REQUEST_SIZE
 from sim_hardware.nidaq.output_task import NiOutputTask
 from sim_hardware.nidaq.task import FINITE, SimulatedNiDevice, TaskChannel
+
+NiAnyTask = NiInputTask | NiOutputTask | NiDigitalTask
 
 Properties = Mapping[int, Callable[[Any], Any]]
 """Functions that return a property of a device, a task or a channel, by the property's number."""
@@ -131,11 +134,11 @@ def physical_channel_property(device: SimulatedNiDevice, name: str, number: int)
     return read_property(PHYSICAL_CHANNEL_PROPERTIES, number, device)
 
 
-def task_property(task: NiInputTask | NiOutputTask, number: int, channel_name: str) -> Any:
+def task_property(task: NiAnyTask, number: int, channel_name: str) -> Any:
     """Return a property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
     if isinstance(task, NiOutputTask):
         return read_property({**TASK_PROPERTIES, **OUTPUT_TASK_PROPERTIES}, number, task)
-    of_task = {**TASK_PROPERTIES, **INPUT_TASK_PROPERTIES}
+    of_task = {**TASK_PROPERTIES, **INPUT_TASK_PROPERTIES} if isinstance(task, NiInputTask) else TASK_PROPERTIES
     if number in of_task:
         return of_task[number](task)
     if not task.channels:
@@ -149,7 +152,7 @@ class NiTaskTable:
 
     def __init__(self, device: SimulatedNiDevice) -> None:
         self._device = device
-        self._tasks: dict[Hashable, NiInputTask | NiOutputTask] = {}
+        self._tasks: dict[Hashable, NiAnyTask] = {}
 
     def create(self, key: Hashable, name: str) -> None:
         self._tasks[key] = NiInputTask(self._device, name)
@@ -160,10 +163,14 @@ class NiTaskTable:
         task.add_voltage_channels(text, name, low_v, high_v)
         self._tasks[key] = task
 
+    def add_line(self, key: Hashable, text: str, output: bool) -> None:
+        """Turn a task without channels into a task of a static digital line."""
+        self._tasks[key] = NiDigitalTask(self._device, self[key].name, text, output)
+
     def __contains__(self, key: Hashable) -> bool:
         return key in self._tasks
 
-    def __getitem__(self, key: Hashable) -> NiInputTask | NiOutputTask:
+    def __getitem__(self, key: Hashable) -> NiAnyTask:
         """Return the task. Raises NiError for an unknown handle."""
         if key not in self._tasks:
             raise NiError(-200088)
@@ -180,6 +187,13 @@ class NiTaskTable:
         """Return the task. Raises NiError if it is not an output task."""
         task = self[key]
         if not isinstance(task, NiOutputTask):
+            raise NiError(-200452)
+        return task
+
+    def line(self, key: Hashable) -> NiDigitalTask:
+        """Return the task. Raises NiError if it is not of a digital line."""
+        task = self[key]
+        if not isinstance(task, NiDigitalTask):
             raise NiError(-200452)
         return task
 

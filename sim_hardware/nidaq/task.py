@@ -36,6 +36,8 @@ class SimulatedNiDevice:
         self.server_stopping = threading.Event()
         self._lock = threading.Lock()
         self._input_owner: NiTask | None = None
+        self.line_owners: dict[str, object] = {}
+        """Tasks of the digital lines."""
 
     def check_present(self, code: int = -201003) -> None:
         """Raise NiError if the card is absent."""

@@ -1,10 +1,12 @@
 from .faults import FAULT_DESCRIPTIONS as FAULT_DESCRIPTIONS
+from .faults import INTERLOCK_FAULTS as INTERLOCK_FAULTS
 from .faults import FaultState as FaultState
 from .history_report import VoltageReport as VoltageReport
 from .history_report import make_voltage_report as make_voltage_report
 from .laser_view import LaserView as LaserView
 from .parameters import CardParameters as CardParameters
 from .parameters import GeneratorParameters as GeneratorParameters
+from .parameters import InterlockParameters as InterlockParameters
 from .parameters import SimulationParameters as SimulationParameters
 from .parameters import SupplyParameters as SupplyParameters
 from .plant import Plant as Plant

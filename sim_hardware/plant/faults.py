@@ -24,12 +24,18 @@ FAULT_DESCRIPTIONS = {
     "scpi-previous": "the generator obeys, each answer is the one to the query before",
     "scpi-other-model": "another model obeys and answers on the wire; the output of the generator continues",
     "scpi-dropped": "the generator's connection is closed and no new one accepted",
+    "interlock-line-off": "the wire of the interlock's heartbeat is off: its monostable sees no edge",
+    "interlock-relay-stuck": "the interlock's relay sticks as it is, and stays closed where it is closed",
+    "interlock-never-drops": "the interlock's monostable does not drop after an edge",
     "clock-drift": "the generator's clock runs 50 ppm faster than it should",
     "membrane-left-on": "the skin membrane is on the tactor, stretched by 2.54 mm, and is not taken off",
     "membrane-missing": "no membrane hangs between the clamps: the laser sees the base 20 mm below them",
     "weight-mislabelled": "the weight labelled 50 g weighs 61 g",
 }
 """Name and description of every fault."""
+
+INTERLOCK_FAULTS = ("interlock-line-off", "interlock-relay-stuck", "interlock-never-drops")
+"""Faults of the interlock, without effect on a bench that has none."""
 
 SPECIMEN_FAULTS = ("membrane-left-on", "membrane-missing", "weight-mislabelled")
 """Faults of the weights, masses and membrane that the operator mounts: they change results, not voltages."""

@@ -236,6 +236,27 @@ class CardParameters:
 
 
 @dataclass(frozen=True, slots=True)
+class InterlockParameters:
+    """The interlock between the card and the amplifier; `line` empty: there is none.
+
+    Attributes:
+        line: digital line of the card with the heartbeat, e.g. `port0/line0`.
+        state_line: digital line of the card at the relay's second contact; empty: not wired.
+        monostable_s: time of its monostable, wall time.
+        release_s: from the monostable's end until the volts on the specimen are gone: relay and amplifier, wall time.
+    """
+
+    line: str = ""
+    state_line: str = ""
+    monostable_s: float = 0.5
+    release_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        _positive("interlock", self, "monostable_s")
+        _not_negative("interlock", self, "release_s")
+
+
+@dataclass(frozen=True, slots=True)
 class OperatorTiming:
     """Timing and accuracy of the operator's actions.
 
@@ -287,6 +308,7 @@ class SimulationParameters:
     supply: SupplyParameters = field(default_factory=SupplyParameters)
     sensor: SensorParameters = field(default_factory=SensorParameters)
     card: CardParameters = field(default_factory=CardParameters)
+    interlock: InterlockParameters = field(default_factory=InterlockParameters)
     seed: int = 1
     fresh_noise: bool = False
     noise_seed: int | None = None

@@ -42,6 +42,8 @@ class VoltageHistory:
         self._starts = [-math.inf]
         self._read_until = 0.0
         self._readable_until = math.inf
+        self._switched_on, self._permitted_until = False, math.inf
+        """The amplifier's own switch, and when the interlock takes the high voltage away unless it is permitted again."""
 
     @contextmanager
     def at_instant(self, clock: Clock) -> Iterator[float]:
@@ -72,12 +74,29 @@ class VoltageHistory:
             ValueError: the time has already been read or is before the last change.
         """
         with self._lock:
-            self._append_entry(HistoryEntry(start_s, segment, self._entries[-1].hv))
+            self.settle(start_s)
+            self._append_entry(start_s, segment)
 
     def switch_high_voltage(self, start_s: float, hv: bool) -> None:
         """Switch the amplifier's high voltage on or off from `start_s`. Raises ValueError as `append`."""
         with self._lock:
-            self._append_entry(HistoryEntry(start_s, self._entries[-1].segment, hv))
+            self.settle(start_s)
+            self._switched_on = hv
+            self._append_entry(start_s, self._entries[-1].segment)
+
+    def permit_high_voltage(self, start_s: float, until_s: float) -> None:
+        """Let the interlock permit high voltage from `start_s` until `until_s`. Raises ValueError as `append`."""
+        with self._lock:
+            self.settle(start_s)
+            self._permitted_until = until_s
+            if self._entries[-1].hv != (self._switched_on and start_s < until_s):
+                self._append_entry(start_s, self._entries[-1].segment)
+
+    def settle(self, now_s: float) -> None:
+        """Note that the interlock has taken the high voltage away, if it has by `now_s`."""
+        with self._lock:
+            if self._entries[-1].hv and now_s >= self._permitted_until:
+                self._append_entry(self._permitted_until, self._entries[-1].segment)
 
     @property
     def high_voltage_on(self) -> bool:
@@ -85,11 +104,11 @@ class VoltageHistory:
         with self._lock:
             return self._entries[-1].hv
 
-    def _append_entry(self, entry: HistoryEntry) -> None:
-        if entry.start_s < max(self._read_until, self._starts[-1]):
-            raise ValueError(f"the past cannot be changed: {entry.start_s} s has been read or written already")
-        self._entries.append(entry)
-        self._starts.append(entry.start_s)
+    def _append_entry(self, start_s: float, segment: Segment) -> None:
+        if start_s < max(self._read_until, self._starts[-1]):
+            raise ValueError(f"the past cannot be changed: {start_s} s has been read or written already")
+        self._entries.append(HistoryEntry(start_s, segment, self._switched_on and start_s < self._permitted_until))
+        self._starts.append(start_s)
 
     def mark_read(self, until_s: float) -> None:
         """Close the past: later changes must begin after `until_s`."""
@@ -103,6 +122,7 @@ class VoltageHistory:
     def constant_between(self, first_s: float, last_s: float) -> tuple[float, bool] | None:
         """Return volts at the input and high voltage if both are constant between two past times; else None, without a read."""
         with self._lock:
+            self.settle(last_s)
             piece = self._entries[bisect_right(self._starts, first_s) - 1]
             if (
                 piece is not self._entries[bisect_right(self._starts, last_s) - 1]
@@ -122,6 +142,7 @@ class VoltageHistory:
         if not times.size:
             return np.zeros(times.shape), np.zeros(times.shape, bool)
         with self._lock:
+            self.settle(float(times[-1]))
             self.mark_read(float(times[-1]))
             first = bisect_right(self._starts, float(times[0])) - 1
             last = bisect_right(self._starts, float(times[-1])) - 1

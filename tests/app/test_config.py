@@ -76,6 +76,10 @@ gain_m_per_v = 0
         ('[generator]\nresource="x"\n[sensor]\nvalid_low_v = 5\nvalid_high_v = 1\n', "must lie below valid_high_v"),
         ('[generator]\nresource="x"\ndriver="hp"\n', "keysight-33500"),
         ('[generator]\nresource="x"\ntimeout_s = nan\n', "timeout_s"),
+        ('[generator]\nresource="x"\n[interlock]\nline="ao0"\n', "port0/line0"),
+        ('[generator]\nresource="x"\n[interlock]\nstate_line="port0/line1"\n', "state_line"),
+        ('[generator]\nresource="x"\n[interlock]\nline="port0/line1"\nstate_line="Port0/Line1"\n', "state_line"),
+        ('[generator]\nresource="x"\n[interlock]\nmonostable_s=0.1\n', "monostable_s"),
     ],
 )
 def test_a_wrong_file_is_refused_in_a_sentence(text: str, says: str, tmp_path: Path) -> None:

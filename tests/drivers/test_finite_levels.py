@@ -195,13 +195,15 @@ def test_without_a_commissioning_record_a_level_is_held_by_the_offset_and_the_st
     assert not commissioning_state(real, simulated=True).holds_by_offset
     with at_rest("33511B") as lab:
         amplifier = lab.bench.amplifier
-        assert "a held level returns to rest by itself" in safety_statement(amplifier, lab.bench.watchdog, 1.0)
+        assert "a held level returns to rest by itself" in safety_statement(
+            amplifier, lab.bench.watchdog, lab.bench.interlock, 1.0
+        )
         amplifier.holds_by_offset = True
         amplifier.start_drive(Hold(3.0, 1.0))
         assert amplifier._source.idle_level_v() == pytest.approx(3.0)
         assert math.isinf(amplifier.level_remaining_s)
         assert math.isinf(amplifier.unattended_rest_s(Hold(3.0, 1.0)))
-        assert "a held level stays" in safety_statement(amplifier, lab.bench.watchdog, 1.0)
+        assert "a held level stays" in safety_statement(amplifier, lab.bench.watchdog, lab.bench.interlock, 1.0)
         amplifier.return_to_rest()
         assert amplifier.is_source_at_rest()
 

@@ -12,7 +12,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from unittest import mock
 
@@ -23,6 +23,7 @@ from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.watchdog.log import LOG_NAME
 from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant import InterlockParameters
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers import one_drive
@@ -42,6 +43,8 @@ WATCHDOG = f"silence_s = 1.0\npatience_s = {WATCHDOG_PATIENCE_S}"
 
 TOO_LONG_S = 60.0
 """Wall time after which a cell that neither rests nor reports is at fault; the times of the table are measured, not required."""
+
+INTERLOCK = InterlockParameters("port0/line0", "port0/line1", monostable_s=0.5, release_s=0.1)
 
 FAULTS = {
     "program killed": "SIGKILL to the program",
@@ -88,7 +91,13 @@ PAIRS = (
     ("card lost", "Stop pressed"),
 )
 
-DRIVES = ("level", "sine", "arbitrary", "ramp", "sweep")
+INTERLOCKED = "level with interlock"
+"""The drive of the column in which the bench has an interlock."""
+
+DRIVES = ("level", "sine", "arbitrary", "ramp", "sweep", INTERLOCKED)
+
+SAFE_V, OFF_WITHIN_S = 60.0, 1.0
+"""Largest volts on the specimen that count as off, and the longest time from the monostable's end until they are reached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +124,13 @@ SOURCES = {
         "Siglent SDG1032X: cannot hold its range, a drive of 9 s at most is waited for",
         {"generator": {"model": "SDG1032X"}},
         drive_s=8.0,
-        drives=("level", "sine", "arbitrary"),
+        drives=("level", "sine", "arbitrary", INTERLOCKED),
     ),
     "33511B_commissioned": SourceKind(
         "Keysight 33511B, commissioned: a level is a waveform of 9.6 s that ends by itself",
         {"generator": {"model": "33511B"}},
         drive_s=8.0,
-        drives=("level",),
+        drives=("level", INTERLOCKED),
         level_stop_s=math.nan,
         ends_by_itself_s=11.0,
     ),
@@ -129,7 +138,7 @@ SOURCES = {
         "Siglent SDG1032X, commissioned: a level is a waveform of 8.6 s, whose end Stop and watchdog hasten",
         {"generator": {"model": "SDG1032X", "traits": "retime=continues"}},
         drive_s=8.0,
-        drives=("level",),
+        drives=("level", INTERLOCKED),
         level_stop_s=1.2,
         ends_by_itself_s=10.0,
     ),
@@ -138,7 +147,7 @@ SOURCES = {
         {"source": "ao0"},
         '[source]\nkind = "card-output"\n',
         on_card=True,
-        drives=("level", "sine"),
+        drives=("level", "sine", INTERLOCKED),
     ),
 }
 
@@ -171,6 +180,8 @@ class DoubleCell:
     pair: tuple[str, str]
     rest_s: float = math.nan
     """Seconds after the faults from which on the input was constant at rest; NaN if it was not."""
+    off_s: float = math.nan
+    """Seconds after the faults from which on the specimen had less than SAFE_V because high voltage was off; NaN if it was not."""
     end_v: float = math.nan
     largest_jump_v: float = 0.0
     lowest_v: float = math.nan
@@ -194,7 +205,13 @@ class DoubleCell:
     def faults(self) -> list[str]:
         """What the product owes and did not keep; empty where all is well."""
         wrong = []
-        if not self.at_rest and not self.alarms:
+        if self.drive == INTERLOCKED:
+            limit_s = INTERLOCK.monostable_s + OFF_WITHIN_S
+            if {"program killed", "card lost"} & set(self.pair) and not (
+                self.off_s <= limit_s or self.rest_s <= limit_s
+            ):
+                wrong.append(f"not below {SAFE_V:g} V on the specimen within {limit_s:g} s")
+        elif not self.at_rest and not self.alarms:
             wrong.append(f"the input is at {self.end_v:.3f} V and nobody reports it")
         if self.confirmed_wrongly:
             wrong.append("rest was confirmed while the input was not at rest")
@@ -215,6 +232,8 @@ class DoubleCell:
         if self.faults:
             return "FAULT: " + "; ".join(self.faults)
         state = f"rest {self.rest_s:.1f} s" if self.at_rest else f"**{self.end_v:.1f} V**"
+        if not (math.isnan(self.off_s) or self.rest_s < self.off_s):
+            state = f"off {self.off_s:.1f} s"
         return "; ".join([state, *(f"{r.who}: {r.what} {r.after_s:.1f} s" for r in self.alarms)])
 
 
@@ -239,6 +258,10 @@ class Scene:
         """`watchdog` is the bench file's table."""
         self.kind, self.folder = SOURCES[source], folder
         parameters = simulated(plant_rate_hz=20_000.0, modes=3, **self.kind.truth).simulation_parameters
+        interlock = ""
+        if drive == INTERLOCKED:
+            parameters = replace(parameters, interlock=INTERLOCK)
+            interlock = f"[interlock]\nline = '{INTERLOCK.line}'\nstate_line = '{INTERLOCK.state_line}'\n"
         self.bench = SimulatedBench(parameters, WallClock(1.0))
         self.served = stack.enter_context(ServedBench(self.bench))
         self.proxy = stack.enter_context(
@@ -252,9 +275,9 @@ class Scene:
             f"[sensor]\ndelay_s = 1e-4\n"
             f"[levels]\nlaser_lost = 'warning'\nstroke = 'warning'\n"
             f"[amplifier]\nramp_v_per_s = {1.0 if drive == 'ramp' else 5.0}\nway_to_rest_s = 10\n"
-            f"[watchdog]\n{watchdog}\n"
+            f"[watchdog]\n{watchdog}\n{interlock}"
         )
-        self.settings = f"drive={drive}", f"drive_s={self.kind.drive_s}"
+        self.settings = f"drive={'level' if drive == INTERLOCKED else drive}", f"drive_s={self.kind.drive_s}"
         if self.kind.level_stop_s is not None:
             with self.data_folder():
                 store_commissioning(self.proxy.resource, self.kind.level_stop_s)
@@ -291,7 +314,7 @@ class Scene:
 
     def _is_under_way(self) -> bool:
         report = self.bench.report()
-        least_v = {"ramp": 3.2, "level": 3.99}.get(self.drive)
+        least_v = {"ramp": 3.2, "level": 3.99, INTERLOCKED: 3.99}.get(self.drive)
         return report.end_v > least_v if least_v else report.outside_rest_s > 0.2
 
     def break_(self, fault: str) -> None:
@@ -415,11 +438,18 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
             _next_start(scene, seen, told, stack, began_s)
         if not bench.report().ends_at_rest:
             wait_until(lambda: bench.report().ends_at_rest, began_s + scene.kind.ends_by_itself_s - time.monotonic())
+        if drive == INTERLOCKED:
+            wait_until(
+                lambda: bench.report().ends_at_rest or not bench.history.high_voltage_on,
+                INTERLOCK.monostable_s + OFF_WITHIN_S,
+            )
         report = bench.report()
         seen.end_v, seen.largest_jump_v = report.end_v, report.largest_jump_v
         seen.lowest_v, seen.highest_v = report.lowest_v, report.highest_v
         if report.ends_at_rest or _stays_at_rest(bench):
             seen.rest_s = rest_since(bench, began_bench_s) - began_bench_s
+        if not bench.history.high_voltage_on:
+            seen.off_s = live_until(bench, began_bench_s) - began_bench_s
         seen.reports = sorted(told, key=lambda r: r.after_s)
     return seen
 
@@ -458,6 +488,21 @@ def rest_since(bench: SimulatedBench, begin_s: float) -> float:
         if away.size:
             since = float(t[int(away[-1])])
     return since
+
+
+def live_until(bench: SimulatedBench, begin_s: float) -> float:
+    """Return the last bench time at which the specimen had more than SAFE_V; `begin_s` if it was before."""
+    bench.history.settle(bench.now())
+    entries, until_s = bench.history.entries(), begin_s
+    for entry, following in zip(entries, [*entries[1:], None], strict=True):
+        t = np.arange(max(entry.start_s, begin_s), bench.now() if following is None else following.start_s, 5e-4)
+        volts = (
+            bench.parameters.amplifier.map.specimen_v(entry.segment.volts(t)) if entry.hv and t.size else np.zeros(0)
+        )
+        live = np.flatnonzero(np.abs(volts) > SAFE_V)
+        until_s = float(t[live[-1]]) if live.size else until_s
+    # The history has high voltage until the volts on the specimen are gone: relay and amplifier included.
+    return until_s
 
 
 def _stays_at_rest(bench: SimulatedBench) -> bool:

@@ -26,6 +26,7 @@ class Volts:
 
     level: Annotated[float, Unit("V"), "mean of the drive"]
     highest: Annotated[float, Unit("V"), "highest of the drive"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.Quality"] = 0
 
 
 class OneDrive(Protocol):

@@ -21,6 +21,7 @@ from drivers.watchdog.activity import Silence
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME
 from drivers.watchdog.origin import describe_copy
+from tests.helpers.waiting import wait_until
 
 LONG_S = 30.0
 """Longest wait for something that happens at once, on a computer with other work."""
@@ -368,6 +369,7 @@ def test_help_is_tried_for_two_seconds(start: Callable[..., Loop]) -> None:
 def test_a_note_goes_into_the_log_alone(start: Callable[..., Loop]) -> None:
     loop = ready(start)
     loop.say("note the program could not confirm rest: 1.2 V")
+    assert wait_until(lambda: bool(loop.log))
     assert loop.log == ["the program could not confirm rest: 1.2 V"]
     assert (loop.stderr.getvalue(), loop.heard(), loop.calls) == ("", [], ["opened it"])
 

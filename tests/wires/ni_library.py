@@ -60,6 +60,16 @@ class NiLibrary:
             "IsTaskDone": (self._is_done, (_TASK, ctypes.POINTER(_UINT))),
             "CreateAIVoltageChan": (self._add_input, (_TASK, _TEXT, _TEXT, _INT, _REAL, _REAL, _INT, _TEXT)),
             "CreateAOVoltageChan": (self._add_output, (_TASK, _TEXT, _TEXT, _REAL, _REAL, _INT, _TEXT)),
+            "CreateDOChan": (
+                lambda h, text, _name, _grouping: self._tasks.add_line(h, text.decode(), output=True),
+                (_TASK, _TEXT, _TEXT, _INT),
+            ),
+            "CreateDIChan": (
+                lambda h, text, _name, _grouping: self._tasks.add_line(h, text.decode(), output=False),
+                (_TASK, _TEXT, _TEXT, _INT),
+            ),
+            "WriteDigitalLines": (self._write_line, (_TASK, _INT, _UINT, _REAL, _INT, _ANY, _COUNT, _ANY)),
+            "ReadDigitalLines": (self._read_line, (_TASK, _INT, _REAL, _INT, _ANY, _UINT, _COUNT, _COUNT, _ANY)),
             "CfgSampClkTiming": (
                 lambda h, _source, rate, _edge, mode, n: self._tasks[h].configure_clock(rate, mode, n),
                 (_TASK, _TEXT, _REAL, _INT, _INT, ctypes.c_ulonglong),
@@ -144,6 +154,18 @@ class NiLibrary:
 
     def _add_output(self, handle: int, text: bytes, name: bytes, low: float, high: float, *_: Any) -> None:
         self._tasks.add_output(handle, text.decode(), (name or b"").decode(), low, high)
+
+    def _write_line(
+        self, handle: int, _n: int, _auto: int, _s: float, _layout: int, data: int, done: Any, _: Any
+    ) -> None:
+        self._tasks.line(handle).write(bool(ctypes.string_at(data, 1)[0]))
+        done[0] = 1
+
+    def _read_line(
+        self, handle: int, _n: int, _s: float, _fill: int, into: int, _size: int, done: Any, width: Any, _: Any
+    ) -> None:
+        ctypes.memmove(into, bytes([self._tasks.line(handle).read()]), 1)
+        done[0] = width[0] = 1
 
     def _read_i16(
         self, handle: int, count: int, timeout: float, fill: int, into: int, size: int, read: Any, _: Any

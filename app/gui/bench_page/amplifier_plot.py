@@ -1,67 +1,63 @@
 """Characteristic of the amplifier: volts on the specimen over volts at the input, with rest and the live value."""
 
-from collections.abc import Iterable
-
 import numpy as np
-import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
-from app.gui.face import Tokens, follow_tokens
-from app.gui.plots import PlotBase, series_of
-from model import AmplifierMap, Series
-
-NAMES = ("characteristic", "rest", "now")
+from app.gui.face import set_length
+from app.gui.plots import MODEL_WIDTH, SOLID, Chart, Panel, Picture, layer
+from model import AmplifierMap
 
 
-class AmplifierPlot(PlotBase):
+class AmplifierPlot(Chart):
     """The amplifier's map as two lines that meet at rest."""
 
-    ACCESSIBLE_NAME = "plot: characteristic of the amplifier"
-    LOG_AXES = (False, False)
-
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, axis_width=52)
-        self.plot.setLabel("bottom", "amplifier's input (V)")
-        self.plot.setLabel("left", "specimen (V)")
-        self.plot.setMouseEnabled(x=False, y=False)
-        self._curve = pg.PlotDataItem()
-        self._rest, self._now = (pg.ScatterPlotItem(size=size) for size in (9, 11))
-        for item in (self._curve, self._rest, self._now):
-            self.plot.addItem(item)
+        super().__init__("characteristic of the amplifier", headed=False, zooms=False, parent=parent)
         self._map: AmplifierMap | None = None
-        self.setFixedHeight(150)
+        self._input: float | None = None
+        set_length(self, height=150)
         self.setObjectName("bench.amplifier.plot")
         self.setAccessibleName("characteristic of the amplifier")
-        self._add_head()
-        self.show_simulated(False)
-        follow_tokens(self, self.apply_theme)
-
-    def apply_theme(self, theme: Tokens) -> None:
-        super().apply_theme(theme)
-        self._curve.setPen(pg.mkPen(theme.model, width=2))
-        self._rest.setBrush(pg.mkBrush(theme.text2))
-        self._rest.setPen(pg.mkPen(theme.text2))
-        self._now.setBrush(pg.mkBrush(None))
-        self._now.setPen(pg.mkPen(theme.ink, width=2))
 
     def show_map(self, amplifier: AmplifierMap) -> None:
         """Draw a characteristic."""
-        if amplifier == self._map:
-            return
-        self._map = amplifier
-        inputs = np.array([amplifier.low_v, amplifier.rest_v, amplifier.high_v])
-        volts = amplifier.specimen_v(inputs)
-        self._curve.setData(inputs, volts)
-        self._rest.setData([amplifier.rest_v], [0.0])
-        self.plot.setXRange(inputs[0], inputs[-1], padding=0.06)
-        self.plot.setYRange(float(volts[0]), float(volts[-1]), padding=0.1)
+        if amplifier != self._map:
+            self._map = amplifier
+            self._draw_map()
 
     def show_input(self, volts: float | None) -> None:
         """Mark the present volts at the input; None for no mark."""
-        if volts is None or self._map is None:
-            self._now.clear()
-        else:
-            self._now.setData([volts], self._map.specimen_v([volts]))
+        if volts != self._input:
+            self._input = volts
+            self._draw_map()
 
-    def _series(self) -> Iterable[Series]:
-        return series_of(NAMES[0], self._curve)
+    def _draw_map(self) -> None:
+        if self._map is None:
+            return
+        inputs = np.array([self._map.low_v, self._map.rest_v, self._map.high_v])
+        layers = [
+            layer(
+                name="characteristic",
+                x=inputs,
+                y=self._map.specimen_v(inputs),
+                tone="model",
+                line=SOLID,
+                width=MODEL_WIDTH,
+            ),
+            layer(name="rest", x=inputs[1:2], y=np.zeros(1), tone="text2", symbol="o", label="rest", copied=False),
+        ]
+        if self._input is not None:
+            now = np.array([self._input])
+            layers.append(
+                layer(
+                    name="now", x=now, y=self._map.specimen_v(now), symbol="o", hollow=True, label="now", copied=False
+                )
+            )
+        self.show_picture(
+            Picture(
+                x_title="Amplifier's input, V",
+                panels=(Panel(title="Specimen, V"),),
+                layers=tuple(layers),
+                log=(False, False),
+            )
+        )

@@ -89,7 +89,7 @@ class CalibrationPanel(QWidget):
             maximumHeight=300,
         )
         self.plot = CalibrationPlot()
-        self.plot.show_simulated(move_target is not None)
+        self.plot.is_simulated = move_target is not None
         self._build()
         self._update()
 

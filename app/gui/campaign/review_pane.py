@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import SEVERITY_SYMBOLS
 from app.gui.face import follow_tokens, tokens
-from app.gui.plots import ResultPlots
+from app.gui.plots import RESIDUAL, ResultPlots
 from app.gui.results import ResultCard
 from app.gui.widgets import (
     STRETCH,
@@ -41,10 +41,8 @@ TOOLTIPS = {
 }
 MAX_INDICATORS = 5
 MIN_PLOT_WIDTH = 420
-MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT, RESIDUAL_HEIGHT = 190, 84, 64
+MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT = 190, 84
 MAX_COLUMN_WIDTH = 230
-RESIDUAL_INDEX = 1
-"""Of the choice of the plot below the response."""
 
 
 class ReviewPane(QWidget):
@@ -66,8 +64,7 @@ class ReviewPane(QWidget):
         self.figure_box.activated.connect(lambda _: self._draw())
         """Results of a series over its parameter, drawn in place of the curves of a run."""
         self.plots = ResultPlots()
-        self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
-        self.plots.response.residual_strip.setFixedHeight(RESIDUAL_HEIGHT)  # most of the room is the response's
+        self.plots.choose_lower(RESIDUAL)
         self.plots.setMinimumSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
         self.card = ResultCard("review", ("report",), compact=True)
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]

@@ -7,7 +7,6 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
-from app.gui.plots import caption_label
 from app.gui.widgets import WrappedRow, column, make_combo, make_label, make_line_edit
 from app.live import LatestOnlyWorker
 
@@ -55,7 +54,7 @@ class DesignPanel(QWidget):
             edit.editingFinished.connect(self.ask)
         self.source_box.currentIndexChanged.connect(lambda _: self.ask())
         fields = WrappedRow(
-            caption_label("Design"), QLabel("of"), self.source_box, QLabel("which added mass for"), self.resonance,
+            make_label("Design", "caption", wrap=False), QLabel("of"), self.source_box, QLabel("which added mass for"), self.resonance,
             QLabel("which drive for"), self.amplitude, QLabel("at"), self.frequency, spacing=6,
         )  # fmt: skip
         column(fields, self.mass_label, self.drive_label, self.source_label, parent=self, spacing=2)

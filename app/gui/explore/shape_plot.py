@@ -1,87 +1,39 @@
 """Animated deflection shape of the beam: both halves, envelope, MFC layer and cylinder, in slow motion."""
 
 import time
-from collections.abc import Iterable
 
 import numpy as np
-import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.explore import PHASES, BeamMotion
-from app.gui.face import Tokens, follow_tokens
-from app.gui.plots import PlotBase, round_step, series_of
-from model import Series
+from app.gui.plots import SOLID, Chart, Panel, Picture, layer, round_step
 
 CYCLE_S = 1.6
 """Duration of one displayed period."""
 
+PARTS = {"beam": ("model", 2.0), "MFC": ("amber_text", 5.0), "cylinder": ("text", 7.0), "clamps": ("text2", 6.0)}
+"""Tone and width of the drawn parts."""
 
-class ShapePlot(PlotBase):
+
+class ShapePlot(Chart):
     """`tick` advances the animation; it pauses without a motion and while the plot is hidden."""
 
-    ACCESSIBLE_NAME = "plot: shape of the beam"
-    LOG_AXES = (False, False)
-
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+        super().__init__("shape of the beam", headed=False, parent=parent)
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
+        self._about = ""
         self.frames = 0
-        self.show_simulated(False)  # the model is not a simulated measurement
-        self.plot.setLabel("left", "shape (µm)")
-        self.plot.setLabel("bottom", "along the beam (mm)")
-        self._envelope = [pg.PlotCurveItem(antialias=True) for _ in range(2)]
-        self._fill = pg.FillBetweenItem(*self._envelope)
-        self.beam, self.layer = pg.PlotCurveItem(antialias=True), pg.PlotCurveItem(antialias=True, connect="finite")
-        self.cylinder = pg.PlotCurveItem(antialias=True)
-        self._clamps = [pg.PlotCurveItem() for _ in range(2)]
-        for item in (self._fill, *self._envelope, self.layer, self.beam, self.cylinder, *self._clamps):
-            self.plot.addItem(item)
-        self._add_head()
-        follow_tokens(self, self.apply_theme)
-
-    def apply_theme(self, theme: Tokens) -> None:
-        super().apply_theme(theme)
-        for item, color, width in (
-            (self.beam, theme.model, 2),
-            (self.layer, theme.amber_text, 5),
-            (self.cylinder, theme.text, 7),
-            *((line, theme.line, 1) for line in self._envelope),
-            *((clamp, theme.text2, 6) for clamp in self._clamps),
-        ):
-            item.setPen(pg.mkPen(color, width=width))
-        fill = pg.mkColor(theme.model)
-        fill.setAlpha(26)
-        self._fill.setBrush(fill)
-
-    def _series(self) -> Iterable[Series]:
-        for name, line in zip(("the beam", "lowest", "highest"), (self.beam, *self._envelope), strict=True):
-            yield from series_of(name, line)
-
-    def _column_names(self) -> tuple[str, str]:
-        return "along the beam (mm)", "deflection (µm), by the model"
 
     def show_motion(self, motion: BeamMotion, frequency_hz: float) -> None:
         """Show a motion."""
         self._motion, self._drawn_phase = motion, -1
-        low, high = (1e6 * mirror_half(v) for v in (motion.deflection.min(0), motion.deflection.max(0)))
-        x = 1e3 * beam_positions(motion)
-        for line, values in zip(self._envelope, (low, high), strict=True):
-            line.setData(x, values)
-        top = max(float(np.abs(low).max()), float(np.abs(high).max()), 1.0)
+        top = max(1e6 * float(np.abs(motion.deflection).max()), 1.0)
         if not 0.4 * self._max_um < 1.1 * top < self._max_um:
             step = round_step(1.3 * top, 5)
             self._max_um = step * np.ceil(1.3 * top / step)
-        self.plot.setYRange(-self._max_um, self._max_um, padding=0)
-        reach = 2e3 * float(motion.x[-1])
-        self.plot.setXRange(-0.03 * reach, 1.03 * reach, padding=0)
-        edge = 0.25 * self._max_um
-        for clamp, at in zip(self._clamps, (0.0, reach), strict=True):
-            clamp.setData([at, at], [-edge, edge])
-        slower = CYCLE_S * frequency_hz
-        self.corner_label.set_text(
-            f"{frequency_hz:.4g} Hz, slowed {slower:.0f} times; MFC thick, cylinder in the middle"
-        )
+        self._about = f"{frequency_hz:.4g} Hz, slowed {CYCLE_S * frequency_hz:.0f} times"
+        self._draw_phase(0)
         self.tick()
 
     def tick(self) -> None:
@@ -93,14 +45,40 @@ class ShapePlot(PlotBase):
             return
         self._drawn_phase = phase
         self.frames += 1
-        shape = self._motion
-        w, x = 1e6 * mirror_half(shape.deflection[phase]), beam_positions(shape)
-        length = 2 * shape.x[-1]
-        self.beam.setData(1e3 * x, w)
-        covered = (x >= shape.L1) & (x <= length - shape.L1)
-        self.layer.setData(1e3 * x[covered], w[covered])
-        middle = (x >= shape.L2) & (x <= length - shape.L2)
-        self.cylinder.setData(1e3 * x[middle], np.full(int(middle.sum()), float(w[len(w) // 2])))
+        shapes = self._shapes(self._motion, phase)
+        for name, (x, y) in shapes.items():  # the lines alone move: everything else stays
+            self.panels[0].drawn_layer(name).line.setData(x, y, connect="finite")
+
+    def _shapes(self, motion: BeamMotion, phase: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Return positions, mm, and deflections, µm, of the parts."""
+        w, x = 1e6 * mirror_half(motion.deflection[phase]), beam_positions(motion)
+        length, edge = 2 * motion.x[-1], 0.25 * self._max_um
+        covered = (x >= motion.L1) & (x <= length - motion.L1)
+        middle = (x >= motion.L2) & (x <= length - motion.L2)
+        ends = np.array([0.0, 0.0, np.nan, 1e3 * length, 1e3 * length])
+        return {
+            "beam": (1e3 * x, w),
+            "MFC": (1e3 * x[covered], w[covered]),
+            "cylinder": (1e3 * x[middle], np.full(int(middle.sum()), float(w[len(w) // 2]))),
+            "clamps": (ends, np.array([-edge, edge, np.nan, -edge, edge])),
+        }
+
+    def _draw_phase(self, phase: int) -> None:
+        motion = self._motion
+        assert motion is not None
+        low, high = (1e6 * mirror_half(v) for v in (motion.deflection.min(0), motion.deflection.max(0)))
+        x, reach = 1e3 * beam_positions(motion), 2e3 * float(motion.x[-1])
+        layers = [layer(name="envelope", x=x, y=high, band=(low, high), tone="model", line=SOLID, width=0.5)]
+        for name, (at, y) in self._shapes(motion, phase).items():
+            tone, width = PARTS[name]
+            copied = name == "beam"
+            layers.append(layer(name=name, x=at, y=y, tone=tone, width=width, line=SOLID, copied=copied))
+        self.show_picture(
+            Picture(
+                x_title="Along the beam, mm", panels=(Panel(title="Shape, µm", low=-self._max_um, high=self._max_um),),
+                layers=tuple(layers), x=(-0.03 * reach, 1.03 * reach), log=(False, False), note=self._about,
+            )
+        )  # fmt: skip
 
 
 def beam_positions(motion: BeamMotion) -> np.ndarray:

@@ -8,8 +8,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButt
 
 from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, UnitError, read_number
 from app.explore import DRIVE_SLIDER, GROUPS, SKIN_PARAMETERS, ExploreSetting, SliderSpec
-from app.gui.plots import caption_label
-from app.gui.widgets import column, configure, grid, set_style_kind
+from app.gui.widgets import column, configure, grid, make_label, set_style_kind
 from model import ParameterError, ParameterSpec, variable_specs
 
 SLIDER_STEPS = 1000
@@ -98,10 +97,10 @@ class SliderPanel(QWidget):
         layout = column(parent=self, margins=(0, 0, 8, 0), spacing=4)
         specs = variable_specs()
         for title, sliders in GROUPS.items():
-            layout.addWidget(caption_label(title))
+            layout.addWidget(make_label(title, "caption", wrap=False))
             layout.addLayout(self._group_layout((s, specs[s.name]) for s in sliders))
             if title == "Tactor":
-                layout.addWidget(caption_label("Drive"))
+                layout.addWidget(make_label("Drive", "caption", wrap=False))
                 layout.addLayout(self._group_layout([(DRIVE_SLIDER, PEAK_TO_PEAK)]))
         layout.addStretch()
 

@@ -9,13 +9,14 @@ from PySide6.QtWidgets import QButtonGroup, QCheckBox, QLabel, QPushButton
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import LABORATORY_SITE, ExploreSetting
-from app.gui.plots import SERIES, caption_label
+from app.gui.plots import SERIES
 from app.gui.widgets import (
     SheetButton,
     WrappedRow,
     configure,
     make_choice,
     make_combo,
+    make_label,
     make_line_edit,
     make_pane,
     row,
@@ -105,8 +106,12 @@ class ExploreToolbar(QObject):
         )
         ranges = make_pane(row(QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6))
         felt = make_pane(row(QLabel("felt on"), self.site_box, spacing=6))
-        self.series_row = WrappedRow(caption_label("Response"), *self.series, ranges, felt, spacing=8)
-        self.motion_row = row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
+        self.series_row = WrappedRow(
+            make_label("Response", "caption", wrap=False), *self.series, ranges, felt, spacing=8
+        )
+        self.motion_row = row(
+            make_label("Motion", "caption", wrap=False), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6
+        )
         self.overlay_row = WrappedRow(
             self.keep_button,
             self.overlay_button,

@@ -58,6 +58,9 @@ QPushButton:hover, QToolButton[kind="tool"]:hover { border-color: $accent_text; 
 QPushButton:disabled, QToolButton[kind="tool"]:disabled { color: $text2; background: $sunken; border-color: $line; }
 QPushButton[kind="choice"] { padding: 0.2em 0.7em; }
 QPushButton[kind="choice"]:checked { background: $accent; color: white; border-color: $accent; }
+QPushButton[kind="chip"] { border-radius: 8px; padding: 0.15em 0.7em; color: $text2; border: 1px dashed $outline; }
+QPushButton[kind="chip"]:checked { color: $text; border: 1px solid $outline; }
+QPushButton[kind="tool"] { padding: 0.25em; border-color: transparent; background: transparent; }
 QPushButton[kind="segment"] { border-radius: 0; padding: 0.35em 0.6em; margin: 0; }
 QPushButton[kind="segment"]:checked { background: $accent; color: white; border-color: $accent; }
 QPushButton[kind="segment"]:checked:focus { border: 2px solid $text; }
@@ -67,7 +70,8 @@ QPushButton[kind="go"]:disabled { background: $sunken; color: $text2; border-col
 QPushButton[kind="stop"] { background: $red; color: white; border: 1px solid $red; }
 QPushButton:focus, QToolButton[kind="tool"]:focus { border: 2px solid $accent_text; margin: -1px; }
 QPushButton[kind="choice"]:checked:focus, QPushButton[kind="go"]:focus { border: 2px solid $text; }
-QFrame[kind="ring"] { border: 2px solid $accent_text; border-radius: 6px; background: transparent; }
+QGraphicsView { border: 2px solid $surface; }
+QGraphicsView:focus { border: 2px solid $accent_text; }
 QCheckBox:focus, QRadioButton:focus, QSlider:focus, QTabBar:focus {
     border: 2px solid $accent_text; border-radius: 4px;
 }

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.plots import PlotBase
 from app.gui.widgets import BackgroundWorker
 
 if TYPE_CHECKING:
@@ -61,11 +60,10 @@ class FolderThreshold:
 
     def show_on(self, page: object) -> None:
         """Show the threshold in the plots of one page."""
-        if callable(show := getattr(page, "show_threshold", None)):
-            show(self.threshold)
-        elif isinstance(page, QWidget):
-            for plot in page.findChildren(PlotBase):
-                plot.show_threshold(self.threshold)
+        children = page.findChildren(QWidget) if isinstance(page, QWidget) else []
+        for widget in (page,) if hasattr(page, "show_threshold") else children:
+            if callable(show := getattr(widget, "show_threshold", None)):
+                show(self.threshold)
 
     def _on_read(self, threshold: PerceptionThreshold | None) -> None:
         self._problem = ""

@@ -8,6 +8,9 @@ from model import Array, shown_unit
 from protocols.base import Series
 
 NOTHING, RESIDUAL, LESS_MEAN, PHASE, COHERENCE = "nothing", "residual", "less mean", "phase", "coherence"
+LAYER_TITLES = {RESIDUAL: "Residual", LESS_MEAN: "Less mean", PHASE: "Phase, °", COHERENCE: "Coherence"}
+"""Titles of the vertical axis of the lower panel, without units that depend on the curve."""
+
 LAYER_LABELS = {
     NOTHING: "no lower plot",
     RESIDUAL: "lower plot: residual of the fit",
@@ -55,12 +58,6 @@ def layer_series(curve: Series, layer: str) -> Series | None:
 def displayed(curve: Series) -> Series:
     """Return a curve in the units of a display."""
     return curve.scaled(*(shown_unit(axis.unit)[0] for axis in (curve.x_axis, curve.y_axis)))
-
-
-def layer_label(curve: Series, layer: str) -> str:
-    """Return the label of the vertical axis of a layer."""
-    unit = shown_unit(curve.y_axis.unit)[1]
-    return {RESIDUAL: f"residual ({unit})", LESS_MEAN: f"less mean ({unit})", PHASE: "phase (°)"}.get(layer, layer)
 
 
 def isolated(errors: Array) -> Array:

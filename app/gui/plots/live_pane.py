@@ -1,7 +1,8 @@
 """Live plots of a run: its results, and below them the live traces."""
 
-import time
+import math
 from functools import cached_property
+from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShowEvent
@@ -12,20 +13,20 @@ from app.gui.plots.time_plot import TimePlot
 from app.gui.widgets import column
 from app.live import LiveFeed, ModelCurves
 from app.session import WindowState
+from drivers import Sine
 from model import AmplifierMap
 from protocols import PROTOCOLS
 from protocols.base import Protocol, Series
+from protocols.runfile import is_response
 
 MIN_PLOT_HEIGHT = 56
-
-IDLE_TICK_S = 0.2
-"""Time between two redraws of the traces while no run is in progress."""
 
 
 class LivePane(QSplitter):
     """The plots of one run; a page may add widgets below.
 
-    They are made when the pane is first shown or used: the window may show another page first.
+    They are made when the pane is first shown or used: the window may show another page first. The model's curve of a run is the
+    one of its settings: a curve of other settings, for the next run, is a preview.
     """
 
     repeat_requested = Signal(tuple)
@@ -34,7 +35,7 @@ class LivePane(QSplitter):
         super().__init__(Qt.Orientation.Vertical)
         self._feed, self._amplifier = feed, amplifier
         self._places = []
-        for share in (5, 4):
+        for share in (5, 3):
             place = QWidget()
             self._places.append(column(parent=place))
             self.add_widget(place, share)
@@ -42,8 +43,12 @@ class LivePane(QSplitter):
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
         self._curve: ModelCurves | None = None
-        self._span, self._ticked_s = 0, 0.0
+        """Of the displayed run; of the next one while there is none."""
+        self._newest: ModelCurves | None = None
+        self._span = 0
         self._outdated = False
+        self._threshold: Any = None
+        self._before: tuple[str, Any] | None = None
 
     @cached_property
     def plots(self) -> ResultPlots:
@@ -51,8 +56,8 @@ class LivePane(QSplitter):
         plots = ResultPlots()
         plots.repeat_requested.connect(self.repeat_requested)
         self._places[0].addWidget(plots)
-        if self._curve is not None:
-            plots.show_model_curve(self._curve)
+        plots.show_threshold(self._threshold)
+        self._show_curves(plots)
         return plots
 
     @cached_property
@@ -80,15 +85,32 @@ class LivePane(QSplitter):
         self.setStretchFactor(self.count() - 1, share)
         widget.setMinimumHeight(MIN_PLOT_HEIGHT)
 
+    def show_threshold(self, threshold: Any) -> None:
+        """Show a perception threshold; None is the abdomen's."""
+        self._threshold = threshold
+        if "plots" in vars(self):
+            self.plots.show_threshold(threshold)
+
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
         """Show the current or last run; without one, the empty plot of the protocol `otherwise`.
 
         On a page that is not selected it is drawn when the page is: two pages show the same run.
         """
-        self._state = (view, otherwise)
+        before, self._state = self._state, (view, otherwise)
+        if before is not None and before[0].points and not view.points:
+            self._keep_earlier(before[0])
+        if self._newest is not None and (view.busy or not self._has_run):
+            self._curve = self._newest  # the form cannot be changed during a run: the newest curve is the run's
         self._outdated = not self.isVisible()
         if not self._outdated:
             self._draw(view, otherwise)
+
+    def _keep_earlier(self, view: WindowState) -> None:
+        """Keep the points of the run before as a layer of the next one's plot."""
+        points = tuple(filter(is_response, view.points))
+        if len(points) > 1:
+            volts = f"{2 * float(points[0].drive_amplitude):.3g} V"
+            self._before = f"Run before, {volts}", points
 
     def prepare(self) -> None:
         """Make the plots and draw changes, as when the pane is shown."""
@@ -104,6 +126,12 @@ class LivePane(QSplitter):
         self._running = self._feed.running_curve.latest if view.busy else None
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         curves = view.curves if self._running is None else (*view.curves, self._running)
+        present = math.nan, ""
+        if view.busy and isinstance(view.drive, Sine):
+            present = view.drive.frequency_hz, "measuring"
+        changed = self.plots.present != present
+        self.plots.present, self.plots.earlier = present, () if self._before is None else (self._before,)
+        self._show_curves(self.plots)
         self.plots.show_results(
             kind,
             view.points,
@@ -114,20 +142,34 @@ class LivePane(QSplitter):
             view.can_run,
             curves_first=self._running is not None,
         )
+        if changed:
+            self.plots.draw()
         self.time_plot.show_simulated(view.simulated)
         self.time_plot.is_calm = not view.busy
 
+    @property
+    def _has_run(self) -> bool:
+        """Whether a run with points or curves is displayed."""
+        view = None if self._state is None else self._state[0]
+        return view is not None and bool(view.points or view.curves)
+
     def show_model_curve(self, curve: ModelCurves) -> None:
-        """Show the model's curve under the points."""
-        self._curve = curve
+        """Take the model's curve for the settings of the form."""
+        if curve is self._newest:
+            return
+        self._newest = curve
+        busy = self._state is not None and self._state[0].busy
+        if self._curve is None or busy or not self._has_run or curve.request == self._curve.request:
+            self._curve = curve
         if "plots" in vars(self):
-            self.plots.show_model_curve(curve)
+            self._show_curves(self.plots)
+
+    def _show_curves(self, plots: ResultPlots) -> None:
+        if self._curve is not None:
+            plots.show_model_curve(self._curve, None if self._newest is self._curve else self._newest)
 
     def tick(self) -> None:
         """Redraw the live traces and the response of a running sweep; called at every tick of the window."""
-        busy = self._state is not None and self._state[0].busy
-        if self._state is not None and busy and self._running is not self._feed.running_curve.latest:
+        if self._state is not None and self._state[0].busy and self._running is not self._feed.running_curve.latest:
             self.set_state(*self._state)
-        if busy or time.monotonic() - self._ticked_s >= IDLE_TICK_S:
-            self._ticked_s = time.monotonic()
-            self.time_plot.tick()
+        self.time_plot.tick()

@@ -1,64 +1,113 @@
-"""Result plots of a run: response over frequency, the protocol's own points, whole curves, or a table of checks."""
+"""Result plots of a run: response over frequency, the protocol's own points, or whole curves in one plot; or a table of checks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QStackedWidget
+from PySide6.QtWidgets import QPushButton, QStackedWidget
 
-from app.gui.plots.base import PlotBase
-from app.gui.plots.points_plot import PointsPlot
-from app.gui.plots.response_plot import ResponsePlot
+from app.archive import MeasuredResponse
+from app.gui.plots.chart import Chart
+from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL, layers_of
+from app.gui.plots.picture import Picture
+from app.gui.plots.response import LOWER, ResponseView, Threshold
+from app.gui.plots.results import CurvesView, PointsView
+from app.gui.widgets import Menu, configure, make_choice
 from app.live import ModelCurves
+from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol, RunEnded, Series
 from protocols.runfile import is_response, point_columns
 
 if TYPE_CHECKING:
     from app.gui.plots.check_table import CheckTable
-    from app.gui.plots.curves_plot import CurvesPlot
+
+NATURAL = "natural_frequency"
+RESPONSE = "points over frequency"
+MIN_HEIGHT_OF_BOTH = 280
+"""Smallest height of a plot with space for a lower panel."""
+
+
+class EntrySelection:
+    """Selected entries of the plan, and the button that repeats them, visible while something is selected.
+
+    Args:
+        changed: called when the selection changes.
+        repeat: called with the selected entries when the button is clicked.
+    """
+
+    def __init__(self, changed: Callable[[], None], repeat: Callable[[tuple[int, ...]], object]) -> None:
+        self.button, self._changed, self._repeat = QPushButton(), changed, repeat
+        self.entries: frozenset[int] = frozenset()
+        self.button.setToolTip("A run that continues this one and measures the selected points again")
+        self.button.hide()
+        self.button.clicked.connect(self._on_clicked)
+
+    def toggle(self, entry: int) -> None:
+        """Select an entry, or deselect it."""
+        self._set_entries(self.entries ^ {entry})
+
+    def retain(self, entries: Sequence[int]) -> None:
+        """Deselect all entries but these: other points are displayed."""
+        self._set_entries(self.entries & set(entries))
+
+    def _on_clicked(self) -> None:
+        selected = tuple(sorted(self.entries))
+        self._set_entries(frozenset())
+        self._repeat(selected)
+
+    def _set_entries(self, entries: frozenset[int]) -> None:
+        if entries != self.entries:
+            self.entries = entries
+            count = len(entries)
+            self.button.setText(f"Measure {'this point' if count == 1 else f'these {count} points'} again")
+            self.button.setVisible(count > 0)
+            self._changed()
 
 
 class ResultPlots(QStackedWidget):
-    """Shows one of three plots, or the checks of a protocol that passes or fails; points, curves and table are created when first used."""
+    """Shows the plot of a run, or the checks of a protocol that passes or fails."""
 
     repeat_requested = Signal(tuple)
 
     def __init__(self) -> None:
         super().__init__()
-        self.response = ResponsePlot()
-        self.response.repeat_requested.connect(self.repeat_requested)
-        self.addWidget(self.response)
-        self._plot_of_points: ResponsePlot | PointsPlot = self.response
-        self._model_curve: ModelCurves | None = None
+        self.chart = Chart("result of the run")
+        self.addWidget(self.chart)
+        self.kind: type[Protocol] = PROTOCOLS[DEFAULT_PROTOCOL]
+        self._points: Sequence[Any] = ()
+        self._curves: Sequence[Series] = ()
+        self._entries: Sequence[int] = ()
+        self._outcome: RunEnded | None = None
+        self._simulated = False
+        self._model: ModelCurves | None = None
+        self._preview: ModelCurves | None = None
+        self._threshold = Threshold()
+        self._curves_first = False
         self._points_selected: bool | None = None
-        """Chosen plot; None before a choice: the protocol's default."""
-
-    @cached_property
-    def points(self) -> PointsPlot:
-        """The plot of points that are not amplitudes over frequency."""
-        plot = PointsPlot()
-        plot.repeat_requested.connect(self.repeat_requested)
-        self.addWidget(plot)
-        if self._model_curve is not None:
-            plot.show_model_curve(self._model_curve)
-        return plot
-
-    @cached_property
-    def curves(self) -> CurvesPlot:
-        """The plot of the curves that entries return in addition to points."""
-        from app.gui.plots.curves_plot import CurvesPlot
-
-        plot = CurvesPlot()
-        plot.points_button.clicked.connect(lambda: self._show_points(points=True))
-        self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
-        self.response.curves_button.clicked.connect(lambda: self._show_points(points=False))
-        self.addWidget(plot)
-        if self._model_curve is not None:
-            plot.show_model_curve(self._model_curve)
-        return plot
+        """Whether points were chosen instead of curves; None before a choice: the protocol's default."""
+        self._lower: dict[str, str] = {}
+        """Chosen contents of the lower panel by the kind of the plot."""
+        self.earlier: Sequence[tuple[str, Sequence[Any]]] = ()
+        """Points of runs before, with their labels; drawn with the next picture."""
+        self.runs: Sequence[MeasuredResponse] = ()
+        self.present = math.nan, ""
+        """Frequency that is being measured, and its state; NaN without one."""
+        self.selection = EntrySelection(self.draw, self.repeat_requested.emit)
+        self.curves_button = make_choice("Show the curves")
+        self.curves_button.clicked.connect(self._swap)
+        self.lower_button = configure(
+            make_choice("Residual", "Plot below: measured less model", checkable=True), "plot.lower"
+        )
+        self.lower_button.clicked.connect(lambda on: self.choose_lower(self._offered()[0] if on else NOTHING))
+        for button in (self.selection.button, self.curves_button, self.lower_button):
+            self.chart.head_layout.insertWidget(3, button)
+        self.chart.tools.fill_menu = self._fill_menu
+        self.chart.point_picked.connect(self._on_picked)
+        self.draw()
 
     @cached_property
     def checks(self) -> CheckTable:
@@ -68,12 +117,6 @@ class ResultPlots(QStackedWidget):
         table = CheckTable()
         self.addWidget(table)
         return table
-
-    @property
-    def _plots(self) -> list[ResponsePlot | PointsPlot | CurvesPlot]:
-        """The plots that exist so far."""
-        widgets = (self.widget(at) for at in range(self.count()))
-        return [cast("ResponsePlot | PointsPlot | CurvesPlot", each) for each in widgets if isinstance(each, PlotBase)]
 
     def show_results(
         self,
@@ -87,32 +130,125 @@ class ResultPlots(QStackedWidget):
         curves_first: bool = False,
     ) -> None:
         """Show the points, curves and estimates of a run so far; `curves_first` also where the protocol states its points."""
-        self._plot_of_points = plot = self.response if is_response(kind.point_type) else self.points
-        plot.curves_button.setVisible(bool(curves))
-        if isinstance(plot, PointsPlot):
-            plot.set_protocol(kind)
-            self.response.show_points(())  # of the run before
-        plot.show_points(points, entries, can_run)
-        if curves or "curves" in vars(self):
-            self.curves.show_curves(curves, bare_tactor="mass" not in point_columns(kind.point_type))
-        for each in self._plots:
-            each.show_simulated(simulated)
-            each.show_estimates(outcome)
+        self.selection.button.setEnabled(can_run)
+        before = self.kind, self._points, self._curves, self._outcome, self._simulated, self._curves_first
+        self.kind, self._points, self._curves, self._outcome = kind, points, curves, outcome
+        self._simulated, self._entries, self._curves_first = simulated, entries, curves_first
+        self.selection.retain(entries)
         if kind.passes_or_fails and outcome is not None and outcome.verdict.checks:
             self.checks.show_verdict(outcome.verdict)
             self.setCurrentWidget(self.checks)
-        else:
-            default = curves_first or any(curve.name == kind.default_plot for curve in curves)
-            shown = default if self._points_selected is None else not self._points_selected
-            self.setCurrentWidget(self.curves if curves and shown else plot)
+            return
+        self.setCurrentWidget(self.chart)
+        now = self.kind, self._points, self._curves, self._outcome, self._simulated, self._curves_first
+        if any(one is not other for one, other in zip(before, now, strict=True)):
+            self.draw()
 
-    def show_model_curve(self, curve: ModelCurves) -> None:
-        """Show the model's curve under the results."""
-        self._model_curve = curve
-        for plot in self._plots:
-            plot.show_model_curve(curve)
+    def show_model_curve(self, curve: ModelCurves, preview: ModelCurves | None = None) -> None:
+        """Show the model's curve under the results, and a thin one for the settings of the next run."""
+        if curve is not self._model or preview is not self._preview:
+            self._model, self._preview = curve, preview
+            self.draw()
 
-    def _show_points(self, points: bool) -> None:
+    def show_threshold(self, threshold: Any) -> None:
+        """Show a perception threshold; None is the abdomen's."""
+        self._threshold = Threshold.of(threshold)
+        self.draw()
+
+    @property
+    def shows_curves(self) -> bool:
+        """Whether curves are drawn instead of points."""
+        if not self._curves:
+            return False
+        default = self._curves_first or any(curve.name == self.kind.default_plot for curve in self._curves)
+        return default if self._points_selected is None else not self._points_selected
+
+    def draw(self) -> None:
+        """Draw everything anew."""
+        picture = self._picture()
+        self.curves_button.setVisible(bool(self._curves))
+        self.curves_button.setText("Show the points" if self.shows_curves else "Show the curves")
+        offered = self._offered()
+        self.lower_button.setVisible(len(offered) > 1)
+        self.lower_button.setText(offered[0].capitalize())
+        self.lower_button.setChecked(self.lower_panel != NOTHING)
+        self.chart.show_picture(picture)
+
+    def _picture(self) -> Picture:
+        chosen = [
+            bool(self._entries) and i < len(self._entries) and self._entries[i] in self.selection.entries
+            for i in range(len(self._points))
+        ]
+        estimates = () if self._outcome is None else self._outcome.estimates
+        if self.shows_curves:
+            bare = "mass" not in point_columns(self.kind.point_type)
+            return CurvesView(self._curves, self._model if bare else None, self.lower_panel, self._simulated).picture()
+        if is_response(self.kind.point_type):
+            # Points of other protocols, such as the wiring check, appear in the log only.
+            at = [i for i, p in enumerate(self._points) if is_response(p)]
+            natural = next((float(e.value) for e in estimates if e.name == NATURAL), math.nan)
+            return ResponseView(
+                [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, self.runs, natural,
+                *self.present, self.lower_panel, self._threshold, self._simulated,
+            ).picture()  # fmt: skip
+        is_over = self._outcome is not None
+        return PointsView(
+            self.kind, self._points, chosen, self._model, self.lower_panel, "", self._simulated, is_over
+        ).picture()
+
+    # -- lower panel -------------------------------------------------------------------------------------------------
+
+    @property
+    def _family(self) -> str:
+        if self.shows_curves:
+            return self._curves[-1].y_axis.name
+        return RESPONSE if is_response(self.kind.point_type) else "points"
+
+    def _offered(self) -> tuple[str, ...]:
+        """Return the contents that the lower panel can have, the most useful first."""
+        if self.shows_curves:
+            return layers_of(CurvesView(self._curves).visible)
+        return (*LOWER[1:], NOTHING) if self._family == RESPONSE else (RESIDUAL, NOTHING)
+
+    @property
+    def lower_panel(self) -> str:
+        """Contents of the lower panel."""
+        offered = self._offered()
+        default = NOTHING if self._family == RESPONSE else offered[0]
+        chosen = self._lower.get(self._family, default)
+        return chosen if chosen in offered and self.height() >= MIN_HEIGHT_OF_BOTH else NOTHING
+
+    def choose_lower(self, contents: str) -> None:
+        """Choose the contents of the lower panel of the present kind of plot."""
+        self._lower[self._family] = contents
+        self.draw()
+
+    def _fill_menu(self, menu: Menu) -> None:
+        menu.addSeparator()
+        for contents in self._offered():
+            action = menu.addAction(LAYER_LABELS[contents].capitalize(), partial(self.choose_lower, contents))
+            action.setCheckable(True)
+            action.setChecked(contents == self.lower_panel)
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        if (event.size().height() >= MIN_HEIGHT_OF_BOTH) is not (event.oldSize().height() >= MIN_HEIGHT_OF_BOTH):
+            self.draw()
+
+    # -- points and curves -------------------------------------------------------------------------------------------
+
+    def _swap(self) -> None:
         """Switch between the points and the curves of a run."""
-        self._points_selected = points
-        self.setCurrentWidget(self._plot_of_points if points else self.curves)
+        self._points_selected = self.shows_curves
+        self.draw()
+
+    def _on_picked(self, layer: str, index: int) -> None:
+        found = self.chart.layer(layer)
+        if found is None or not (found.symbol and found.texts) or self.shows_curves:
+            return
+        text = found.texts[index]
+        from app.common import format_point
+
+        at = next((i for i, p in enumerate(self._points) if format_point(p) == text), len(self._points))
+        if at < len(self._entries):
+            self.selection.toggle(self._entries[at])

@@ -1,27 +1,33 @@
-"""Live traces: drive and displacement over the last moments, min/max decimated to two values per pixel column."""
+"""Live traces: drive, displacement and further channels over the last moments, min/max decimated to two values per pixel column."""
 
 import math
 import time
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QButtonGroup
+from PySide6.QtGui import QColor, QPen, QResizeEvent
+from PySide6.QtWidgets import QButtonGroup, QFrame
 
 from app.common import format_duration
-from app.gui.face import Tokens, follow_tokens, tokens
-from app.gui.plots.base import (
-    TICK_LINES,
-    TracePlotBase,
-    caption_label,
-    limit_ticks,
-    stable_range,
-    trace_pen,
+from app.gui.face import CLASS_S, Tokens, class_of, follow_tokens, set_length, tokens
+from app.gui.plots.axes import stable_range
+from app.gui.plots.chart import Chart
+from app.gui.plots.drawn_panel import DrawnPanel
+from app.gui.plots.picture import (
+    DOTTED,
+    Layer,
+    Panel,
+    Picture,
+    Rule,
+    axis_title,
+    color_of,
+    curve_tone,
+    layer,
+    number_text,
 )
-from app.gui.plots.channel_strips import ChannelStrips
-from app.gui.plots.copy import PlotCopyButtons
-from app.gui.widgets import ElidedLabel, configure, make_choice, make_label, row
+from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, row, set_style_kind
 from app.live import SPANS, LiveFeed, TimeSpan
-from model import AmplifierMap, Array
+from model import AmplifierMap, Array, shown_unit
 
 SMOOTHING_S = 0.03
 """Time constant with which the display follows `LiveFeed.displayed_s`, whose rate changes slightly with every block."""
@@ -37,59 +43,120 @@ CALM_S = 0.2
 HELD_AFTER_S = 1.0
 """Traces without a new sample for this long are drawn in grey, with their age."""
 
+VALUES_S = 0.2
+"""Part of the traces that the present values describe, and the interval between two of them."""
 
-class TimePlot(TracePlotBase):
+STILL = 0.05
+"""Of a range of volts or micrometres: a smaller swing is noise about one value."""
+
+TITLES = "Displacement, µm", "Drive at the amplifier's input, V"
+VALUE_WIDTH = 160
+
+
+def trace_pen(color: str) -> QPen:
+    """Return a pen of one pixel at any scaling: a wider one costs more than the data (docs/decisions/0006-live-plot.md)."""
+    pen = QPen(QColor(color))
+    pen.setWidth(1)
+    pen.setCosmetic(True)
+    return pen
+
+
+class PresentValue(QFrame):
+    """A present value, large, with its name above and one line about it below."""
+
+    def __init__(self, title: str) -> None:
+        super().__init__()
+        self.title, self.about = make_label(title, "note", wrap=False), make_label("", "note", wrap=False)
+        self.value = make_label("–", "present", wrap=False)
+        column(self.title, self.value, self.about, parent=self, margins=(12, 0, 0, 0), spacing=0)
+
+    def show_values(self, values: Array, unit: str, places: int, least: float) -> None:
+        """Show the mean of values that stand still, else their peak to peak."""
+
+        def text(value: float) -> str:
+            shown = 0 if abs(value) >= 100 else places
+            return f"{round(value, shown) + 0.0:.{shown}f}".replace("-", "−")
+
+        if not values.size:
+            self.value.setText("–")
+            self.about.setText("")
+            return
+        low, high = float(values.min()), float(values.max())
+        if high - low > least:
+            self.value.setText(f"{text(high - low)} {unit}")
+            self.about.setText(f"from {text(low)} to {text(high)} {unit}")
+        else:
+            self.value.setText(f"{text(float(values.mean()))} {unit}")
+            self.about.setText(f"varies by {number_text(high - low, 2)} {unit}")
+
+    def show_held(self, text: str) -> None:
+        """State the age of a value that no longer changes."""
+        self.about.setText(text)
+
+
+class TimePlot(Chart):
     """The live traces. `tick` is called at every tick of the window and draws only changes.
 
     The shortest span is triggered by the drive, like an oscilloscope; the longer ones scroll. Both follow the clock between
     two blocks of samples, about a block behind the newest (docs/decisions/0006-live-plot.md).
     """
 
-    ACCESSIBLE_NAME = "plot: live traces"
-
     def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
-        super().__init__()
-        self._feed, self._rest_v = feed, amplifier.rest_v
+        self._trace_ranges: list[tuple[float, float] | None] = []
+        super().__init__("live traces")
+        self._feed, self._amplifier = feed, amplifier
         self.is_calm = False
         """Whether nothing is driven: a few redraws a second are enough."""
         self.frames = 0
         """Number of redraws."""
-        self._range: tuple[float, float] | None = None
+        self.curves: list[pg.PlotCurveItem] = []
+        """Displacement, drive and the further channels."""
         self._version = -1
+        self._channels: tuple[tuple[str, str], ...] | None = None
         self._shown_s = self._right_s = 0.0
         """Bench times of the displayed samples and of the right edge: if triggered, the drive's last rising edge before it."""
-        self._samples = ((np.empty(0), np.empty(0)),) * 2
+        self._samples: list[tuple[Array, Array]] = []
         self._edges_s = np.empty(0)
-        self._last_tick_s = time.monotonic()
+        self._last_tick_s = self._last_values_s = time.monotonic()
         self._streamed_s = feed.streamed_s
+        self._simulated = False
         self._held_s = 0
         """Age of held traces in whole seconds; 0 while samples arrive, and without any."""
         self._spans = QButtonGroup(self)
-        self.strips = ChannelStrips(feed)
-        self.copy_buttons.append(PlotCopyButtons(self.strips, self._table))
-        self._axis_label = configure(ElidedLabel(), kind="note")
         self.held_label = make_label(kind="note", wrap=False, name="traces.held")
-        self._displacement_plot, self._drive_plot = self._plots
-        margin = 0.06 * (amplifier.high_v - amplifier.low_v)
-        self._drive_plot.setYRange(amplifier.low_v - margin, amplifier.high_v + margin, padding=0)
-        self._levels = (amplifier.low_v, amplifier.rest_v, amplifier.high_v)
-        limit_ticks(self._displacement_plot, self.font())
-        self._drive_plot.getViewBox().sigResized.connect(self._mark_levels)
-        self._scale(-INITIAL_RANGE_UM, INITIAL_RANGE_UM)
-        self._rest = pg.InfiniteLine(amplifier.rest_v, angle=0)
-        self._rest.setZValue(-1)  # below the trace
-        self._drive_plot.addItem(self._rest)
+        self.values = [PresentValue("Displacement"), PresentValue("Drive")]
         self._build()
-        follow_tokens(self, self.apply_theme)
+        follow_tokens(self, self._color_traces)
         self._spans.idToggled.connect(self._on_span_toggled)
         self.select_span(0)
 
-    def apply_theme(self, theme: Tokens) -> None:
-        super().apply_theme(theme)
-        self._rest.setPen(trace_pen(theme.line))
-        if self._held_s:
-            for curve in self.curves:
-                curve.setPen(trace_pen(theme.text2))
+    def _build(self) -> None:
+        # Buttons instead of a drop-down list: an open list would take the Stop key.
+        for at, span in enumerate(SPANS):
+            tip = f"Show the last {span.shown_s:g} s"
+            tip += ", the cycles of the drive lined up like an oscilloscope's" if span.triggered else ""
+            self._spans.addButton(
+                configure(make_choice(f"{span.shown_s:g} s", tip, checkable=True), kind="segment"), at
+            )
+        self.head_layout.insertWidget(1, self.held_label)
+        self.head_layout.addLayout(row(*self._spans.buttons(), spacing=0))
+        for button in self.tools.buttons[:-1]:
+            button.hide()
+        aside = configure(QFrame(), "traces.values")
+        set_length(aside, width=VALUE_WIDTH)
+        column(*self.values, STRETCH, parent=aside, spacing=12)
+        self.canvas_row.addWidget(aside)
+
+    def _color_traces(self, theme: Tokens) -> None:
+        for at, curve in enumerate(self.curves):
+            color = theme.ink if at < len(TITLES) else color_of(curve_tone(at - len(TITLES))).name()
+            curve.setPen(trace_pen(theme.text2 if self._held_s else color))
+
+    def show_simulated(self, simulated: bool) -> None:
+        """Mark exported pictures and tables as simulated, or not."""
+        if simulated is not self._simulated:
+            self._simulated = simulated
+            self._show_axes()
 
     @property
     def span(self) -> TimeSpan:
@@ -104,12 +171,56 @@ class TimePlot(TracePlotBase):
         """Show one of `SPANS`."""
         self._spans.button(min(max(index, 0), len(SPANS) - 1)).setChecked(True)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        for value in self.values:
+            set_style_kind(value.value, "value" if class_of(self) is CLASS_S or self.height() < 150 else "present")
+            value.about.setVisible(self.height() >= 130)
+
+    def _y_range(self, at: int, drawn: DrawnPanel) -> tuple[float, float]:
+        given = self._trace_ranges[at] if at < len(self._trace_ranges) else None
+        return super()._y_range(at, drawn) if given is None else given
+
+    def _show_axes(self) -> None:
+        """Make the panels and their axes: after another span, and with other channels."""
+        self._channels = self._feed.channels
+        span, low, high = self.span, self._amplifier.low_v, self._amplifier.high_v
+        margin, short = 0.06 * (high - low), self.span.shown_s < 1.0
+        further = [Panel(title=axis_title(name, shown_unit(unit).unit)) for name, unit in self._channels]
+        ticks = (low, self._amplifier.rest_v, high)
+        panels = [
+            Panel(title=TITLES[0], x_labels=False),
+            Panel(title=TITLES[1], low=low - margin, high=high + margin, ticks=ticks, x_labels=not further),
+            *further,
+        ]
+        panels = [Panel(title=p.title, low=p.low, high=p.high, ticks=p.ticks, x_labels=p is panels[-1]) for p in panels]
+        self._trace_ranges = [(-INITIAL_RANGE_UM, INITIAL_RANGE_UM), None, *(None for _ in further)]
+        since = "rising edge" if span.triggered else "now"
+        self.show_picture(
+            Picture(
+                title="Live", x_title=f"{'Milliseconds' if short else 'Seconds'} before {since}", panels=tuple(panels),
+                rules=(Rule(at=self._amplifier.rest_v, along_y=True, panel=1, style=DOTTED),),
+                x=(-span.shown_s, 0.0), log=(False, False), simulated=self._simulated,
+            )
+        )  # fmt: skip
+        if len(self.curves) != len(panels) or any(c.getViewBox() is None for c in self.curves):
+            self.curves = [pg.PlotCurveItem(antialias=False, skipFiniteCheck=True) for _ in panels]
+            for drawn, curve in zip(self.panels, self.curves, strict=True):
+                drawn.plot.addItem(curve, ignoreBounds=True)
+        for drawn in self.panels:
+            drawn.axes["bottom"].scale_by = 1000.0 if short else 1.0
+            drawn.box.setMouseEnabled(x=False, y=False)
+        self._version = -1
+        self._color_traces(tokens())
+
     def tick(self) -> None:
         """Take new samples and scroll towards them; at rest a few times a second."""
         now = time.monotonic()
         if self.is_calm and now - self._last_tick_s < CALM_S:
             return
         elapsed, self._last_tick_s = now - self._last_tick_s, now
+        if self._feed.channels != self._channels:
+            self._show_axes()
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
             self._update_data()
@@ -120,8 +231,10 @@ class TimePlot(TracePlotBase):
         if fresh or right_s != self._right_s:
             self._right_s = right_s
             self.frames += 1
-            self._draw(fresh)
-            self.strips.draw(self.span, right_s, fresh)
+            self._draw_traces(fresh)
+            if now - self._last_values_s >= VALUES_S and not self._held_s:
+                self._last_values_s = now
+                self._show_values()
 
     def _advance(self, goal_s: float, elapsed_s: float) -> float:
         """Return the bench time to show next: towards a goal, or the newest sample if it is not within the span."""
@@ -134,9 +247,9 @@ class TimePlot(TracePlotBase):
             return self._shown_s if ahead_s <= 0.0 else goal_s
         return self._shown_s + ahead_s * (1 - math.exp(-elapsed_s / SMOOTHING_S))
 
-    def _draw(self, fresh: bool) -> None:
+    def _draw_traces(self, fresh: bool) -> None:
         """Move the curves so that `_right_s` is at the right edge; a triggered span draws the displayed part only."""
-        for curve, (time_s, values) in zip(self.curves, self._samples, strict=True):
+        for curve, (time_s, values) in zip(self.curves, self._samples, strict=False):
             curve.setPos(-self._right_s, 0)
             if self.span.triggered:
                 ends = np.searchsorted(time_s, (self._right_s - self.span.shown_s, self._right_s), "right")
@@ -154,14 +267,31 @@ class TimePlot(TracePlotBase):
         drive, moved = self._feed.traces(self.span)
         self._version = moved.version
         drive_s, drive_v = drive.decimated_curve()
-        time_s, displacement_um = moved.decimated_curve()
-        self._samples = (time_s, displacement_um), (drive_s, drive_v)
-        if not time_s.size:
+        self._samples = [moved.decimated_curve(), (drive_s, drive_v)]
+        for (_, unit), trace in zip(self._channels or (), self._feed.channel_traces(self.span), strict=False):
+            time_s, values = trace.decimated_curve()
+            self._samples.append((time_s, shown_unit(unit).factor * values))
+        if not drive_s.size:
             return
         if self.span.triggered:
-            edges_s = rising_edges(drive_s, drive_v, self._rest_v)
+            edges_s = rising_edges(drive_s, drive_v, self._amplifier.rest_v)
             self._edges_s = edges_s[edges_s - drive_s[0] >= self.span.shown_s]
-        self._scale(float(displacement_um.min()), float(displacement_um.max()))
+        for at, (_, values) in enumerate(self._samples):
+            if at != 1 and values.size:
+                self._scale_trace(at, float(values.min()), float(values.max()))
+
+    def _scale_trace(self, at: int, low: float, high: float) -> None:
+        limits = stable_range(low, high, self._trace_ranges[at])
+        if limits != self._trace_ranges[at] or self.panels[at].box.viewRange()[1] != list(limits):
+            self._trace_ranges[at] = limits
+            self.panels[at].box.set_whole((-self.span.shown_s, 0.0), limits)
+            self.align()
+
+    def _show_values(self) -> None:
+        spans = (INITIAL_RANGE_UM, self._amplifier.high_v - self._amplifier.low_v)
+        shown = zip(self.values, self._samples, ("µm", "V"), (1, 3), spans, strict=False)
+        for value, (time_s, samples), unit, places, span in shown:
+            value.show_values(samples[time_s > self._streamed_s - VALUES_S], unit, places, STILL * span)
 
     def _show_age(self, held_s: int) -> None:
         """Draw held traces in grey and state their age; live ones in their colours."""
@@ -169,47 +299,31 @@ class TimePlot(TracePlotBase):
             return
         was_held, self._held_s = bool(self._held_s), held_s
         self.held_label.setText(f"held: {format_duration(held_s)} old" if held_s else "")
+        for value in self.values if held_s else ():
+            value.show_held(f"held, {format_duration(held_s)} old")
         if bool(held_s) is not was_held:
-            self.apply_theme(tokens())
+            self._color_traces(tokens())
 
-    def _scale(self, low: float, high: float) -> None:
-        limits = stable_range(low, high, self._range)
-        if limits != self._range:
-            self._range = limits
-            self._displacement_plot.setYRange(*limits, padding=0)
+    def series_layers(self) -> list[Layer]:
+        """Return the traces as layers, for the table."""
+        names = [panel.title for panel in self.picture.panels]
+        return [
+            layer(name=name, x=time_s - self._right_s, y=values)
+            for name, (time_s, values) in zip(names, self._samples, strict=False)
+        ]
 
-    def _mark_levels(self, *_: object) -> None:
-        """Label lowest, rest and highest on the drive's axis; rest alone if three labels would overlap."""
-        lines = self._drive_plot.getViewBox().height() / self.fontMetrics().height()
-        shown = self._levels if lines >= 2.2 * TICK_LINES else self._levels[1:2]
-        self._drive_plot.getAxis("left").setTicks([[(level, f"{level:g}") for level in shown]])
+    def table(self) -> str:
+        """Return the displayed traces as a tab-separated table."""
+        from app.gui.plots.series import series_as_text
 
-    def _column_names(self) -> tuple[str, str]:
-        return f"s before {self._axis_label.text().partition(' before ')[2]}", "value"
+        about = self.picture.x_title.partition(" before ")[2]
+        return series_as_text(
+            (each.series for each in self.series_layers()), f"s before {about}", "value", self._simulated
+        )
 
     def _on_span_toggled(self, _at: int, checked: bool) -> None:
-        if not checked:
-            return
-        self._version, self._range = -1, None
-        self.tools[0].show_whole()  # a zoom belongs to the span before
-        short = self.span.shown_s < 1.0
-        axis = self._drive_plot.getAxis("bottom")
-        axis.setScale(1000.0 if short else 1.0)
-        since = "the drive's last rising edge" if self.span.triggered else "now"
-        self._axis_label.setText(f"{'milliseconds' if short else 'seconds'} before {since}")
-        self._axis_label.setToolTip(self._axis_label.text())
-        self._displacement_plot.setXRange(-self.span.shown_s, 0, padding=0)
-
-    def _build(self) -> None:
-        # Buttons instead of a drop-down list: an open list would take the Stop key.
-        for at, span in enumerate(SPANS):
-            tip = f"Show the last {span.shown_s:g} s"
-            tip += ", the cycles of the drive lined up like an oscilloscope's" if span.triggered else ""
-            text = f"{span.shown_s:g} s" + (", triggered" if span.triggered else "")
-            self._spans.addButton(make_choice(text, tip, checkable=True), at)
-        title = caption_label("Live traces")
-        self._add_head(row(title, self._axis_label, self.held_label, None, *self._spans.buttons(), spacing=12))
-        self._layout.addWidget(self.strips)
+        if checked:
+            self._show_axes()
 
 
 def rising_edges(time_s: Array, drive_v: Array, level_v: float) -> Array:

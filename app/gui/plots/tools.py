@@ -1,289 +1,339 @@
-"""Plot tools: zoom, cursor read-out, marker, context menu, and files of picture and data; the same on every plot."""
+"""Tools of a plot: two cursors with their read-out, zoom, context menu, and files of picture and data."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
-from PySide6.QtWidgets import QLabel
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt
+from PySide6.QtGui import QGuiApplication, QPainter, QPen, QPixmap
+from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
-from app.common import pluralize
-from app.gui.face import Tokens
-from app.gui.plots.copy import PlotCopyButtons
-from app.gui.plots.items import ScatterItem
-from app.gui.plots.zoom import ZoomBox
-from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure
-from model import Array
+from app.gui.face import LABEL_PX, SEMIBOLD, Tokens, icon, px, text_font
+from app.gui.plots.picture import Layer, color_of, number_text, unit_of
+from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, tooltip
+
+if TYPE_CHECKING:
+    from app.gui.plots.chart import Chart
+    from app.gui.plots.drawn_panel import DrawnPanel
 
 CLOSER, FURTHER = 0.7, 1 / 0.7
-MARGIN = 6
+NEAR_PX = 9
+"""Distance of the pointer from a point that it touches."""
+
+MAX_ROWS, MAX_DIFFERENCES = 5, 2
 LOG_TEXTS = ("Logarithmic x axis", "Logarithmic y axis")
-
-
-class LogAxes(Protocol):
-    """Plot with axes that can be logarithmic."""
-
-    LOG_AXES: tuple[bool, bool]
-
-    @property
-    def log_axes(self) -> tuple[bool, bool]: ...
-
-    def set_log_axes(self, x: bool, y: bool) -> None: ...
+BUTTONS = (("zoom", "plot.whole"), ("cursor", "plot.peak"), ("copy", "plot.copy-picture"), ("more", ""))
+"""Icon and action of each button in the head of a plot; the last one opens the menu."""
 
 
 class PlotTools(QObject):
-    """Tools of one canvas.
+    """Tools of one plot: a click sets the cursor, a click with Shift the second one; a click on a point picks it."""
 
-    Args:
-        canvas: a pyqtgraph view.
-        plots: its plots, the first of which has the marker.
-        copying: copies picture and numbers.
-        fill_menu: function that adds entries to the context menu.
-        log_axes: plot with optional logarithmic axes; None without one.
-    """
-
-    def __init__(
-        self,
-        canvas: Any,
-        plots: Sequence[Any],
-        copying: PlotCopyButtons,
-        fill_menu: Callable[[Menu], None],
-        log_axes: LogAxes | None = None,
-    ) -> None:
-        super().__init__(canvas)
-        self._canvas, self._plots, self._copying, self._fill_menu = canvas, list(plots), copying, fill_menu
-        self.label = configure(QLabel("", canvas), "plot.read-out", kind="read-out")
+    def __init__(self, chart: Chart) -> None:
+        super().__init__(chart)
+        self._chart, canvas = chart, chart.canvas
+        self.files = PlotFiles(chart, self.show_text)
+        self.label = configure(QLabel("", canvas), "plot.read-out", kind="read-out", textFormat=Qt.TextFormat.PlainText)
         self.label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.label.hide()
-        self._marker: pg.InfiniteLine | None = None
-        self._marked: tuple[Array, Array, int] | None = None
-        """x and y of the marked series in view coordinates, and the index of the marked point."""
-        self._marker_color = "#808080"
-        self.cursors: list[pg.InfiniteLine] = []
-        """One vertical line through all plots of the canvas, at the pointer; created when first used."""
-        self.units: Sequence[str] = ()
-        """Units of the plots of a canvas with several, whose axes have no names."""
-        self._log = log_axes
+        self.cursors: list[float] = []
+        """Places of the cursors on the horizontal axis, in its unit; at most two."""
+        self.fill_menu: Callable[[Menu], None] = lambda _menu: None
+        """Adds entries to the context menu."""
+        self._lines: list[QGraphicsLineItem] = []
+        self._at: float | None = None
+        self._pointed = ""
+        commands: dict[str, Callable[[], object]] = {
+            "plot.whole": chart.show_whole,
+            "plot.closer": lambda: chart.zoom(CLOSER),
+            "plot.further": lambda: chart.zoom(FURTHER),
+            "plot.peak": self.mark_peak,
+            "plot.marker-left": lambda: self.move_cursor(-1),
+            "plot.marker-right": lambda: self.move_cursor(1),
+            "plot.second": self.keep_cursor,
+            "plot.log-x": lambda: self.toggle_log(0),
+            "plot.log-y": lambda: self.toggle_log(1),
+            "plot.copy-picture": lambda: QGuiApplication.clipboard().setPixmap(self.files.picture()),
+            "plot.copy-data": lambda: QGuiApplication.clipboard().setText(chart.table()),
+            "plot.save-picture": self.files.choose_picture,
+            "plot.save-data": self.files.choose_data,
+        }
+        add_actions(canvas, commands)
+        self.buttons = []
+        for name, action in BUTTONS:
+            button = configure(
+                QPushButton(), f"plot.{name}", kind="tool", toolTip=tooltip(action) if action else "More"
+            )
+            button.setIcon(icon(name, "text2"))
+            button.setAccessibleName(ACTIONS[action].text if action else "more about this plot")
+            button.clicked.connect(commands.get(action, partial(self._popup, button)))
+            button.setFocusPolicy(Qt.FocusPolicy.TabFocus if not action else Qt.FocusPolicy.NoFocus)
+            self.buttons.append(button)
         canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         canvas.customContextMenuRequested.connect(lambda at: self.make_menu().popup(canvas.mapToGlobal(at)))
         canvas.scene().sigMouseMoved.connect(self._on_mouse_moved)
+        canvas.scene().sigMouseClicked.connect(self._on_clicked)
         canvas.installEventFilter(self)
         canvas.viewport().installEventFilter(self)
-        add_actions(
-            canvas,
-            {
-                "plot.whole": self.show_whole,
-                "plot.closer": lambda: self.zoom(CLOSER),
-                "plot.further": lambda: self.zoom(FURTHER),
-                "plot.peak": self.mark_peak,
-                "plot.marker-left": lambda: self.move_marker(-1),
-                "plot.marker-right": lambda: self.move_marker(1),
-                "plot.save-picture": partial(
-                    self._choose_file, "picture", "Pictures (*.png)", "plot.png", self._write_picture
-                ),
-                "plot.save-data": partial(self._choose_file, "data", "Tables (*.tsv)", "plot.tsv", self._write_data),
-            },
-        )
-        if log_axes is not None:
-            add_actions(canvas, {"plot.log-x": lambda: self.toggle_log(0), "plot.log-y": lambda: self.toggle_log(1)})
 
-    def toggle_log(self, axis: int) -> None:
-        """Make the x axis (0) or the y axis (1) logarithmic, or linear again."""
-        if self._log is None or not self._log.LOG_AXES[axis]:
-            return
-        x, y = self._log.log_axes
-        self._log.set_log_axes(x is not (axis == 0), y is not (axis == 1))
-        self._remove_marker()
-        hidden = sum(item.hidden_count for item in self._plots[0].items if isinstance(item, ScatterItem))
-        if hidden:
-            self._show_text(f"{pluralize(hidden, 'point')} at zero or below: not on a logarithmic axis")
+    def apply_theme(self, _theme: Tokens) -> None:
+        """Draw the cursors in the colours in use."""
+        self._draw_lines()
 
-    def apply_theme(self, theme: Tokens) -> None:
-        """Apply a theme."""
-        self._marker_color = theme.accent
-        if self._marker is not None:
-            self._marker.setPen(pg.mkPen(theme.accent, width=1, style=Qt.PenStyle.DashLine))
+    # -- cursors -----------------------------------------------------------------------------------------------------
 
-    # -- zoom --------------------------------------------------------------------------------------------------------
+    def set_cursor(self, x: float, second: bool = False) -> None:
+        """Set the cursor, or the second one, to a place on the horizontal axis."""
+        self.cursors = [*self.cursors[:1], x] if second and self.cursors else [x, *self.cursors[1:]]
+        self._draw_lines()
+        self.update_read_out()
+        if not second:
+            self._chart.cursor_moved.emit(x)
 
-    @property
-    def boxes(self) -> list[ZoomBox]:
-        """The plots' view boxes that zoom."""
-        return [box for box in (plot.getViewBox() for plot in self._plots) if isinstance(box, ZoomBox)]
+    def keep_cursor(self) -> None:
+        """Leave the second cursor where the cursor is, to read differences from there."""
+        if self.cursors:
+            self.cursors = [self.cursors[0]] * 2
+            self._draw_lines()
+            self.update_read_out()
 
-    def show_whole(self) -> None:
-        """Show everything, and remove the marker."""
-        for box in self.boxes:
-            box.show_whole()
-        self._remove_marker()
-
-    def zoom(self, factor: float) -> None:
-        """Scale the visible range."""
-        for box in self.boxes:
-            box.zoom(factor)
-
-    # -- read-out and marker -----------------------------------------------------------------------------------------
+    def clear_cursors(self) -> None:
+        """Remove the cursors."""
+        self.cursors, self._at, self._pointed = [], None, ""
+        self._draw_lines()
+        self.update_read_out()
 
     def mark_peak(self) -> None:
-        """Put the marker on the highest visible point."""
-        (left, right), (bottom, top) = self._plots[0].getViewBox().viewRange()
-        best: tuple[float, Array, Array, int] | None = None
-        for x, y in self._visible_series():
-            there = np.flatnonzero((x >= left) & (x <= right) & (y >= bottom) & (y <= top))
-            if there.size and (best is None or y[there].max() > best[0]):
-                at = int(there[y[there].argmax()])
-                best = (float(y[at]), x, y, at)
-        if best is not None:
-            self._mark(*best[1:])
-
-    def move_marker(self, steps: int) -> None:
-        """Move the marker along its curve."""
-        if self._marked is not None:
-            x, y, at = self._marked
-            self._mark(x, y, min(max(at + steps, 0), x.size - 1))
-
-    def _mark(self, x: Array, y: Array, at: int) -> None:
-        self._marked = (x, y, at)
-        plot = self._plots[0]
-        if self._marker is None:
-            pen = pg.mkPen(self._marker_color, width=1, style=Qt.PenStyle.DashLine)
-            self._marker = pg.InfiniteLine(float(x[at]), angle=90, pen=pen)
-            plot.addItem(self._marker, ignoreBounds=True)
-        self._marker.setValue(float(x[at]))
-        self._show_text(f"marker: {self.describe(plot, float(x[at]), float(y[at]))}")
-
-    def _remove_marker(self) -> None:
-        if self._marker is not None:
-            self._plots[0].removeItem(self._marker)
-        self._marker = self._marked = None
-        self._show_text("")
-
-    def _visible_series(self) -> list[tuple[Array, Array]]:
-        """Return the finite points of every visible curve and scatter of the first plot, in view coordinates, rising in x."""
-        series = []
-        for item in self._plots[0].items:
-            if not isinstance(item, pg.PlotCurveItem | pg.ScatterPlotItem | pg.PlotDataItem) or not item.isVisible():
-                continue
-            x, y = item.getData()
-            if x is None or not len(x):
-                continue
-            x, y = np.asarray(x, float) + item.pos().x(), np.asarray(y, float)
-            there = np.isfinite(x) & np.isfinite(y)
-            order = np.argsort(x[there], kind="stable")
-            if there.any():
-                series.append((x[there][order], y[there][order]))
-        return series
-
-    @staticmethod
-    def describe(plot: Any, x: float, y: float) -> str:
-        """Return a place as text in the units of the axes."""
-        texts = []
-        for side, value in (("bottom", x), ("left", y)):
-            axis = plot.getAxis(side)
-            shown = (10.0**value if axis.logMode else value) * axis.scale
-            _, _, unit = str(axis.labelText).rpartition("(")
-            texts.append(f"{shown:.5g} {unit.removesuffix(')') if unit.endswith(')') else ''}".strip())
-        return ",  ".join(texts)
-
-    def _on_mouse_moved(self, at: QPointF) -> None:
-        if self._marked is not None:
-            return
-        for plot in self._plots:
-            box = plot.getViewBox()
-            if box.sceneBoundingRect().contains(at):
-                place = box.mapSceneToView(at)
-                self._show_cursor(place.x())
-                shared = self._values_at(place.x()) if self.units else ""
-                self._show_text(shared or self.describe(plot, place.x(), place.y()))
+        """Set the cursor to the highest visible point of the first layer."""
+        for layer in self._main_layers():
+            (low, high), x = self._visible_x(), layer.x
+            there = np.flatnonzero(np.isfinite(layer.y) & (x >= low) & (x <= high))
+            if there.size:
+                self.set_cursor(float(x[there[layer.y[there].argmax()]]))
                 return
-        self._show_cursor(None)
-        self._show_text("")
 
-    def _show_cursor(self, x: float | None) -> None:
-        """Draw the cursor through all plots of a canvas with several; None: hide it."""
-        if len(self._plots) > 1 and x is not None and not self.cursors:
-            for plot in self._plots:
-                line = pg.InfiniteLine(
-                    x, angle=90, pen=pg.mkPen(self._marker_color, width=1, style=Qt.PenStyle.DotLine)
-                )
-                plot.addItem(line, ignoreBounds=True)
-                self.cursors.append(line)
-        for line in self.cursors:
-            line.setVisible(x is not None)
-            if x is not None:
-                line.setValue(x)
+    def move_cursor(self, steps: int) -> None:
+        """Move the cursor along the points of the first layer."""
+        if not self.cursors:
+            self.mark_peak()
+            return
+        for layer in self._main_layers():
+            x = np.unique(layer.x[np.isfinite(layer.x) & np.isfinite(layer.y)])
+            at = int(np.abs(x - self.cursors[0]).argmin()) + steps
+            self.set_cursor(float(x[min(max(at, 0), x.size - 1)]))
+            return
 
-    def _values_at(self, x: float) -> str:
-        """Return the place of the cursor and the value of the nearest sample in every plot."""
-        axis = self._plots[-1].getAxis("bottom")
-        texts = [f"{x * axis.scale:.5g} {'ms' if axis.scale == 1000.0 else 's'}"]
-        for plot, unit in zip(self._plots, self.units, strict=True):
-            for item in plot.items:
-                if isinstance(item, pg.PlotCurveItem) and item.isVisible():
-                    places, values = item.getData()
-                    if places is not None and len(places):
-                        texts.append(f"{values[int(np.abs(places + item.pos().x() - x).argmin())]:.5g} {unit}")
-                        break
-        return ",  ".join(texts) if len(texts) > 1 else ""
+    def _main_layers(self) -> list[Layer]:
+        """The layers that the cursor goes along: measured points first."""
+        layers = [each for each in self._chart.panels[0].layers if np.isfinite(each.y).any()]
+        return sorted(layers, key=lambda each: not each.symbol)
 
-    def _show_text(self, text: str) -> None:
+    def _visible_x(self) -> tuple[float, float]:
+        low, high = self._chart.panels[0].box.viewRange()[0]
+        return (10.0**low, 10.0**high) if self._chart.log_axes[0] else (low, high)
+
+    def _draw_lines(self) -> None:
+        for line in self._lines:
+            if line.scene() is not None:
+                line.scene().removeItem(line)
+        self._lines = []
+        for number, x in enumerate(self.cursors):
+            for panel in self._chart.panels:
+                across = panel.to_pixels(x, 1.0)[0][0]
+                if 0 <= across <= panel.box.width():
+                    line = QGraphicsLineItem(across, 0, across, panel.box.height(), panel.box)
+                    style = Qt.PenStyle.DashLine if number else Qt.PenStyle.SolidLine
+                    line.setPen(QPen(color_of("accent_text"), 1.5, style))
+                    line.setZValue(8)
+                    self._lines.append(line)
+
+    def update_read_out(self) -> None:
+        """Show the values at the cursors, or under the pointer."""
+        self._draw_lines()
+        at = self.cursors[0] if self.cursors else self._at
+        text = self._pointed
+        if not text and at is not None and self._chart.panels:
+            text = "\n".join(self._rows(at))
+            if len(self.cursors) > 1:
+                text += "\n" + "\n".join(self._differences(*self.cursors))
+        self.show_text(text)
+
+    def _values(self, x: float) -> list[tuple[str, float, float, str]]:
+        """Return name, value, standard error and unit of each visible layer at a place."""
+        low, high = self._visible_x()
+        reach = (high - low) * px(NEAR_PX) / max(self._chart.panels[0].box.width(), 1.0)
+        found: list[tuple[str, float, float, str]] = []
+        for panel in self._chart.panels:
+            for layer in panel.layers:
+                name = layer.label or layer.group or layer.name
+                value = None if name in {each[0] for each in found} else layer.value_at(x, reach)
+                if value is not None and np.isfinite(value[0]) and (panel is self._chart.panels[0] or layer.symbol):
+                    found.append((name, *value, unit_of(panel.panel.title)))
+        return found[:MAX_ROWS]
+
+    def _rows(self, x: float) -> list[str]:
+        unit = unit_of(self._chart.picture.x_title)
+        rows = [f"{number_text(x)} {unit}".strip()]
+        for name, value, error, of in self._values(x):
+            plus_minus = f" ± {number_text(error, 2)}" if np.isfinite(error) and error > 0 else ""
+            rows.append(f"{name}: {number_text(value, 4)}{plus_minus} {of}".strip())
+        return rows
+
+    def _differences(self, first: float, second: float) -> list[str]:
+        unit = unit_of(self._chart.picture.x_title)
+        rows = [f"Δ {number_text(first - second)} {unit}".strip()]
+        before = {name: value for name, value, _, _ in self._values(second)}
+        for name, value, _, of in self._values(first):
+            if name in before:
+                ratio = f", ratio {number_text(value / before[name], 4)}" if before[name] else ""
+                rows.append(f"Δ {name}: {number_text(value - before[name], 3)} {of}{ratio}")
+        return rows[: 1 + MAX_DIFFERENCES]
+
+    def show_text(self, text: str) -> None:
+        """Show a text at the top left of the plot; empty: none."""
         self.label.setText(text)
         self.label.setVisible(bool(text))
-        if text:
+        if text and self._chart.panels:
             self.label.adjustSize()
-            self.label.move(QPoint(MARGIN, self._canvas.height() - self.label.height() - 2))
+            corner = self._chart.canvas.mapFromScene(self._chart.panels[0].box.sceneBoundingRect().topLeft())
+            self.label.move(corner.x() + px(8), corner.y() + px(8))
             self.label.raise_()
 
+    # -- mouse -------------------------------------------------------------------------------------------------------
+
+    def _panel_at(self, at: QPointF) -> tuple[DrawnPanel, QPointF] | None:
+        for panel in self._chart.panels:
+            if panel.box.sceneBoundingRect().contains(at):
+                return panel, panel.box.mapFromScene(at)
+        return None
+
+    def _point_at(self, at: QPointF) -> tuple[Layer, int] | None:
+        """Return the point under the pointer: its layer and index."""
+        found = self._panel_at(at)
+        best: tuple[float, Layer, int] | None = None
+        if found is not None:
+            panel, pixel = found
+            for layer in panel.layers:
+                if layer.symbol and layer.x.size:
+                    away = np.hypot(*(panel.to_pixels(layer.x, layer.y) - (pixel.x(), pixel.y())).T)
+                    away = np.where(np.isfinite(away), away, np.inf)
+                    nearest = int(away.argmin())
+                    if away[nearest] <= px(NEAR_PX) and (best is None or away[nearest] < best[0]):
+                        best = float(away[nearest]), layer, nearest
+        return None if best is None else best[1:]
+
+    def _on_mouse_moved(self, at: QPointF) -> None:
+        found, point = self._panel_at(at), self._point_at(at)
+        self._pointed, self._at = "", None
+        if point is not None and point[1] < len(point[0].texts):
+            text = point[0].texts[point[1]]
+            self._pointed = text() if callable(text) else text
+        elif found is not None:
+            self._at = self._x_at(*found)
+        self.update_read_out()
+
+    def _x_at(self, panel: DrawnPanel, pixel: QPointF) -> float:
+        low, high = panel.box.viewRange()[0]
+        x = low + pixel.x() / max(panel.box.width(), 1.0) * (high - low)
+        return float(10.0**x if self._chart.log_axes[0] else x)
+
+    def _on_clicked(self, event: object) -> None:
+        at, button = event.scenePos(), event.button()  # type: ignore[attr-defined]  # pyqtgraph has no types
+        if button is not Qt.MouseButton.LeftButton or event.double():  # type: ignore[attr-defined]
+            return
+        second = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)  # type: ignore[attr-defined]
+        if (point := self._point_at(at)) is not None:
+            self._chart.point_picked.emit(point[0].name, point[1])
+            self.set_cursor(float(point[0].x[point[1]]), second)
+        elif (found := self._panel_at(at)) is not None:
+            self.set_cursor(self._x_at(*found), second)
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Leave and self._marked is None:
-            self._show_cursor(None)
-            self._show_text("")
-        elif event.type() == QEvent.Type.MouseButtonDblClick and self.boxes:
-            self.show_whole()
+        if event.type() == QEvent.Type.Leave:
+            self._pointed, self._at = "", None
+            self.update_read_out()
+        elif event.type() == QEvent.Type.MouseButtonDblClick:
+            self._chart.show_whole()
         return super().eventFilter(watched, event)
 
     # -- menu and files ----------------------------------------------------------------------------------------------
 
+    def toggle_log(self, axis: int) -> None:
+        """Make the x axis (0) or the y axis (1) logarithmic, or linear again."""
+        if self._chart.picture.log[axis]:
+            x, y = self._chart.log_axes
+            self._chart.set_log_axes(x is not (axis == 0), y is not (axis == 1))
+
     def make_menu(self) -> Menu:
         """Return the context menu."""
-        menu = Menu(self._canvas)
+        canvas = self._chart.canvas
+        menu = Menu(canvas)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        zooming = ("plot.whole", "plot.closer", "plot.further") if self.boxes else ()
-        menu.add_named(self._canvas, (*zooming, "plot.peak"))
-        self._fill_menu(menu)
-        self._add_log_axes(menu)
+        menu.add_named(canvas, ("plot.whole", "plot.closer", "plot.further", "plot.peak", "plot.second"))
+        self.fill_menu(menu)
+        if any(self._chart.picture.log):
+            menu.addSeparator()
+            for axis, name in enumerate(("plot.log-x", "plot.log-y")):
+                action = menu.addAction(f"{LOG_TEXTS[axis]}\t{ACTIONS[name].shortcut}", partial(self.toggle_log, axis))
+                action.setCheckable(True)
+                action.setChecked(self._chart.log_axes[axis])
+                action.setEnabled(self._chart.picture.log[axis])
         menu.addSeparator()
-        menu.add_named(
-            self._canvas, [f"plot.{what}-{kind}" for what in ("copy", "save") for kind in ("picture", "data")]
-        )
+        menu.add_named(canvas, [f"plot.{what}-{kind}" for what in ("copy", "save") for kind in ("picture", "data")])
         return menu
 
-    def _add_log_axes(self, menu: Menu) -> None:
-        if self._log is None:
-            return
-        menu.addSeparator()
-        for axis, name in enumerate(("plot.log-x", "plot.log-y")):
-            action = menu.addAction(f"{LOG_TEXTS[axis]}\t{ACTIONS[name].shortcut}", partial(self.toggle_log, axis))
-            action.setCheckable(True)
-            action.setChecked(self._log.log_axes[axis])
-            action.setEnabled(self._log.LOG_AXES[axis])
+    def _popup(self, button: QWidget, _checked: bool = False) -> None:
+        self.make_menu().popup(button.mapToGlobal(button.rect().bottomLeft()))
+
+
+class PlotFiles:
+    """Picture and table of a plot, as files or for the clipboard; `say` shows a text over the plot."""
+
+    def __init__(self, chart: Chart, say: Callable[[str], object]) -> None:
+        self._chart, self._say = chart, say
+
+    def choose_picture(self) -> None:
+        """Ask for a file and write the picture."""
+        self._choose_file("picture", "Pictures (*.png)", "plot.png", self.write_picture)
+
+    def choose_data(self) -> None:
+        """Ask for a file and write the table."""
+        self._choose_file("data", "Tables (*.tsv)", "plot.tsv", self.write_data)
+
+    def picture(self) -> QPixmap:
+        """Return the plot as it is displayed; a plot of simulated data says SIMULATED."""
+        shown: QPixmap = self._chart.canvas.viewport().grab()
+        if self._chart.picture.simulated:
+            painter = QPainter(shown)
+            font = text_font(LABEL_PX, SEMIBOLD)
+            painter.setFont(font)
+            width = painter.fontMetrics().horizontalAdvance("SIMULATED") + px(16)
+            tag = QRectF(shown.deviceIndependentSize().width() - width - px(12), 0, width, px(20))
+            painter.fillRect(tag, color_of("violet"))
+            painter.setPen(Qt.GlobalColor.white)
+            painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, "SIMULATED")
+            painter.end()
+        return shown
 
     def _choose_file(self, content: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
-        choose_files(self._canvas, f"Save the {content} of this plot", write, kinds, name, Mode.AnyFile)
+        choose_files(self._chart.canvas, f"Save the {content} of this plot", write, kinds, name, Mode.AnyFile)
 
-    def _write_picture(self, paths: list[Path]) -> None:
+    def write_picture(self, paths: list[Path]) -> None:
+        """Write the picture to a file."""
         path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
-        self._report(self._copying.picture().save(str(path)), path)
+        self._report(self.picture().save(str(path)), path)
 
-    def _write_data(self, paths: list[Path]) -> None:
+    def write_data(self, paths: list[Path]) -> None:
+        """Write the table to a file."""
         path, written = paths[0] if paths[0].suffix else paths[0].with_suffix(".tsv"), False
         with suppress(OSError):
-            written = path.write_text(self._copying.table(), encoding="utf-8") > 0
+            written = path.write_text(self._chart.table(), encoding="utf-8") > 0
         self._report(written, path)
 
     def _report(self, written: bool, path: Path) -> None:
-        self._show_text(f"{path} is written" if written else f"{path} cannot be written; choose another folder")
+        self._say(f"{path} is written" if written else f"{path} cannot be written; choose another folder")

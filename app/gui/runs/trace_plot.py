@@ -4,92 +4,79 @@ import numpy as np
 from PySide6.QtCore import QTimer, Signal
 
 from app.archive import TraceWindow
-from app.gui.face import follow_tokens
-from app.gui.plots import TracePlotBase, limit_ticks
+from app.gui.plots import SOLID, Chart, Panel, Picture, layer
 from app.gui.widgets import add_actions
 
 SETTLE_MS = 80
 """Delay between the last turn of the wheel and reading the file."""
 
-TIME_LABEL = "time since the stream began (s)"
 ZOOM_IN, ZOOM_OUT = 0.5, 2.0
+TITLES = "Displacement, µm", "Drive at the amplifier's input, V"
 
 
-class TracePlot(TracePlotBase):
-    """Displacement and drive. The wheel zooms, a drag pans, a double click shows everything; Ctrl with + - 0 and arrows too."""
-
-    ACCESSIBLE_NAME = "plot: traces of the run"
+class TracePlot(Chart):
+    """Displacement and drive. The wheel zooms, a double click shows everything; Ctrl with + - 0 and arrows too."""
 
     range_viewed = Signal(float, float)
     """The visible range in seconds; the receiver reads it and calls `show_window`."""
 
     def __init__(self) -> None:
-        super().__init__(zooms=False)
+        super().__init__("traces of the run")
         self._whole: TraceWindow | None = None
-        for plot in self._plots:
-            plot.setMouseEnabled(x=True, y=False)
-            limit_ticks(plot, self.font())
-        self.canvas.setToolTip(
-            "Wheel: closer. Drag: along. Double click: the whole. Ctrl with +, -, 0 and arrows as well"
-        )
-        self._add_head()
+        self._simulated = False
         self._settle_timer = QTimer(self, singleShot=True, interval=SETTLE_MS)
         self._settle_timer.timeout.connect(self._emit_range)
-        self._plots[0].sigXRangeChanged.connect(lambda *_: self._settle_timer.start())
-        self.canvas.scene().sigMouseClicked.connect(lambda event: self.show_whole() if event.double() else None)
         add_actions(
             self,
             {
-                "traces.zoom-in": lambda: self.zoom(ZOOM_IN),
-                "traces.zoom-out": lambda: self.zoom(ZOOM_OUT),
+                "traces.zoom-in": lambda: self.zoom_time(ZOOM_IN),
+                "traces.zoom-out": lambda: self.zoom_time(ZOOM_OUT),
                 "traces.whole": self.show_whole,
                 "traces.later": lambda: self.pan(0.25),
                 "traces.earlier": lambda: self.pan(-0.25),
             },
         )
-        self._label_axes(raw=False)
-        follow_tokens(self, self.apply_theme)
 
     def show_traces(self, traces: TraceWindow, simulated: bool) -> None:
         """Draw the traces of a run."""
-        self.show_simulated(simulated)
+        self._simulated = simulated
         self._whole = traces if traces.time_s.size else None
-        if self._whole is None:
-            for curve in self.curves:
-                curve.setData([], [])  # of the run before
-        else:
+        self._draw_traces(traces)
+        box = self.panels[0].box
+        box.setMouseEnabled(x=True, y=False)
+        box.sigXRangeChanged.connect(self._settle_timer.start)
+        if self._whole is not None:
             first, last = self._full_range
-            for plot in self._plots:
-                plot.setLimits(xMin=first, xMax=max(last, first + 1e-6))
-            self._draw(traces)
+            for drawn in self.panels:
+                drawn.box.setLimits(xMin=first, xMax=max(last, first + 1e-6))
             self.show_whole()
 
     def show_window(self, traces: TraceWindow) -> None:
         """Draw the visible range, as requested by `range_viewed`."""
         if traces.time_s.size > 1:
-            self._draw(traces)
+            self._draw_traces(traces)
 
-    def show_whole(self) -> None:
-        """Zoom out to the whole run."""
-        if self._whole is not None:
-            self._plots[0].setXRange(*self._full_range, padding=0)
-
-    def zoom(self, factor: float) -> None:
+    def zoom_time(self, factor: float) -> None:
         """Scale the visible range around its middle."""
         low, high = self.visible_range
         middle, half = (low + high) / 2, factor * (high - low) / 2
-        self._plots[0].setXRange(middle - half, middle + half, padding=0)
+        self.show_range(middle - half, middle + half)
 
     def pan(self, share: float) -> None:
         """Move the visible range by a share of its width; later if positive."""
         low, high = self.visible_range
         step = share * (high - low)
-        self._plots[0].setXRange(low + step, high + step, padding=0)
+        self.show_range(low + step, high + step)
+
+    def show_range(self, first_s: float, last_s: float) -> None:
+        """Show a range of time."""
+        self.panels[0].box.zoomed = True
+        self.panels[0].box.setXRange(first_s, last_s, padding=0)
 
     @property
     def visible_range(self) -> tuple[float, float]:
         """First and last visible time in seconds."""
-        low, high = self._plots[0].getViewBox().viewRange()[0]
+        low, high = self.panels[0].box.viewRange()[0]
         return float(low), float(high)
 
     @property
@@ -102,24 +89,26 @@ class TracePlot(TracePlotBase):
             return
         (first, last), (low, high) = self._full_range, self.visible_range
         if high - low > 0.98 * (last - first):
-            self._draw(self._whole)
+            self._draw_traces(self._whole)
         else:
             self.range_viewed.emit(low, high)
 
-    def _draw(self, traces: TraceWindow) -> None:
-        apart = np.diff(traces.time_s, append=traces.time_s[-1])
-        usual = float(np.median(apart if traces.raw else apart[1::2]))
-        for plot, curve, values in zip(self._plots, self.curves, (traces.displacement_um, traces.drive_v), strict=True):
+    def _draw_traces(self, traces: TraceWindow) -> None:
+        layers = []
+        if traces.time_s.size > 1:
             # Samples that were not stored are a gap, not a line.
-            curve.setData(traces.time_s, values, connect=apart <= 3 * usual)
-            low, high = float(np.nanmin(values)), float(np.nanmax(values))
-            edge = 0.06 * max(high - low, 1e-3)
-            plot.setYRange(low - edge, high + edge, padding=0)
-        self._label_axes(traces.raw)
-
-    def _label_axes(self, raw: bool) -> None:
-        contents = "every sample" if raw else "lowest and highest of each column; closer: wheel, Ctrl++"
-        self._plots[1].setLabel("bottom", f"{TIME_LABEL}: {contents}")
-
-    def _column_names(self) -> tuple[str, str]:
-        return TIME_LABEL, "value"
+            apart = np.diff(traces.time_s, prepend=traces.time_s[0])
+            usual = float(np.median(apart[1:] if traces.raw else apart[2::2]))
+            gaps = np.flatnonzero(apart > 3 * usual)
+            time_s = np.insert(traces.time_s, gaps, np.nan)
+            for at, values in enumerate((traces.displacement_um, traces.drive_v)):
+                y = np.insert(np.asarray(values, float), gaps, np.nan)
+                layers.append(layer(name=TITLES[at], x=time_s, y=y, line=SOLID, width=1.0, panel=at))
+        about = "every sample" if traces.raw else "lowest and highest of each column; closer: wheel, Ctrl++"
+        self.show_picture(
+            Picture(
+                title="Traces", note=about, x_title="Since the stream began, s", layers=tuple(layers),
+                panels=tuple(Panel(title=title, x_labels=at == 1) for at, title in enumerate(TITLES)),
+                x=None if self._whole is None else self._full_range, log=(False, False), simulated=self._simulated,
+            )
+        )  # fmt: skip

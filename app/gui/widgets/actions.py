@@ -156,9 +156,10 @@ SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
         "plot.further": ("-", "Focused plot: further away"),
         "plot.log-x": ("Ctrl+Shift+X", "Focused plot: logarithmic x axis, or a linear one"),
         "plot.log-y": ("Ctrl+Shift+Y", "Focused plot: logarithmic y axis, or a linear one"),
-        "plot.peak": ("P", "Focused plot: marker to the highest point"),
-        "plot.marker-left": ("Left", "Focused plot: marker to the point before"),
-        "plot.marker-right": ("Right", "Focused plot: marker to the next point"),
+        "plot.peak": ("P", "Focused plot: cursor to the highest point (also a click)"),
+        "plot.second": ("D", "Focused plot: second cursor here, for differences (also a click with Shift)"),
+        "plot.marker-left": ("Left", "Focused plot: cursor to the point before"),
+        "plot.marker-right": ("Right", "Focused plot: cursor to the next point"),
     },
 }
 """Shortcuts and text of every action, by its page and id in the order of the shortcut sheet."""

@@ -40,6 +40,18 @@ def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path
     assert out.count("pass") == 14  # all checks of the verdict, and rest
 
 
+@pytest.mark.parametrize(("interlock", "recommended"), [("", True), ("[interlock]\nline = 'port0/line0'\n", False)])
+def test_the_check_of_a_real_bench_recommends_an_interlock_where_there_is_none(
+    interlock: str, recommended: bool, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bench.toml").write_text(f"[generator]\nresource = 'TCPIP::192.0.2.1::5025::SOCKET'\n{interlock}")
+    monkeypatch.setattr("app.cli.bench.run_headless", lambda *_: (ExitCode.FAILED, None))
+    assert main(["check", "--bench", str(tmp_path / "bench.toml"), "--out", str(tmp_path)]) == ExitCode.FAILED
+    assert ("build-an-interlock" in "".join(capsys.readouterr())) == recommended
+    assert main(["check", "--bench", str(tmp_path / "bench.toml"), "--out", str(tmp_path), "--json"]) == ExitCode.FAILED
+    assert json.loads(capsys.readouterr().out)["interlock"] != recommended
+
+
 @pytest.mark.one_in(100)
 @pytest.mark.parametrize(
     ("fault", "failing", "remedy"),

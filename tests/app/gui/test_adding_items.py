@@ -64,16 +64,17 @@ def test_a_series_is_added_measured_and_drawn(window: MainWindow, tmp_path: Path
     until(lambda: len(list(tmp_path.glob("*.h5"))) == 3 and not window.state.busy, "for the runs")
     pane = page.board.details.review_pane
     until(
-        lambda: bool(drawn := pane.plots.curves.drawn_curves) and len(drawn[-1][0].getData()[0]) == 3, "for the curve"
+        lambda: bool(drawn := pane.plots.chart.picture.layers) and any(each.x.size == 3 for each in drawn),
+        "for the curve",
     )
     largest = {}  # runs of one second are numbered in their names, which are not in order then
     for path in tmp_path.glob("*.h5"):
         with Run(path) as run:
             largest[run.record.parameters["peak_to_peak_v"]] = 1e6 * run.points()["peak_to_peak"].max()
-    line, _ = pane.plots.curves.drawn_curves[-1]
-    assert line.getData()[0].tolist() == [1.0, 2.0, 3.0]
-    assert line.getData()[1].tolist() == pytest.approx([largest[volts] for volts in (1.0, 2.0, 3.0)])
-    assert pane.plots.curves.plot.getAxis("bottom").labelText == "peak to peak (V)"
+    line = next(each for each in pane.plots.chart.picture.layers if each.x.size == 3)
+    assert line.x.tolist() == [1.0, 2.0, 3.0]
+    assert line.y.tolist() == pytest.approx([largest[volts] for volts in (1.0, 2.0, 3.0)])
+    assert pane.plots.chart.picture.x_title == "Peak to peak, V"
 
 
 def test_what_is_wrong_is_shown_and_not_added(window: MainWindow, tmp_path: Path) -> None:

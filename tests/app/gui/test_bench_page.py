@@ -163,7 +163,7 @@ def test_a_fault_is_written_below_its_field_and_is_not_saved(window: MainWindow)
     assert not bench_files()
     type_into(window, "bench.amplifier.slope_above", "500")
     assert not fault.isVisible()
-    assert window.tabs.bench.editor.amplifier.plot._curve.getData()[1][-1] == 1250
+    assert window.tabs.bench.editor.amplifier.plot.layer("characteristic").y[-1] == 1250
 
 
 def test_every_widget_for_input_has_a_name_and_a_text_for_screen_readers(window: MainWindow) -> None:
@@ -173,7 +173,7 @@ def test_every_widget_for_input_has_a_name_and_a_text_for_screen_readers(window:
             if widget.objectName().startswith("qt_") or not hasattr(widget, "accessibleName"):
                 continue
             if type(widget).__name__ in ("QLineEdit", "QComboBox", "QCheckBox", "QPushButton", "QListWidget"):
-                assert widget.objectName().startswith("bench."), widget
+                assert widget.objectName().startswith(("bench.", "plot.")), widget
                 assert widget.accessibleName() or widget.property("text"), widget.objectName()
 
 

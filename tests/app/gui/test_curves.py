@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, decimate_to_drawn
+from app.gui.plots import Layer
+from app.gui.plots.results import MAX_DRAWN_POINTS, decimate_to_drawn
 from drivers.drive_shapes import PeriodicSweep
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
@@ -29,6 +30,12 @@ def response(scale: float, entry: int = 0, label: str = "") -> Series:
     )
 
 
+def drawn_curves(stage: Stage) -> list[Layer]:
+    """The lines of the curves of the run."""
+    layers = stage.window.measure_page.live_pane.plots.chart.picture.layers
+    return [each for each in layers if each.line is not None and each.group != "Model" and not each.panel]
+
+
 def begin(stage: Stage, protocol: str) -> None:
     panel = stage.window.measure_page.run_panel
     find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData(protocol))
@@ -41,20 +48,20 @@ def begin(stage: Stage, protocol: str) -> None:
 def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> None:
     begin(stage, "sweep")
     pane = stage.window.measure_page.live_pane
-    assert pane.plots.currentWidget() is not pane.plots.curves
+    assert not pane.plots.shows_curves
     stage.happen(SeriesReady(response(1.0)))
-    assert pane.plots.currentWidget() is pane.plots.curves
-    ((line, fill),) = pane.plots.curves.drawn_curves
-    um_a_volt = line.getData()[1]
+    assert pane.plots.shows_curves
+    (line,) = drawn_curves(stage)
     truth = 1e6 * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
-    np.testing.assert_allclose(um_a_volt, truth)
-    assert fill.ends is not None
-    np.testing.assert_allclose(fill.ends[2] - fill.ends[1], 0.2 * truth)
-    assert pane.plots.curves.simulated_label.visible
-    until(pane.plots.curves.model.isVisible, "for the model")
-    model_f, model = pane.plots.curves.model.getData()
-    np.testing.assert_allclose(np.interp(FREQUENCIES, model_f, model), truth, rtol=0.01)
-    assert pane.plots.curves.source.text() == "dashed: the paper's values"
+    np.testing.assert_allclose(line.y, truth)
+    assert line.series.band is not None
+    np.testing.assert_allclose(line.series.band[1] - line.series.band[0], 0.2 * truth)
+    assert pane.plots.chart.picture.simulated
+    name = "Model: the paper's values"
+    until(lambda: pane.plots.chart.layer(name) is not None, "for the model")
+    model = pane.plots.chart.layer(name)
+    assert model is not None
+    np.testing.assert_allclose(np.interp(FREQUENCIES, model.x, model.y), truth, rtol=0.01)
 
 
 @pytest.mark.deep
@@ -64,19 +71,18 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
     drive, moved = 2.5 + 2.5 * np.sin(turn), 2e-4 * np.sin(turn - 0.1)
     axes = {"x_axis": SeriesAxis("drive", "V"), "y_axis": SeriesAxis("displacement", "m")}
     stage.happen(SeriesReady(Series(drive, moved, np.full(129, 1e-6), **axes, name="loop", label="1 Hz")))
-    assert pane.plots.currentWidget() is pane.plots.curves
-    assert pane.plots.curves.caption.text() == "Loop"
-    ((line, fill),) = pane.plots.curves.drawn_curves
-    x, y = line.getData()
-    np.testing.assert_allclose(x, drive)
-    np.testing.assert_allclose(y, 1e6 * moved)
-    _, low, high = fill.ends
-    np.testing.assert_allclose(high - low, 4.0)
-    (x_low, x_high), (y_low, y_high) = pane.plots.curves.plot.viewRange()
+    assert pane.plots.shows_curves
+    assert pane.plots.chart.picture.title == "Loop"
+    line = drawn_curves(stage)[0]
+    np.testing.assert_allclose(line.x, drive)
+    np.testing.assert_allclose(line.y, 1e6 * moved)
+    assert line.series.band is not None
+    np.testing.assert_allclose(line.series.band[1] - line.series.band[0], 4.0)
+    (x_low, x_high), (y_low, y_high) = pane.plots.chart.panels[0].box.viewRange()
     assert x_low <= 0.0 < 5.0 <= x_high
     assert y_low < -200.0
     assert y_high > 200.0, "what lies below rest is seen as well"
-    assert not pane.plots.curves.model.isVisible()
+    assert all(layer.group != "Model" for layer in pane.plots.chart.picture.layers)
 
 
 @pytest.mark.deep
@@ -85,15 +91,15 @@ def test_repeated_curve_replaces_the_old_one_and_a_button_shows_points(stage: St
     pane = stage.window.measure_page.live_pane
     stage.happen(SeriesReady(response(1.0, 0)), SeriesReady(response(1.0, 1, "second")))
     stage.happen(SeriesReady(response(2.0, 0)))
-    assert len(pane.plots.curves.drawn_curves) == 2
-    tops = sorted(line.getData()[1].max() for line, _ in pane.plots.curves.drawn_curves)
+    assert len(drawn_curves(stage)) == 2
+    tops = sorted(line.y.max() for line in drawn_curves(stage))
     assert tops[1] == pytest.approx(2 * tops[0])
-    pane.plots.curves.points_button.click()
-    assert pane.plots.currentWidget() is pane.plots.points
+    pane.plots.curves_button.click()
+    assert not pane.plots.shows_curves
     stage.happen(SeriesReady(response(1.5, 0)))
-    assert pane.plots.currentWidget() is pane.plots.points, "who looks at the points is not taken away from them"
-    pane.plots.points.curves_button.click()
-    assert pane.plots.currentWidget() is pane.plots.curves
+    assert not pane.plots.shows_curves, "who looks at the points is not taken away from them"
+    pane.plots.curves_button.click()
+    assert pane.plots.shows_curves
     stage.window.start_run()
 
 

@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from app.cli.model_options import read_settings
 from app.explore.fit import ExploreFit, fit_runs
 from app.gui.explore.page import ExplorePage
+from app.gui.plots import SERIES
 from model.identification.fit_options import FitCancelled
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
@@ -40,7 +41,9 @@ def settled(page: ExplorePage) -> None:
 
 
 def on_screen(page: ExplorePage, series: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    return page.plot.curves[series].getData()
+    layer = page.plot.layer(f"Model: {SERIES[series].label}")
+    assert layer is not None
+    return layer.x, layer.y
 
 
 def type_into(page: ExplorePage, name: str, text: str) -> None:
@@ -56,7 +59,7 @@ def test_the_curve_on_the_screen_is_the_models(page: ExplorePage) -> None:
     f, um = on_screen(page)
     expected = amplifier_response(Specimen().tactor, f).peak_to_peak
     np.testing.assert_allclose(um, 1e6 * expected, rtol=1e-4)
-    assert "151 Hz" in page.plot.corner_label.text
+    assert page.plot.picture.spots[0].label == "Largest 1155 µm at 151 Hz"
 
 
 @pytest.mark.deep
@@ -68,7 +71,7 @@ def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: Exp
         QTest.keyClick(bar, Qt.Key.Key_Left)
     settled(page)
     assert page.model.setting.value("m_add") < 7.7e-3
-    assert page.plot.corner_label.text.split(";")[0] != "peak 1155 µm at 151 Hz"
+    assert page.plot.picture.spots[0].label != "Largest 1155 µm at 151 Hz"
     assert on_screen(page)[0][on_screen(page)[1].argmax()] > 155
     QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     settled(page)
@@ -104,31 +107,21 @@ def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
     page.toolbar.preset_box.activated.emit(3)
     settled(page)
     assert [kept.label for kept in page.model.session.kept_curves][:2] == labels
-    assert len(page.plot._kept_curves) == 5
-    assert len(page.plot.legend.items) == 5
+    kept = {layer.group for layer in page.plot.picture.layers} - {"", "Model"}
+    assert len(kept) == 5
+    assert kept < page.plot.chips.keys()
     page.toolbar.clear_button.click()
     settled(page)
-    assert len(page.plot._kept_curves) == 0
-
-
-@pytest.mark.deep
-def test_the_legend_hides_no_curve(page: ExplorePage) -> None:
-    page.toolbar.preset_chosen.emit("fig10")
-    settled(page)
-    legend, box = page.plot.legend, page.plot.plot.getViewBox()
-    until(lambda: len(legend.items) >= 3, "for the kept curves")
-    lowest = box.mapSceneToView(legend.mapToScene(legend.boundingRect().bottomLeft())).y()
-    curves = [*page.plot.curves[:1], *(upper for upper, _ in page.plot._kept_curves)]
-    assert max(float(curve.getData()[1].max()) for curve in curves) < lowest
+    assert {layer.group for layer in page.plot.picture.layers} == {"", "Model"} or len(page.plot.chips) == 1
 
 
 def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: ExplorePage, tmp_path: Path) -> None:
     path = finished_run(tmp_path / "elsewhere")
     drop_file(page, path)
     until(lambda: page.overlaid.runs, "for the run")
-    x, y = page.plot._points[0][0].getData()
-    np.testing.assert_allclose((x, y), ([100.0, 160.0], [1000.0, 1000.0]))
-    assert page.plot.simulated_label.visible
+    (layer,) = [each for each in page.plot.picture.layers if each.name == page.overlaid.runs[0].title]
+    np.testing.assert_allclose((layer.x, layer.y), ([100.0, 160.0], [1000.0, 1000.0]))
+    assert page.plot.picture.simulated
     type_into(page, "peak_to_peak_v", "4")
     page._show_overlaid()
     assert "at 5 V; the curve is for 4 V" in page.status_line.text()
@@ -143,7 +136,7 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     page.toolbar.remove_buttons[path].click()
     assert page.overlaid.runs == ()
     assert not page.card.isVisible()
-    assert not page.plot.simulated_label.visible
+    assert not page.plot.picture.simulated
 
 
 def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
@@ -154,10 +147,13 @@ def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
-    page.plot.cursor_line.setValue(80.0)
+    page.plot.show_cursor(80.0)
     settled(page)
     assert page.toolbar.frequency.text() == "80"
-    lower, upper = (line.getData()[1] for line in page.shape_plot._envelope)
+    envelope = page.shape_plot.layer("envelope")
+    assert envelope is not None
+    assert envelope.series.band is not None
+    lower, upper = envelope.series.band
     middle = len(upper) // 2
     f, um = on_screen(page)
     assert upper[middle] - lower[middle] == pytest.approx(np.interp(80.0, f, um), rel=0.01)
@@ -185,13 +181,16 @@ def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
-    assert not page.plot.phase_canvas.isVisible()
+    assert len(page.plot.panels) == 1
     page.toolbar.series[2].click()
     page.toolbar.series[3].click()
     settled(page)
-    assert page.plot.phase_canvas.isVisible()
-    assert page.plot.phase_curve.getData()[1][-1] < -90
-    assert on_screen(page)[1].max() == pytest.approx(np.log10(1155), abs=0.01)
+    assert len(page.plot.panels) == 2
+    phase = page.plot.layer("Model: phase")
+    assert phase is not None
+    assert phase.y[-1] < -90
+    drawn = page.plot.panels[0].drawn_layer("Model: max − min").line.getData()[1]
+    assert drawn.max() == pytest.approx(np.log10(1155), abs=0.01)
 
 
 def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_path: Path) -> None:
@@ -251,16 +250,12 @@ def test_the_page_fits_a_small_screen(stage: Stage) -> None:
 
 
 def test_the_threshold_of_another_body_site_is_drawn_and_bounds_what_is_felt(page: ExplorePage) -> None:
-    assert page.plot.threshold is not None
-    line, curve = page.plot.threshold.line, page.plot.threshold.curve
-    assert line.isVisible()
-    assert not curve.isVisible()
+    assert any(rule.along_y for rule in page.plot.picture.rules)
     page.toolbar.site_box.setCurrentText("forearm")  # all is felt on both: the drawing changes all the same
     settled(page)
-    assert not line.isVisible()
-    f, um = curve.getData()
-    assert curve.isVisible()
-    assert "forearm" in page.plot.threshold.curve_label.toPlainText()
+    assert not any(rule.along_y for rule in page.plot.picture.rules)
+    (curve,) = [layer for layer in page.plot.picture.layers if "forearm" in layer.label]
+    f, um = curve.x, curve.y
     assert np.interp(55.0, f, um) / np.interp(110.0, f, um) == pytest.approx(10 ** (12 / 20), rel=1e-2)
     type_into(page, "peak_to_peak_v", "0.5")
     assert page.result is not None

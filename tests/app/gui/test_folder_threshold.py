@@ -7,37 +7,43 @@ import pytest
 
 from app.config import LABORATORY_FILE_NAME
 from app.gui.explore.page import ExplorePage
+from app.gui.face import tokens
 from app.gui.laboratory.page import SPECIMENS
-from app.gui.plots.threshold_items import ABDOMEN_LABEL
+from app.gui.plots import Chart
+from app.gui.plots.response import FELT
 from app.gui.shell.page_host import EXPLORE, LABORATORY, RUNS
 from tests.helpers.fleet_runs import write_run
 from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import OPENED
 
 
+def levels(chart: Chart) -> dict[str, float]:
+    """The level lines of a plot by their labels."""
+    return {rule.label: rule.at for rule in chart.picture.rules if rule.along_y}
+
+
+def felt_at(chart: Chart, hz: float) -> float:
+    layer = chart.layer("felt: own")
+    assert layer is not None
+    return float(np.interp(hz, layer.x, layer.y))
+
+
 def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_it(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
     tabs = stage.window.tabs
-    felt = stage.window.measure_page.live_pane.plots.response.threshold
-    assert felt is not None
-    assert felt.line.isVisible()
-    assert felt.line.value() == pytest.approx(50)
-    assert felt.line.label.format == ABDOMEN_LABEL
+    chart = stage.window.measure_page.live_pane.plots.chart
+    assert levels(chart) == {FELT: pytest.approx(50)}
     folder = tmp_path / "lab"
     folder.mkdir()
     write_run(folder, "T1", 0.0, 1e-3, 150.0, 1)
     (folder / "own.csv").write_text("50,20\n200,5\n")
     (folder / LABORATORY_FILE_NAME).write_text('threshold = "own.csv"\n')
     find(stage.window, "measure.folder").setText(str(folder))
-    until(felt.curve.isVisible, "for the file")
-    f, um = felt.curve.getData()
-    assert np.interp(100.0, f, um) == pytest.approx(10, rel=0.01)
-    assert felt.curve_label.toPlainText() == "felt: own"
-    assert not felt.line.isVisible()
+    until(lambda: chart.layer("felt: own") is not None, "for the file")
+    assert felt_at(chart, 100.0) == pytest.approx(10, rel=0.01)
+    assert not levels(chart)
     tabs.select_page(RUNS)
-    shown = tabs.runs.details.plot.threshold
-    assert shown is not None
-    assert np.interp(100.0, *shown.curve.getData()) == pytest.approx(10, rel=0.01)
+    assert felt_at(tabs.runs.details.plot, 100.0) == pytest.approx(10, rel=0.01)
     tabs.select_page(EXPLORE)
     page = tabs.explore
     assert isinstance(page, ExplorePage)
@@ -55,7 +61,7 @@ def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_i
     assert margin.values[0].value == pytest.approx(1e-3 / (20e-6 * 50 / 150), rel=0.01)
     (folder / LABORATORY_FILE_NAME).unlink()
     tabs.select_page(0)
-    until(felt.line.isVisible, "for the abdomen's line")
+    until(lambda: bool(levels(chart)), "for the abdomen's line")
     assert page.toolbar.site_box.findText("laboratory") < 0
 
 
@@ -69,16 +75,16 @@ def test_a_faulty_file_is_a_message_and_the_abdomen_s_line_stays(stage: Stage, t
     find(stage.window, "measure.folder").setText(str(folder))
     until(lambda: said, "for the message")
     assert "threshold 'elbow': neither a site" in said[0]
-    felt = stage.window.measure_page.live_pane.plots.response.threshold
-    assert felt is not None
-    assert felt.line.isVisible()
+    assert FELT in levels(stage.window.measure_page.live_pane.plots.chart)
 
 
 def test_frequencies_that_are_uncomfortable_are_shaded_on_both_kinds_of_axis(stage: Stage) -> None:
-    plot = stage.window.measure_page.live_pane.plots.response
-    assert plot.threshold is not None
-    begins = [shade.getRegion()[0] for shade in plot.threshold.shades]
-    assert begins == pytest.approx([200, 250])
-    plot.set_log_axes(True, True)
-    assert [shade.getRegion()[0] for shade in plot.threshold.shades] == pytest.approx(np.log10([200, 250]))
-    assert plot.threshold.line.value() == pytest.approx(np.log10(50))
+    chart = stage.window.measure_page.live_pane.plots.chart
+    assert [region.low for region in chart.picture.regions] == [200, 250]
+    for log in (False, True):
+        chart.set_log_axes(log, log)
+        panel = chart.panels[0]
+        (inside, _), (edge, _) = panel.to_pixels(220.0, 1.0)[0], panel.to_pixels(200.0, 1.0)[0]
+        picture = chart.canvas.viewport().grab().toImage()
+        row = (chart.canvas.mapFromScene(panel.box.mapToScene(across, 4.5)) for across in (inside, edge - 4))
+        assert [picture.pixelColor(place).name() for place in row] == [tokens().sand, tokens().surface]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 
@@ -9,6 +10,7 @@ from app.archive.replay import read_measured_response
 from app.cli.main import main
 from app.explore.fit import fit_runs
 from app.explore.state import ExploreSetting
+from app.gui.plots import SERIES
 from tests.helpers.main_window import OpenStage, grab, until
 from tests.helpers.run_files import finished_run
 
@@ -59,10 +61,10 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
         assert words in view.card.reason_label.text() + view.facts_label.text()
         stage.window.tick()
         grab(stage.window, tmp_path / f"{specimen}.png")
-        samples = view.trace_plot.curves[0].getData()[0]
-        assert (samples is None or not len(samples)) == (specimen != "T6")  # nothing of the run before
-        assert [len(s.getData()[0]) for s in view.plots.response.scatters] == POINTS[specimen]
-        assert (view.plots.currentWidget() is view.plots.response) == (specimen != "T8")
+        assert (not view.trace_plot.picture.layers) == (specimen != "T6")  # nothing of the run before
+        measured = (view.plots.chart.layer(f"{each.label}, measured") for each in SERIES)
+        shown = [0 if each is None else int(np.isfinite(each.y).sum()) for each in measured]
+        assert shown == (POINTS[specimen] if specimen != "T8" else [0, 0])
         page.go_back()
     page.list.select_paths([e.path for e in page.list.folder_model.summaries if e.specimen in ("T7", "T9")])
     until(lambda: not page._worker.pending, "for the points")

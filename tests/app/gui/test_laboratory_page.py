@@ -19,6 +19,7 @@ from app.gui.face import LIGHT
 from app.gui.laboratory.audit_pane import NO_TRAIL
 from app.gui.laboratory.page import AUDIT, CERTIFICATES, CHART, SPECIMENS, LaboratoryPage
 from app.gui.laboratory.value_table import ValueTable
+from app.gui.plots import Layer
 from model import quantity_label
 from tests.helpers.fleet_runs import write_run
 from tests.helpers.main_window import OpenPage, until
@@ -79,10 +80,11 @@ def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) ->
     assert shown["outliers"] == ODD
     newest = [950.0 * (2.0 if name == ODD else 1 + 0.01 * at) for at, name in enumerate(BATCHES)]
     assert float(shown["mean"]) == pytest.approx(np.mean([*newest, 950.0]), rel=0.01)
-    _x, y = page.fleet.plot.outliers.getData()
-    assert list(y) == pytest.approx([1900.0])
+    outliers = page.fleet.plot.layer("outliers")
+    assert outliers is not None
+    assert list(outliers.y) == pytest.approx([1900.0])
     assert page.simulated_mark.isVisible()
-    assert page.fleet.plot.simulated_label.visible
+    assert page.fleet.plot.picture.simulated
     ((odd, font),) = [
         (index.data(), index.data(Qt.ItemDataRole.FontRole))
         for r in range(7)
@@ -118,15 +120,20 @@ def test_the_control_chart_shows_the_laser_that_drifts(page: LaboratoryPage, tmp
     assert page.chart.sensor.currentText() == "laser #L2"
     # The step lies within the baseline, and is found nevertheless.
     assert page.chart.verdict_label.text().startswith("✕ Drift of the bench")
-    _x, y = page.chart.plot.line.getData()
+
+    def drawn(name: str) -> Layer:
+        layer = page.chart.plot.layer(name)
+        assert layer is not None
+        return layer
+
+    y = drawn("value").y
     assert y[:STEP_AT] == pytest.approx([1000.0] * STEP_AT, rel=0.01)
     assert y[STEP_AT:] == pytest.approx([950.0] * (GOLDEN_VALUES - STEP_AT), rel=0.01)
-    assert page.chart.plot.marks[1].value() == STEP_AT + 0.5
+    assert STEP_AT + 0.5 in {rule.at for rule in page.chart.plot.picture.rules if rule.label == "Lasting change"}
     broken = {int(row[0]) for row in rows(page.chart.broken)}
-    drawn = {*page.chart.plot.broken.getData()[0].tolist(), *page.chart.plot.beyond.getData()[0].tolist()}
-    assert broken == drawn
+    assert broken == {*drawn("signal").x.tolist(), *drawn("beyond the limits").x.tolist()}
     page.chart.sensor.setCurrentText("laser #L1")
-    assert page.chart.plot.line.getData()[1] == pytest.approx([1000.0] * GOLDEN_VALUES, rel=0.01)
+    assert drawn("value").y == pytest.approx([1000.0] * GOLDEN_VALUES, rel=0.01)
     page.chart.export(tmp_path / "chart.csv")
     until(lambda: is_idle(page))
     assert len((tmp_path / "chart.csv").read_text().splitlines()) == 2 * GOLDEN_VALUES + 1

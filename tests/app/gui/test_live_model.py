@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.gui.face import tokens
 from app.gui.measure import page as measure_page
+from app.gui.plots import RESIDUAL, Layer
 from app.identification.active_model import PAPER_MODEL
 from app.identification.calibrations import Calibrations, write_calibrations
 from app.live.estimates import LiveEstimator
@@ -49,43 +50,47 @@ def measured() -> list[SinePoint]:
 
 def shown_ink(stage: Stage, hz: float, um: float) -> QColor:
     """The colour of the response plot at a place on its axes."""
-    canvas = stage.window.measure_page.live_pane.plots.response.canvas
-    box = canvas.getPlotItem().getViewBox()
-    at = canvas.mapFromScene(box.mapViewToScene(QPointF(hz, um)))
-    return canvas.grab().toImage().pixelColor(at)
+    chart = stage.window.measure_page.live_pane.plots.chart
+    canvas = chart.canvas
+    at = canvas.mapFromScene(chart.panels[0].box.mapViewToScene(QPointF(hz, um)))
+    return canvas.viewport().grab().toImage().pixelColor(at)
 
 
 def test_accepted_calibration_updates_curve_and_band_in_open_window(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(measure_page, "CALIBRATION_POLL_S", 0.0)
-    response = stage.window.measure_page.live_pane.plots.response
-    until(lambda: response.model_curves.source_label.text() == "curve: the paper's values", "for the paper's curve")
-    assert not response.model_curves.band_box.isEnabled()
+    chart = stage.window.measure_page.live_pane.plots.chart
+    until(lambda: chart.picture.note == "curve: the paper's values", "for the paper's curve")
+    assert all(layer.series.band is None for layer in chart.picture.layers)
     write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"c0": (159.0, 25.0)}),), 1))
-    until(response.model_curves.band_box.isEnabled, "for the band")
-    assert response.model_curves.source_label.text() == "curve: calibration 1 of T7, SIMULATED"
-    ends = response.model_curves.free.fills[0].ends
-    assert ends is not None
-    x, low, high = ends
+    until(lambda: chart.picture.note == "curve: calibration 1 of T7, SIMULATED", "for the band")
+    (layer,) = [each for each in chart.picture.layers if each.name.startswith("max − min")]
+    assert layer.series.band is not None
+    assert "95 % band" in layer.label
+    low, high = layer.series.band
     top = int(high.argmax())
     beside = float((high[top] + (low[top] + high[top]) / 2) / 2)
     assert high[top] - low[top] > 100
     QApplication.processEvents()
     ground = QColor(tokens().surface)
-    assert shown_ink(stage, float(x[top]), beside) != ground
-    response.model_curves.band_box.click()
-    assert shown_ink(stage, float(x[top]), beside) == ground
+    assert shown_ink(stage, float(layer.x[top]), beside) != ground
+    chart.toggle_group("Model")
+    assert not any(each.group == "Model" for each in chart.panels[0].layers)
 
 
 @pytest.mark.deep
 def test_membrane_points_use_colour_and_curve_of_their_elongation(stage: Stage) -> None:
-    response, rubber = stage.window.measure_page.live_pane.plots.response, Membrane()
+    plots, rubber = stage.window.measure_page.live_pane.plots, Membrane()
+    plots.resize(900, 500)
+
+    def curves() -> dict[str, Layer]:
+        return {each.label: each for each in plots.chart.picture.layers if each.group == "Model" and each.label}
+
     stage.window.measure_page.run_panel.set_protocol(
         MembraneSeries(elongations_m=(0.0, 5.08e-3), frequencies_hz=(50, 150))
     )
-    until(lambda: response.model_curves.on_membrane, "for the curves of the form")
-    assert [label.text for _, label in response.model_curves.legend.items] == ["free", "0 mm", "5.08 mm"]
+    until(lambda: [*curves()] == ["free", "0 mm", "5.08 mm"], "for the curves of the form")
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE)
@@ -100,23 +105,20 @@ def test_membrane_points_use_colour_and_curve_of_their_elongation(stage: Stage) 
             },
             elongation=elongation, part=float(i),
         ), i))  # fmt: skip
-    shown = response.scatters[0].points()
-    for spot, drawn in zip(shown, response.model_curves.all_curves, strict=True):
-        x, y = drawn.lines[0].getData()
-        assert spot.pos().y() == pytest.approx(np.interp(150.0, x, y), rel=1e-3)
-        assert spot.brush().color() == drawn.lines[0].opts["pen"].color()
-    assert len({spot.brush().color().name() for spot in shown}) == 3
-    response.strip_box.setCurrentIndex(1)
-    assert response.residual_strip.scatter.getData()[1] == pytest.approx([0, 0, 0], abs=0.1), (
-        "per cent from its own curve"
-    )
+    shown = [each for each in plots.chart.picture.layers if each.name.startswith("max − min, measured")]
+    for layer, curve in zip(shown, curves().values(), strict=True):
+        assert layer.y[0] == pytest.approx(np.interp(150.0, curve.x, curve.y), rel=1e-3)
+        assert layer.tone == curve.tone
+    assert len({layer.tone for layer in shown}) == 3
+    plots.choose_lower(RESIDUAL)
+    residual = plots.chart.layer(RESIDUAL)
+    assert residual is not None
+    assert residual.y == pytest.approx([0, 0, 0], abs=0.1), "per cent from its own curve"
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
-    stage.window.measure_page.run_panel.set_protocol(MembraneSeries(elongations_m=(0.0,), frequencies_hz=(50, 150)))
-    until(lambda: len(response.model_curves.on_membrane) == 1, "for the curves of the other form")
-    assert response.hint_label.text() == "no curve of 5.08 mm"
+    before = curves()
     stage.window.measure_page.run_panel.set_protocol(SineDwell())
-    until(lambda: not response.model_curves.on_membrane, "for the free tactor's curve alone")
-    assert response.model_curves.legend.items == []
+    until(lambda: any("next" in each.label for each in plots.chart.picture.layers), "for the curve of the next run")
+    assert curves().keys() == before.keys(), "the finished run keeps its curves"
 
 
 def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:

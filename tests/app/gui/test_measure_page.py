@@ -11,6 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
+from app.gui.plots.response import LOWER
 from app.session.session import RunRejected
 from drivers.drive_shapes import Sine
 from protocols.base import (
@@ -59,15 +60,13 @@ def test_another_protocol_brings_its_form_and_keeps_what_the_last_one_said(stage
     find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("wiring-check"))
     assert panel.kind is WiringCheck
     assert "level_v" in panel.form.rows
-    assert stage.window.measure_page.live_pane.plots.currentWidget() is stage.window.measure_page.live_pane.plots.points
+    assert stage.window.measure_page.live_pane.plots.chart.picture.title == WiringCheck.title
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == [(WiringCheck(), tmp_path, "T7")]
     stage.happen(*LIVE[:0], RunEnded(RunStatus.STOPPED, "x", "run.h5"))
     find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("sine-dwell"))
     assert panel.protocol == SineDwell(peak_to_peak_v=4.0)
-    assert (
-        stage.window.measure_page.live_pane.plots.currentWidget() is stage.window.measure_page.live_pane.plots.response
-    )
+    assert stage.window.measure_page.live_pane.plots.chart.picture.title == "Response"
 
 
 @pytest.mark.deep
@@ -187,8 +186,13 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message
 def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     live(stage)
     stage.happen(*(point(i, 100.0 + 10 * i) for i in range(3)))
-    plot = stage.window.measure_page.live_pane.plots.response
-    plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[1]])
+    plot = stage.window.measure_page.live_pane.plots
+
+    def drawn() -> int:
+        layer = plot.chart.layer("max − min, measured")
+        return 0 if layer is None else layer.x.size
+
+    plot.chart.point_picked.emit("max − min, measured", 1)
     assert plot.selection.button.isVisible()
     assert not plot.selection.button.isEnabled()
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
@@ -196,18 +200,18 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     plot.selection.button.click()
     assert stage.session.again == [(Path("run.h5"), (1,), tmp_path)]
     assert stage.window.strip.view.run.title == "Sine dwell · reading run.h5"
-    assert len(plot.scatters[0].points()) == 3, "until the new run has begun the old one is seen"
+    assert drawn() == 3, "until the new run has begun the old one is seen"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1, "nothing else begins meanwhile"
     why = "run.h5 is damaged inside; take another copy of it"
     stage.happen(RunRejected(why))
     assert find(stage.window, "notices.problem.message").text().casefold() == why.casefold()
-    assert len(plot.scatters[0].points()) == 3
-    plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[2]])
+    assert drawn() == 3
+    plot.chart.point_picked.emit("max − min, measured", 2)
     plot.selection.button.click()
     assert stage.session.again[1:] == [(Path("run.h5"), (2,), tmp_path)], "it can be tried once more"
     stage.happen(STARTED)
-    assert len(plot.scatters[0].points()) == 0
+    assert drawn() == 0
 
 
 @pytest.mark.deep
@@ -223,23 +227,26 @@ def test_a_point_measured_again_takes_the_place_of_the_old_one(stage: Stage) -> 
 @pytest.mark.deep
 def test_points_of_any_protocol_are_drawn_over_its_axes(stage: Stage) -> None:
     stage.happen(OPENED, RunStarted("wiring-check", "run.h5", 6.0, 4, True), PointMeasured(0, POINT))
-    plot = stage.window.measure_page.live_pane.plots.points
-    assert stage.window.measure_page.live_pane.plots.currentWidget() is plot
-    (x,), (y,) = plot.scatter.getData()
-    assert (x, y) == pytest.approx((2.6, 14.0))
+    plots = stage.window.measure_page.live_pane.plots
+    layer = plots.chart.layer(plots.kind.title)
+    assert layer is not None
+    assert (*layer.x, *layer.y) == pytest.approx((2.6, 14.0))
 
 
 @pytest.mark.parametrize("at", [1, pytest.param(2, marks=pytest.mark.deep)])
 def test_residual_and_phase_are_there_on_request(stage: Stage, at: int) -> None:
     live(stage)
     stage.happen(point(0, 100.0))
-    response = stage.window.measure_page.live_pane.plots.response
-    assert not response.residual_strip.isVisible()
-    response.strip_box.setCurrentIndex(at)
-    assert response.residual_strip.isVisible()
+    plots = stage.window.measure_page.live_pane.plots
+    plots.resize(900, 400)
+    assert len(plots.chart.panels) == 1
+    plots.choose_lower(LOWER[at])
+    assert len(plots.chart.panels) == 2
     until(lambda: stage.window.overlay.result() is not None, "for the model")
     stage.window.tick()
-    (x,), (y,) = response.residual_strip.scatter.getData()
+    layer = plots.chart.layer(LOWER[at])
+    assert layer is not None
+    (x,), (y,) = layer.x, layer.y
     assert x == 100.0
     curve = stage.window.overlay.result()
     assert curve is not None

@@ -1,19 +1,17 @@
 """Fit lines, residuals and further layers of result plots: what is drawn below points and curves."""
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF
 from PySide6.QtWidgets import QApplication
 
-from app.gui.plots.base import TracePlotBase, needed_axis_width
 from app.gui.plots.curve_layers import COHERENCE, LESS_MEAN, RESIDUAL, isolated, layer_series, layers_of
-from app.gui.plots.curves_plot import CurvesPlot
-from app.gui.plots.points_plot import PointsPlot
+from app.gui.plots.result_plots import ResultPlots
 from model import Array
-from protocols.base import Quality, Series, SeriesAxis
+from protocols.base import Protocol, Quality, Series, SeriesAxis
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.mass_resonance import MassPoint, MassResonance
 from protocols.measurements.membrane_sag import MembraneSag
@@ -47,6 +45,14 @@ def points(**columns: Any) -> list[Any]:
 
 def residual(line: Any, of: list[Any], x: str, y: str) -> Array:
     return np.array([getattr(of[i], y) - np.interp(getattr(of[i], x), line.x, line.y) for i in line.fitted_rows])
+
+
+def shown_plots(kind: type[Protocol], measured: Sequence[Any] = (), curves: tuple[Series, ...] = ()) -> ResultPlots:
+    plots = ResultPlots()
+    plots.resize(900, 500)
+    plots.show()
+    plots.show_results(kind, measured, curves, entries=tuple(range(len(measured))), curves_first=bool(curves))
+    return plots
 
 
 @pytest.mark.deep
@@ -84,28 +90,25 @@ def test_every_protocol_with_estimates_on_its_axes_has_a_line() -> None:
 
 @pytest.mark.deep
 def test_the_points_have_their_line_and_residual(qt: QApplication) -> None:
-    plot = PointsPlot()
-    plot.resize(900, 500)
-    plot.show()
-    plot.set_protocol(MassResonance)
     masses = [1.75e-3, 4.75e-3, 9.75e-3]
     measured = [
         MassPoint(m, 4.5 * m**-0.5, 0.1, 1.0, 0.1, 1.0, 0.1, 0.2, 0.1, 1e-4, 1.0, 1.0, int(Quality.SIMULATED))
         for m in masses
     ]
-    plot.show_points(measured, (0, 1, 2), False)
-    assert len(plot.line_items) == 1
-    assert "1/f²" in plot.fit_label.text()
-    assert plot.strip.isVisible()
-    assert plot.strip.series[0].y.size == 3
-    assert plot.strip.plot.getAxis("left").labelText == "residual (Hz)"
-    plot.strip_box.setCurrentIndex(1)
-    assert not plot.strip.isVisible()
-    plot.strip_box.setCurrentIndex(0)
-    plot.resize(900, 200)
+    plots = shown_plots(MassResonance, measured)
+    (line,) = [layer for layer in plots.chart.picture.layers if layer.group == "fit"]
+    assert "1/f²" in line.label
+    assert len(plots.chart.panels) == 2
+    (left,) = [layer for layer in plots.chart.picture.layers if layer.panel == 1 and layer.symbol]
+    assert left.y.size == 3
+    assert plots.chart.picture.panels[1].title == "Residual, Hz"
+    plots.lower_button.click()
+    assert len(plots.chart.panels) == 1
+    plots.lower_button.click()
+    plots.resize(900, 200)
     qt.processEvents()
-    assert not plot.strip.isVisible(), "there is no space for both"
-    plot.deleteLater()
+    assert len(plots.chart.panels) == 1, "there is no space for both"
+    plots.deleteLater()
 
 
 @pytest.mark.deep
@@ -114,16 +117,12 @@ def test_a_thin_loop_is_seen_less_its_mean_line(qt: QApplication) -> None:
     assert series is not None
     assert np.ptp(series.y) == pytest.approx(5.0, rel=0.02)
     assert np.abs(series.y).max() < 3.0, "the stroke of 400 µm is taken off"
-    plot = CurvesPlot()
-    plot.resize(900, 500)
-    plot.show()
-    plot.show_curves((loop(), loop(1e-5, "5 Hz")), bare_tactor=False)
-    assert plot.layer == LESS_MEAN
-    assert plot.strip.isVisible()
-    assert len(plot.strip.series) == 2
-    low, high = plot.strip.plot.getViewBox().viewRange()[1]
+    plots = shown_plots(Hysteresis, curves=(loop(), loop(1e-5, "5 Hz")))
+    assert plots.lower_panel == LESS_MEAN
+    assert len([layer for layer in plots.chart.picture.layers if layer.panel == 1]) == 2
+    low, high = plots.chart.panels[1].box.viewRange()[1]
     assert high - low < 20.0
-    plot.deleteLater()
+    plots.deleteLater()
 
 
 @pytest.mark.deep
@@ -135,34 +134,26 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
     left = layer_series(fitted, RESIDUAL)
     assert left is not None
     np.testing.assert_allclose(left.y, 1e4 * curve.plotted)
-    plot = CurvesPlot()
-    plot.resize(900, 500)
-    plot.show()
-    plot.show_curves((fitted,), bare_tactor=False)
-    assert plot.strip.plot.getAxis("left").labelText == "coherence"
-    plot.layer_box.setCurrentIndex(plot.layer_box.findData(RESIDUAL))
-    plot.layer_box.activated.emit(plot.layer_box.currentIndex())
-    assert plot.strip.plot.getAxis("left").labelText == "residual (µm/V)"
-    plot.deleteLater()
+    plots = shown_plots(PROTOCOLS["sweep"], curves=(fitted,))
+    assert plots.chart.picture.panels[1].title == "Coherence"
+    plots.choose_lower(RESIDUAL)
+    assert plots.chart.picture.panels[1].title == "Residual, µm/V"
+    plots.deleteLater()
 
 
 @pytest.mark.deep
-def test_the_legend_lies_above_the_curves(qt: QApplication) -> None:
-    plot = CurvesPlot()
-    plot.resize(900, 500)
-    plot.show()
-    plot.show_curves(tuple(response(f"with {mass} g") for mass in range(9)), bare_tactor=False)
+def test_every_curve_has_a_chip_or_one_button_offers_all(qt: QApplication) -> None:
+    plots = shown_plots(PROTOCOLS["sweep"], curves=tuple(response(f"with {mass} g") for mass in range(3)))
+    chart = plots.chart
+    assert [*chart.chips] == [f"with {mass} g" for mass in range(3)]
+    assert all(chip.isVisible() for chip in chart.chips.values())
+    chart.chips["with 1 g"].click()
+    assert {layer.label for layer in chart.panels[0].layers} == {"with 0 g", "with 2 g"}
+    plots.resize(400, 500)
     qt.processEvents()
-    assert len(plot.legend.items) == 9
-    box = plot.plot.getViewBox()
-    lowest_of_legend = box.mapSceneToView(plot.legend.mapToScene(plot.legend.boundingRect().bottomLeft())).y()
-    assert lowest_of_legend > max(line.getData()[1].max() for line, _ in plot.drawn_curves)
-    plot.show_curves(tuple(response(f"with {mass} g") for mass in range(5)), bare_tactor=False)
-    plot.resize(500, 500)
-    qt.processEvents()
-    places = {(sample.pos().x(), sample.pos().y()) for sample, _ in plot.legend.items}
-    assert len(places) == 5, "no entry lies on another, also after other curves and in a narrower plot"
-    plot.deleteLater()
+    assert not any(chip.isVisible() for chip in chart.chips.values())
+    assert chart.layers_button.text() == "Layers 2 of 3"
+    plots.deleteLater()
 
 
 def test_an_error_that_stands_out_is_no_bow_tie() -> None:
@@ -174,46 +165,17 @@ def test_an_error_that_stands_out_is_no_bow_tie() -> None:
 
 
 @pytest.mark.deep
-def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) -> None:
-    plot = PointsPlot()
-    plot.resize(900, 400)
-    plot.show()
-    plot.set_protocol(MembraneSag)
+def test_left_edges_are_in_line_whatever_their_tick_labels(qt: QApplication) -> None:
     fields = dict.fromkeys(MembraneSag.point_type.__dataclass_fields__, 1.0)
     sags = (3464.40e-6, 3464.41e-6, 3464.43e-6)
     measured = [
         MembraneSag.point_type(**{**fields, "repeat": i, "sag": sag, "sag_errors": 1e-8, "quality": 0})
         for i, sag in enumerate(sags)
     ]
-    plot.show_points(measured, (0, 1, 2), False)
+    plots = shown_plots(MembraneSag, measured)
     qt.processEvents()
-    width = plot.plot.getAxis("left").width()
-    assert width >= needed_axis_width(plot.plot, plot.fontMetrics()) > 62
-    assert plot.strip.plot.getAxis("left").width() == width, "both left edges are in line"
-    plot.strip.plot.setYRange(0.0, 1e6)  # whose ticks have the spacing of micrometres until it is painted
-    assert plot.strip.plot.getAxis("left").width() < 150
-    plot.deleteLater()
-
-
-@pytest.mark.deep
-def test_one_cursor_goes_through_displacement_and_drive(qt: QApplication) -> None:
-    plot = TracePlotBase()
-    plot._add_head()
-    plot.resize(800, 400)
-    plot.show()
-    times = np.linspace(0, 1, 101)
-    plot.curves[0].setData(times, 100 * times)
-    plot.curves[1].setData(times, 5 * times)
-    for each in plot._plots:
-        each.setXRange(0, 1, padding=0)
-        each.setYRange(0, 100, padding=0)
-    qt.processEvents()
-    box = plot._plots[1].getViewBox()
-    tools = plot.tools[0]
-    tools._on_mouse_moved(box.mapViewToScene(QPointF(0.5, 50.0)))
-    assert [line.isVisible() for line in tools.cursors] == [True, True]
-    assert [round(line.value(), 2) for line in tools.cursors] == [0.5, 0.5]
-    assert tools.label.text() == "0.5 s,  50 µm,  2.5 V"
-    tools._on_mouse_moved(QPointF(-10.0, -10.0))
-    assert not any(line.isVisible() for line in tools.cursors)
-    plot.deleteLater()
+    widths = {panel.axes["left"].width() for panel in plots.chart.panels}
+    assert len(plots.chart.panels) == 2
+    assert len(widths) == 1
+    assert widths.pop() >= max(panel.axes["left"].needed_width() for panel in plots.chart.panels) > 44
+    plots.deleteLater()

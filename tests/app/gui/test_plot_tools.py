@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyqtgraph import GraphicsView
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QAction, QPixmap, QWheelEvent
 from PySide6.QtTest import QTest
@@ -22,8 +23,8 @@ def measured(stage: Stage) -> Stage:
     return stage
 
 
-def turn_wheel(canvas, notches: int) -> None:
-    at = canvas.mapFromScene(canvas.getPlotItem().getViewBox().sceneBoundingRect().center())
+def turn_wheel(canvas, box, notches: int) -> None:
+    at = canvas.mapFromScene(box.sceneBoundingRect().center())
     event = QWheelEvent(
         QPointF(at), QPointF(canvas.mapToGlobal(at)), QPoint(), QPoint(0, 120 * notches), Qt.MouseButton.NoButton,
         Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
@@ -33,10 +34,11 @@ def turn_wheel(canvas, notches: int) -> None:
 
 @pytest.mark.deep
 def test_a_zoom_stays_while_points_arrive_until_everything_is_shown_again(measured: Stage) -> None:
-    plot = measured.window.measure_page.live_pane.plots.response
-    box = plot.plot.getViewBox()
+    plot = measured.window.measure_page.live_pane.plots.chart
+    box = plot.panels[0].box
+    until(lambda: "curve:" in plot.note_label.text(), "for the curve")
     whole = box.viewRange()
-    turn_wheel(plot.canvas, 5)
+    turn_wheel(plot.canvas, box, 5)
     closer = box.viewRange()
     assert closer[0][1] - closer[0][0] < 0.9 * (whole[0][1] - whole[0][0])
     measured.happen(point(2, 200.0))
@@ -52,16 +54,15 @@ def test_a_zoom_stays_while_points_arrive_until_everything_is_shown_again(measur
 
 
 @pytest.mark.deep
-def test_the_marker_goes_to_the_highest_point_and_along_the_curve(measured: Stage) -> None:
-    plot = measured.window.measure_page.live_pane.plots.response
-    until(plot.model_curves.source_label.text, "for the curve")
+def test_the_cursor_goes_to_the_highest_point_and_along_the_curve(measured: Stage) -> None:
+    plot = measured.window.measure_page.live_pane.plots.chart
+    until(lambda: "curve:" in plot.note_label.text(), "for the curve")
     plot.canvas.setFocus()
     QTest.keyClick(plot.canvas, Qt.Key.Key_P)
     label = find(plot.canvas, "plot.read-out")
     assert label.isVisible()
-    assert label.text().startswith("marker: ")
-    assert " Hz,  " in label.text()
-    assert label.text().endswith(" µm")
+    assert label.text().startswith("100 Hz\n")
+    assert "900 ± 2 µm" in label.text()
     before = label.text()
     QTest.keyClick(plot.canvas, Qt.Key.Key_Right)
     assert label.text() != before
@@ -71,21 +72,21 @@ def test_the_marker_goes_to_the_highest_point_and_along_the_curve(measured: Stag
 
 @pytest.mark.deep
 def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: Stage) -> None:
-    plot = measured.window.measure_page.live_pane.plots.response
-    menu = plot.tools[0].make_menu()
+    plot = measured.window.measure_page.live_pane.plots.chart
+    menu = plot.tools.make_menu()
     texts = [action.text() for action in menu.actions()]
     assert ACTIONS["plot.peak"].text in texts
-    assert "Lower plot: residual" in texts
-    next(action for action in menu.actions() if action.text() == "Lower plot: residual").trigger()
-    assert plot.residual_strip.isVisible()
+    assert "Lower plot: residual of the fit" in texts
+    next(action for action in menu.actions() if action.text() == "Lower plot: residual of the fit").trigger()
+    assert len(plot.panels) == 2 or measured.window.height() < 700
     menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
     QTest.keyClick(menu, Qt.Key.Key_F12)
     assert measured.session.stops == 1
-    menu = plot.tools[0].make_menu()
+    menu = plot.tools.make_menu()
     menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
     QTest.keyClick(menu, Qt.Key.Key_Escape)
     assert measured.session.stops == 2, "Escape stops a run, also where a menu is open"
-    menu = plot.tools[0].make_menu()
+    menu = plot.tools.make_menu()
     menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
     stop = find(measured.window, "status.stop")
     QTest.mouseClick(menu, Qt.MouseButton.LeftButton, pos=menu.mapFromGlobal(stop.mapToGlobal(stop.rect().center())))
@@ -94,14 +95,14 @@ def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: S
 
 @pytest.mark.deep
 def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) -> None:
-    plot = measured.window.measure_page.live_pane.plots.response
-    tools = plot.tools[0]
-    tools._write_data([tmp_path / "response"])
-    assert (tmp_path / "response.tsv").read_text("utf-8").startswith("SIMULATED\nseries\tfrequency (Hz)")
-    tools._write_picture([tmp_path / "response.png"])
+    plot = measured.window.measure_page.live_pane.plots.chart
+    tools = plot.tools
+    tools.files.write_data([tmp_path / "response"])
+    assert (tmp_path / "response.tsv").read_text("utf-8").startswith("SIMULATED\nseries\tFrequency, Hz")
+    tools.files.write_picture([tmp_path / "response.png"])
     picture = QPixmap(str(tmp_path / "response.png"))
-    assert picture.size() == plot.canvas.grab().size()
-    tools._write_data([tmp_path / "no" / "folder.tsv"])
+    assert picture.size() == plot.canvas.viewport().grab().size()
+    tools.files.write_data([tmp_path / "no" / "folder.tsv"])
     assert str(tmp_path / "no" / "folder.tsv") in find(plot.canvas, "plot.read-out").text()
 
 
@@ -109,40 +110,35 @@ def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) 
 def test_every_plot_has_the_same_tools(open_stage: OpenStage) -> None:
     stage = open_stage(ahead=True)
     until(lambda: len(stage.window.tabs.created_pages) == stage.window.tabs.count(), "for the pages")
-    from app.gui.plots.base import PlotBase
-
-    for plot in stage.window.findChildren(PlotBase):
-        for canvas in plot._canvases:
-            assert canvas.findChild(QAction, "plot.peak") is not None, type(plot).__name__
-            assert canvas.contextMenuPolicy() is Qt.ContextMenuPolicy.CustomContextMenu
+    canvases = stage.window.findChildren(GraphicsView)
+    assert len(canvases) >= 8
+    for canvas in canvases:
+        assert canvas.findChild(QAction, "plot.peak") is not None, canvas.accessibleName()
+        assert canvas.contextMenuPolicy() is Qt.ContextMenuPolicy.CustomContextMenu
 
 
 @pytest.mark.deep
 def test_logarithmic_axes_show_the_same_values(measured: Stage) -> None:
-    plot = measured.window.measure_page.live_pane.plots.response
-    until(plot.model_curves.source_label.text, "for the curve")
-    box, scatter = plot.plot.getViewBox(), plot.scatters[0]
-    whole, table, (x, y) = box.viewRange(), plot._table(), scatter.getData()
+    plot = measured.window.measure_page.live_pane.plots.chart
+    until(lambda: "curve:" in plot.note_label.text(), "for the curve")
+    box, name = plot.panels[0].box, "max − min, measured"
+    whole, table, (x, y) = box.viewRange(), plot.table(), plot.panels[0].drawn_layer(name).scatter.getData()
     plot.canvas.setFocus()
     for key in (Qt.Key.Key_X, Qt.Key.Key_Y):
         QTest.keyClick(plot.canvas, key, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
     assert plot.log_axes == (True, True)
-    np.testing.assert_allclose(scatter.getData(), np.log10([x, y]))
-    assert plot.threshold.line.value() == pytest.approx(np.log10(50.0))
+    np.testing.assert_allclose(plot.panels[0].drawn_layer(name).scatter.getData(), np.log10([x, y]))
     (left, right), (bottom, top) = box.viewRange()
     assert left == pytest.approx(np.log10(5.0)), "the model's curve begins at 5 Hz"
-    assert (right, top) == pytest.approx(np.log10([whole[0][1], whole[1][1]]))
+    assert right == pytest.approx(np.log10(whole[0][1]))
     assert bottom < np.log10(y.min()) < top
-    assert plot._table() == table, "what is copied does not depend on the axes"
-    assert plot.tools[0].describe(plot.plot, float(np.log10(160.0)), 2.0).startswith("160 Hz,  100")
+    assert plot.table() == table, "what is copied does not depend on the axes"
     measured.happen(point(2, 200.0))
-    np.testing.assert_allclose(scatter.getData()[0], np.log10([100.0, 160.0, 200.0]))
-    entries = [action for action in plot.tools[0].make_menu().actions() if action.text().startswith("Logarithmic")]
+    np.testing.assert_allclose(plot.panels[0].drawn_layer(name).scatter.getData()[0], np.log10([100.0, 160.0, 200.0]))
+    entries = [action for action in plot.tools.make_menu().actions() if action.text().startswith("Logarithmic")]
     assert [entry.isChecked() for entry in entries] == [True, True]
     for entry in entries:
         entry.trigger()
     assert box.viewRange() == whole
     traces = measured.window.measure_page.live_pane.time_plot
-    assert not [
-        a for a in traces.tools[0].make_menu().actions() if a.text().startswith("Logarithmic") and a.isEnabled()
-    ]
+    assert not [a for a in traces.tools.make_menu().actions() if a.text().startswith("Logarithmic") and a.isEnabled()]

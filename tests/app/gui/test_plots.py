@@ -3,20 +3,21 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pyqtgraph as pg
 import pytest
-from PySide6.QtGui import QFontMetricsF
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.gui.face import LIGHT
-from app.gui.plots import time_plot
-from app.gui.plots.base import limit_ticks, stable_range, style_axes, tick_spacing
+from app.gui.plots import SOLID, Chart, Panel, Picture, Region, Rule, Spot, layer, time_plot
+from app.gui.plots.axes import round_step, stable_range
 from app.gui.plots.time_plot import TimePlot, rising_edges
 from app.live import feed as live_feed
 from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from tests.helpers.session_events import SCALES, sine_block
+from tests.helpers.text_places import faults_of_plot, plot_texts
 
 
 def fed(rate_hz: float = 5000.0, seconds: float = 2.0) -> LiveFeed:
@@ -188,24 +189,73 @@ def test_ranges_change_only_when_they_must(
 
 
 @pytest.mark.parametrize("span", [0.013, 1.0, 7.0, 1200.0, 99_000.0])
-def test_a_low_plot_has_two_to_four_intervals(span: float) -> None:
-    assert 1.5 <= span / tick_spacing(0.0, span) <= 4
+def test_a_low_plot_has_one_to_four_intervals(span: float) -> None:
+    step = round_step(span, 4)
+    assert 1.5 <= span / step <= 4
+    assert f"{step:e}"[:3] in {"1.0", "2.0", "2.5", "5.0"}
 
 
-@pytest.mark.parametrize("height", [30, 60, 120, 300])
-def test_ticks_stay_apart_and_no_name_is_cut_off_however_low_a_plot_is(qt: QApplication, height: int) -> None:
-    canvas = pg.PlotWidget()
-    plot, font = canvas.getPlotItem(), canvas.font()
-    plot.setLabel("left", "a name of some length")
-    style_axes(plot, font)
-    limit_ticks(plot, font)
-    canvas.resize(300, height + 60)
-    canvas.show()
-    plot.setYRange(280, 288, padding=0)
+@pytest.mark.parametrize("height", [110, 160, 300])
+@pytest.mark.parametrize("values", [(280.0, 288.0), (-5e-7, 4e-7), (0.0, 123_456.0)])
+def test_ticks_and_titles_stay_apart_however_low_a_plot_is(
+    qt: QApplication, height: int, values: tuple[float, float]
+) -> None:
+    chart = Chart("two panels", headed=False)
+    chart.resize(400, 2 * height)
+    chart.show()
+    x = np.array([0.0, 100.0])
+    layers = tuple(layer(name=f"{at}", x=x, y=np.array(values), symbol="o", panel=at) for at in (0, 1))
+    titles = "A title that is much longer than a low plot is high, µm", "Residual, µm"
+    panels = tuple(Panel(title=title, x_labels=at == 1) for at, title in enumerate(titles))
+    chart.show_picture(Picture(x_title="Frequency, Hz", panels=panels, layers=layers))
     QApplication.processEvents()
-    axis, box = plot.getAxis("left"), plot.getViewBox()
-    ticks = axis.tickValues(280, 288, box.height())[0][1]
-    assert len(ticks) < 2 or (ticks[1] - ticks[0]) / 8 * box.height() >= 0.85 * QFontMetricsF(font).height()
-    assert axis.label.isVisible() == (axis.label.boundingRect().width() <= box.height())
-    canvas.close()
-    canvas.deleteLater()
+    assert list(faults_of_plot(chart.canvas)) == []
+    left = {round(each.box.sceneBoundingRect().left()) for each in chart.panels}
+    assert len(left) == 1, "the left edges are one line"
+    chart.deleteLater()
+
+
+def test_labels_avoid_each_other_and_regions_name_themselves_inside(qt: QApplication) -> None:
+    chart = Chart("labels", headed=False)
+    chart.show()
+    x = np.linspace(0.0, 250.0, 60)
+    layers = tuple(
+        layer(name=name, x=x, y=900 * np.exp(-(((x - 150) / 60) ** 2)) + at, line=SOLID, label=name)
+        for at, name in enumerate(("one curve", "another curve", "a third curve"))
+    )
+    picture = Picture(
+        x_title="Frequency, Hz", panels=(Panel(title="Displacement, µm", low=0.0),), layers=layers, x=(0.0, 250.0),
+        regions=(Region(low=200.0, high=250.0, tone="sand", label="Tends to be uncomfortable"),),
+        rules=(Rule(at=160.0, label="Natural frequency 160.0 Hz", marked=True),),
+        spots=(Spot(x=150.0, y=900.0, label="Largest 900 µm at 150 Hz"),),
+    )  # fmt: skip
+    for width in (320, 500, 1000):
+        chart.resize(width, 320)
+        chart.show_picture(picture)
+        QApplication.processEvents()
+        assert list(faults_of_plot(chart.canvas)) == []
+    places = {place.text: place for place in plot_texts(chart.canvas)}
+    assert {"one curve", "another curve", "a third curve", "Largest 900 µm at 150 Hz"} <= places.keys()
+    edge = chart.panels[0].to_pixels(200.0, 0.0)[0][0] + chart.panels[0].box.sceneBoundingRect().left()
+    assert places["Tends to be uncomfortable"].area.left() >= edge
+    chart.deleteLater()
+
+
+def test_two_cursors_read_the_difference(qt: QApplication) -> None:
+    chart = Chart("cursors", headed=False)
+    chart.resize(500, 320)
+    chart.show()
+    x = np.array([100.0, 150.0, 200.0])
+    moved = layer(name="moved", x=x, y=np.array([400.0, 900.0, 450.0]), errors=np.full(3, 2.0), symbol="o")
+    chart.show_picture(Picture(x_title="Frequency, Hz", panels=(Panel(title="Displacement, µm"),), layers=(moved,)))
+    QApplication.processEvents()
+    for second, at in enumerate((1, 2)):
+        place = chart.canvas.mapFromScene(
+            chart.panels[0].box.mapToScene(*chart.panels[0].to_pixels(x[at], moved.y[at])[0])
+        )
+        keys = Qt.KeyboardModifier.ShiftModifier if second else Qt.KeyboardModifier.NoModifier
+        QTest.mouseClick(chart.canvas.viewport(), Qt.MouseButton.LeftButton, keys, place)
+    rows = chart.tools.label.text().splitlines()
+    assert rows[:2] == ["150 Hz", "moved: 900 ± 2 µm"]
+    assert rows[2:] == ["Δ −50 Hz", "Δ moved: 450 µm, ratio 2"]
+    chart.deleteLater()

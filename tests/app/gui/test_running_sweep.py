@@ -84,10 +84,10 @@ def test_a_running_sweep_is_shown_until_its_run_ends(stage: Stage) -> None:
 
     def drawn() -> bool:
         window.tick()
-        return plots.currentWidget() is plots.curves and bool(plots.curves.drawn_curves)
+        return plots.shows_curves
 
     until(drawn, "for the running sweep")
-    assert "running" in plots.curves.legend.items[0][1].text
+    assert any("running" in layer.label for layer in plots.chart.picture.layers)
     stage.happen(*STOPPED)
     assert feed.running_curve.latest is None
-    assert not plots.curves.drawn_curves or plots.currentWidget() is not plots.curves
+    assert not plots.shows_curves

@@ -156,21 +156,25 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     view = page.viewer
-    x, y = view.plots.response.scatters[0].getData()
-    np.testing.assert_allclose((x, y), ([100, 160], [800, 800]))
+    measured = view.plots.chart.layer("max − min, measured")
+    assert measured is not None
+    np.testing.assert_allclose((measured.x, measured.y), ([100, 160], [800, 800]))
     with Run(next(folder.glob("*_T7_*.h5"))) as run:
         drive, length = run.trace.drive_v(), run.trace.time_s()[-1]
-    t, v = view.trace_plot.curves[1].getData()
-    assert (v.min(), v.max()) == (drive.min(), drive.max())
+    _, traces = view.trace_plot.picture.layers
+    t, v = traces.x, traces.y
+    assert (np.nanmin(v), np.nanmax(v)) == (drive.min(), drive.max())
     assert t[-1] == pytest.approx(length, abs=0.01)
-    gap = np.flatnonzero(~view.trace_plot.curves[1].opts["connect"][:-1])
-    assert t[gap] == pytest.approx([0.2], abs=0.01)  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
+    gap = np.flatnonzero(np.isnan(v))
+    assert t[gap - 1] == pytest.approx(
+        [0.2], abs=0.01
+    )  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
     assert view.card.value_labels[0][1].text() == "158.350 ± 0.010 Hz"
     assert view.card.simulated_label.isVisible()
     assert "Armed" in view.log.toPlainText()
     until(lambda: page._overlay.result() is not None, "for the curve")
     page.tick()
-    assert len(view.plots.response.model_curves.free.lines[0].getData()[0]) > 100
+    assert any(layer.group == "Model" and layer.x.size > 100 for layer in view.plots.chart.picture.layers)
 
 
 @pytest.mark.deep
@@ -182,29 +186,29 @@ def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     traces = page.viewer.trace_plot
-    whole_s, whole_um = traces.curves[0].getData()
-    assert len(whole_s) == 200
+    whole_s, whole_um = traces.picture.layers[0].x, traces.picture.layers[0].y
+    assert np.isfinite(whole_s).sum() == 200
     for _ in range(4):
         QTest.keyClick(page.window(), Qt.Key.Key_Minus, Qt.KeyboardModifier.ControlModifier)
-    traces._plots[0].setXRange(0.1, 0.13, padding=0)
-    until(lambda: len(traces.curves[0].getData()[0]) < 190, "for the samples")
-    seen_s, seen_um = traces.curves[0].getData()
+    traces.show_range(0.1, 0.13)
+    until(lambda: len(traces.picture.layers[0].x) < 190, "for the samples")
+    seen_s, seen_um = traces.picture.layers[0].x, traces.picture.layers[0].y
     with Run(next(folder.glob("*_T7_*.h5"))) as run:
         at = (run.trace.time_s() > 0.0999) & (run.trace.time_s() < 0.1301)
         times, moved = run.trace.time_s()[at], 1e6 * run.trace.displacement_m()[at]
     np.testing.assert_allclose(np.interp(times, seen_s, seen_um), moved)
     assert set(times.round(6)) <= set(seen_s.round(6))
-    assert "every sample" in traces._plots[1].getAxis("bottom").labelText
+    assert "every sample" in traces.picture.note
     QTest.keyClick(page.window(), Qt.Key.Key_0, Qt.KeyboardModifier.ControlModifier)
-    until(lambda: len(traces.curves[0].getData()[0]) == 200, "for the whole")
-    np.testing.assert_array_equal(traces.curves[0].getData()[1], whole_um)
+    until(lambda: np.isfinite(traces.picture.layers[0].x).sum() == 200, "for the whole")
+    np.testing.assert_array_equal(traces.picture.layers[0].y, whole_um)
 
 
 def test_several_are_compared(page: RunsPage) -> None:
     choose(page, "T7", "T8")
-    heights = sorted(float(item.getData()[1][0]) for item in page.details.plot.items)
+    heights = sorted(float(layer.y[0]) for layer in page.details.plot.picture.layers)
     assert heights == pytest.approx([600.0, 800.0])
-    assert page.details.plot.simulated_label.visible
+    assert page.details.plot.picture.simulated
     assert page.details.heading.text() == "2 runs chosen"
 
 
@@ -397,12 +401,12 @@ def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..
     view = page.viewer
     with Run(next((tmp_path / "runs").glob("*.h5"))) as file:
         (kept,) = file.series()
-    assert view.plots.currentWidget() is view.plots.curves
-    ((line, _),) = view.plots.curves.drawn_curves
-    np.testing.assert_allclose(line.getData()[1], 1e6 * kept.plotted)
-    view.plots.curves.points_button.click()
-    assert view.plots.currentWidget() is view.plots.points
-    assert len(view.plots.points.scatter.getData()[0]) == 1
+    (curve,) = [layer for layer in view.plots.chart.picture.layers if layer.name == kept.title and not layer.panel]
+    np.testing.assert_allclose(curve.y, 1e6 * kept.plotted)
+    view.plots.curves_button.click()
+    points = view.plots.chart.layer(view.plots.kind.title)
+    assert points is not None
+    assert points.x.size == 1
     assert "Asked: " in view.log.toPlainText()
 
 

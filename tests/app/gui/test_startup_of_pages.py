@@ -4,7 +4,7 @@ import pytest
 from PySide6.QtCore import QEvent, QObject, QSettings, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QSplitter, QWidget
 
-from app.gui.plots import PlotBase
+from app.gui.plots import Chart
 from app.gui.shell.page_host import EXPLORE, MEASURE, RUNS
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
@@ -42,7 +42,7 @@ def test_last_page_is_restored_after_first_paint_with_keyboard_focus(open_stage:
     pages = stage.window.tabs
     assert pages.currentIndex() == RUNS
     assert list(pages.created_pages) == [MEASURE], "nobody waits for it"
-    assert not pages.measure.findChildren(PlotBase), "the page that is not shown has no plots yet"
+    assert not pages.measure.findChildren(Chart), "the page that is not shown has no plots yet"
     (comes,) = (label for label in pages.currentWidget().findChildren(QLabel))
     assert comes.text() == "Runs …"
     until(lambda: RUNS in pages.created_pages, "for the page")
@@ -52,7 +52,7 @@ def test_last_page_is_restored_after_first_paint_with_keyboard_focus(open_stage:
     columns = stage.window.tabs.runs.findChild(QSplitter, "runs/columns")
     assert abs(columns.sizes()[0] - columns.sizes()[1]) < 20, "divided as it was left"
     until(lambda: len(pages.created_pages) == pages.count(), "for the other pages")
-    until(lambda: bool(pages.measure.findChildren(PlotBase)), "for the plots, before the page is turned to")
+    until(lambda: bool(pages.measure.findChildren(Chart)), "for the plots, before the page is turned to")
     assert pages.currentIndex() == RUNS
 
 

@@ -51,7 +51,7 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     (path,) = tmp_path.glob("*_T7_sine-dwell.h5")
     with Run(path) as run:
         measured = 1e6 * run.points()["peak_to_peak"]
-    shown = window.measure_page.live_pane.plots.response.scatters[0].points()
+    shown = window.measure_page.live_pane.plots.chart.panels[0].drawn_layer("max − min, measured").scatter.points()
     assert [spot.pos().y() for spot in shown] == pytest.approx(list(measured))
     drive, moved = (
         trace.decimated_curve()[1] for trace in window.adapter.feed.traces(window.measure_page.live_pane.time_plot.span)
@@ -81,7 +81,7 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
     press(window, Qt.Key.Key_F5)
     window.controller.repeat_entries((2,), tmp_path)
     assert window.strip.view.run.title.endswith(f"reading {first.name}")
-    assert len(window.measure_page.live_pane.plots.response.scatters[0].points()) == 3
+    assert window.measure_page.live_pane.plots.chart.layer("max − min, measured").x.size == 3
     may_read.set()
     until(lambda: not window.state.busy, "for the second run")
     assert readers

@@ -6,8 +6,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QRect, QSettings, QSize, Qt
+from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 
 from app.gui.face import DARK, LIGHT, tokens
@@ -62,13 +64,15 @@ def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage:
     assert find(stage.window, "measure.run").isEnabled()
 
 
-def test_simulated_stands_on_every_plot(stage: Stage) -> None:
+def test_every_exported_picture_of_simulated_data_says_so_and_the_plots_in_the_window_do_not(stage: Stage) -> None:
     stage.happen(OPENED)
-    measure = stage.window.measure_page
-    assert all(
-        mark.visible
-        for mark in (measure.live_pane.plots.response.simulated_label, *measure.live_pane.time_plot.simulated_labels)
-    )
+    pane = stage.window.measure_page.live_pane
+    for chart in (pane.plots.chart, pane.time_plot):
+        violet = QColor(tokens().violet)
+        shown, picture = chart.canvas.viewport().grab().toImage(), chart.tools.files.picture().toImage()
+        assert picture.pixelColor(picture.width() - 16, 2) == violet
+        assert shown.pixelColor(shown.width() - 16, 2) != violet
+        assert chart.table().startswith("SIMULATED")
 
 
 @pytest.mark.one_in(100)
@@ -187,15 +191,17 @@ def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Sta
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), point(1, 150.0, Quality.UNSETTLED))
-    spots = stage.window.measure_page.live_pane.plots.response.scatters[0].points()
-    assert [spot.pos().x() for spot in spots] == [100.0, 150.0]
-    assert spots[0].pos().y() == pytest.approx(900.0)
+    chart = stage.window.measure_page.live_pane.plots.chart
+    measured, twice = chart.layer("max − min, measured"), chart.layer("2 × fundamental, measured")
+    assert measured is not None
+    assert twice is not None
+    assert measured.x.tolist() == [100.0, 150.0]
+    assert measured.y[0] == pytest.approx(900.0)
+    drawn = chart.panels[0].drawn_layer("max − min, measured")
     paper = tokens().surface
-    assert spots[0].brush().color().name() != paper
-    assert spots[1].brush().color().name() == paper
-    assert "unsettled" in spots[1].data()
-    twice = stage.window.measure_page.live_pane.plots.response.scatters[1].points()
-    assert twice[0].pos().y() == pytest.approx(864.0)
+    assert [spot.brush().color().name() == paper for spot in drawn.scatter.points()] == [False, True]
+    assert "unsettled" in measured.texts[1]
+    assert twice.y[0] == pytest.approx(864.0)
 
 
 @pytest.mark.deep
@@ -204,28 +210,41 @@ def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.window.start_run()
     found = EstimatedQuantity("natural_frequency", 158.35, 0.0072, "Hz", "this run")
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (found,)))
-    label = stage.window.measure_page.live_pane.plots.response.corner_label
-    assert label.text == f"{quantity_label(found.name)} 158.3500 ± 0.0072 Hz"
+    (rule,) = [r for r in stage.window.measure_page.live_pane.plots.chart.picture.rules if r.marked]
+    assert rule.at == 158.35
+    assert rule.label == f"{quantity_label(found.name).capitalize()} 158.3 Hz"
 
 
 @pytest.mark.deep
 def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
-    response = stage.window.measure_page.live_pane.plots.response
-    response.series_boxes[1].click()
-    assert not response.scatters[1].isVisible()
-    assert response.scatters[0].isVisible()
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE, point(0, 100.0), point(1, 150.0))
+    chart = stage.window.measure_page.live_pane.plots.chart
+    chart.chips["2 × fundamental"].click()
+    shown = [layer.name for layer in chart.panels[0].layers]
+    assert "max − min, measured" in shown
+    assert "2 × fundamental, measured" not in shown
 
 
 @pytest.mark.deep
-def test_curve_and_points_of_different_drives_are_told_apart(stage: Stage) -> None:
+def test_what_is_typed_for_the_next_run_changes_nothing_of_the_finished_one(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), *STOPPED)
     until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
-    assert stage.window.measure_page.live_pane.plots.response.hint_label.text() == ""
+    chart = stage.window.measure_page.live_pane.plots.chart
+    before = {layer.name: layer for layer in chart.picture.layers}
     stage.window.measure_page.run_panel.form.rows["peak_to_peak_v"].set_value(2.0)
-    until(lambda: "points at 5 V, curve at 2 V" in stage.window.measure_page.live_pane.plots.response.hint_label.text())
+    until(lambda: len(chart.picture.layers) > len(before), "for the preview")
+    after = {layer.name: layer for layer in chart.picture.layers}
+    (preview,) = after.keys() - before.keys()
+    assert after[preview].label == "next, 2 V"
+    for name, layer in before.items():
+        np.testing.assert_array_equal(after[name].y, layer.y)
+    stage.happen(*LIVE)
+    assert not chart.picture.layers or all(layer.label != "next, 2 V" for layer in chart.picture.layers)
 
 
 def test_the_model_curve_comes_without_being_waited_for(stage: Stage) -> None:
@@ -417,10 +436,8 @@ def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> 
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 150.0, Quality.UNSETTLED))
-    canvas, scatter = (
-        stage.window.measure_page.live_pane.plots.response.canvas,
-        stage.window.measure_page.live_pane.plots.response.scatters[0],
-    )
+    chart = stage.window.measure_page.live_pane.plots.chart
+    canvas, scatter = chart.canvas, chart.panels[0].drawn_layer("max − min, measured").scatter
     until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
     QCoreApplication.processEvents()
@@ -429,7 +446,7 @@ def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> 
 
     def told() -> bool:
         QTest.mouseMove(canvas.viewport(), at + next(steps))
-        return "not usable: unsettled" in scatter.getViewBox().toolTip()
+        return "not usable: unsettled" in find(canvas, "plot.read-out").text()
 
     until(told)
 

@@ -31,7 +31,7 @@ from protocols.runner.request import RunRequest
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, SPECIMEN_FAULTS
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, INTERLOCK_FAULTS, SPECIMEN_FAULTS
 from tests.helpers.level_protocol import Levels
 from tests.helpers.simulated_bench import simulated
 
@@ -271,4 +271,4 @@ def test_no_volts_that_the_card_contradicts_and_no_green_lamp_on_the_part_at_fau
     assert watch.looks > 3
     assert watch.injected_s < math.inf, "the fault was injected"
     assert not watch.complaints, "\n".join(watch.complaints[:10])
-    assert fault in PARTS or fault in (*SPECIMEN_FAULTS, "amplifier-limited", "clock-drift")
+    assert fault in PARTS or fault in (*SPECIMEN_FAULTS, *INTERLOCK_FAULTS, "amplifier-limited", "clock-drift")

@@ -1,0 +1,157 @@
+"""Axes of a plot: round ticks with space between them, horizontal titles with units, horizontal grid lines, no box."""
+
+import math
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QFontMetricsF, QPainter
+
+from app.gui.face import LABEL_PX, px, text_font
+from app.gui.plots.labels import Label
+from app.gui.plots.picture import color_of, number_text
+
+X_GAP_PX, DATE_GAP_PX, Y_GAP_PX = 48, 64, 28
+"""Least distance of the labels of two ticks."""
+
+LEFT_PX, RIGHT_PX, TITLE_PX, TICK_PX = 44, 12, 25, 4
+"""Width of the left axis and of the space at the right, height of the row of a title, length of a tick."""
+
+DAY_S = 86400.0
+ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
+ROUND_ON_LOG = (1.0, 2.0, 5.0)
+
+
+def round_step(span: float, max_steps: float) -> float:
+    """Return the smallest of 1, 2, 2.5, 5 times a power of ten that fits at most `max_steps` times into `span`."""
+    decade = 10.0 ** math.floor(math.log10(span / max_steps))
+    return next(decade * each for each in (*ROUND, 20.0) if span / (decade * each) <= max_steps * (1 + 1e-9))
+
+
+def stable_range(low: float, high: float, current: tuple[float, float] | None) -> tuple[float, float]:
+    """Return axis limits around `low..high`: the current ones while they still fit and are at most three times too wide."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return current or (-1.0, 1.0)
+    span = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-12)
+    if current is not None and current[0] <= low and high <= current[1] and current[1] - current[0] <= 3 * span:
+        return current
+    step = round_step(span, 10)
+    return math.floor((low - 0.08 * span) / step) * step, math.ceil((high + 0.08 * span) / step) * step
+
+
+class Axis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
+    """The horizontal axis has its line, ticks and title; the vertical one labels only, and the panel's grid lines at them."""
+
+    def __init__(self, side: str) -> None:
+        self._side = side
+        super().__init__(side)
+        self.enableAutoSIPrefix(False)
+        self.setStyle(autoExpandTextSpace=False, autoReduceTextSpace=False, hideOverlappingLabels=False)
+        self.is_log = self.has_dates = False
+        self.scale_by = 1.0
+        """Factor of the labels."""
+        self.fixed: tuple[float, ...] = ()
+        self.labelled = True
+        self.ends_above = False
+        """Whether another panel's title follows below a vertical axis."""
+        self.heading = Label(self)
+        """Title of the horizontal axis, at its right end in the row of its labels."""
+        self.show_theme()
+
+    def show_theme(self) -> None:
+        """Use the colours and the text size in use."""
+        self.setTickFont(text_font(LABEL_PX))
+        self.setPen(pg.mkPen(color_of("outline")))
+        self.setTextPen(pg.mkPen(color_of("text2")))
+        if self._side == "bottom":
+            self.setHeight(px(LABEL_PX) + px(8) + px(TICK_PX) if self.labelled else 1)
+            self.show_title(self.heading.text())
+
+    def show_title(self, title: str) -> None:
+        """Set the title of a horizontal axis."""
+        self.heading.show_text(title if self.labelled else "")
+        self.picture = None
+        self.update()
+
+    def resizeEvent(self, _event: Any = None) -> None:
+        if "heading" not in vars(self):  # pyqtgraph sets its size while it is made
+            return
+        size = self.heading.boundingRect()
+        self.heading.setPos(self.size().width() - size.width(), px(TICK_PX) + 1)
+
+    def places(self) -> list[tuple[float, str]]:
+        """Return the ticks: the place on the axis, in view coordinates, and its label."""
+        low, high = self.range
+        length = self.size().width() if self._side == "bottom" else self.size().height()
+        if not (math.isfinite(low) and math.isfinite(high)) or high <= low or length <= 0:
+            return []
+        if self.fixed:
+            least = px(Y_GAP_PX) / 2
+            values = [v for v in self.fixed if low <= v <= high]
+            if any((b - a) / (high - low) * length < least for a, b in pairwise(values)):
+                values = values[len(values) // 2 :][:1]
+            return [(v, number_text(v * self.scale_by)) for v in values]
+        count = max(
+            length / px(DATE_GAP_PX if self.has_dates else X_GAP_PX if self._side == "bottom" else Y_GAP_PX), 1.0
+        )
+        if self.is_log:
+            return _log_places(low, high, count)
+        if self.has_dates:
+            step = max(round_step((high - low) / DAY_S, count), 1.0) * DAY_S
+            first = math.ceil(low / step) * step
+            return [(t, _day(t)) for t in np.arange(first, high, step)]
+        span = (high - low) * self.scale_by
+        step = round_step(span, count)
+        first, last = math.ceil(low * self.scale_by / step - 1e-9), math.floor(high * self.scale_by / step + 1e-9)
+        digits = 2 + math.ceil(math.log10(max(abs(first), abs(last), 1) + 1))
+        return [(at * step / self.scale_by, number_text(at * step, max(digits, 3))) for at in range(first, last + 1)]
+
+    def generateDrawSpecs(self, _painter: QPainter) -> Any:
+        """Return line, ticks and labels as pyqtgraph draws them."""
+        bounds = self.mapRectFromParent(self.geometry())
+        low, high = self.range
+        metrics = QFontMetricsF(text_font(LABEL_PX))
+        ticks, texts = [], []
+        flags = Qt.AlignmentFlag.AlignVCenter
+        for value, text in self.places():
+            share, width = (value - low) / (high - low), metrics.horizontalAdvance(text) + 2
+            if self._side == "left":
+                y = bounds.bottom() - share * bounds.height()
+                if self.ends_above and bounds.bottom() - y < metrics.height() / 2:
+                    continue
+                rect = QRectF(bounds.right() - px(6) - width, y - metrics.height() / 2, width, metrics.height())
+                texts.append((rect, flags | Qt.AlignmentFlag.AlignRight, text))
+                continue
+            x = bounds.left() + share * bounds.width()
+            ticks.append((self.pen(), QPointF(x, bounds.top()), QPointF(x, bounds.top() + px(TICK_PX))))
+            rect = QRectF(x - width / 2, bounds.top() + px(TICK_PX) + 1, width, metrics.height())
+            title = self.heading.mapRectToParent(self.heading.boundingRect()).adjusted(-px(6), 0, 0, 0)
+            if self.labelled and not (self.heading.text() and rect.intersects(title)):
+                texts.append((rect, flags | Qt.AlignmentFlag.AlignHCenter, text))
+        none = pg.mkPen(None)
+        pen = self.pen() if self._side == "bottom" and self.labelled else none
+        return (pen, bounds.topLeft(), bounds.topRight()), ticks if self.labelled else [], texts
+
+    def needed_width(self) -> int:
+        """Return the width that the labels of a vertical axis need."""
+        metrics = QFontMetricsF(text_font(LABEL_PX))
+        widths = (metrics.horizontalAdvance(text) for _, text in self.places())
+        return max(px(LEFT_PX), math.ceil(max(widths, default=0.0)) + px(10))
+
+
+def _log_places(low: float, high: float, count: float) -> list[tuple[float, str]]:
+    decades = range(math.floor(low), math.ceil(high) + 1)
+    every = [(d + math.log10(m), m * 10.0**d) for d in decades for m in ROUND_ON_LOG]
+    shown = [(place, value) for place, value in every if low - 1e-9 <= place <= high + 1e-9]
+    if len(shown) > count:
+        shown = [(p, v) for p, v in shown if abs(p - round(p)) < 1e-9]
+    stride = max(math.ceil(len(shown) / max(count, 1)), 1)
+    return [(p, number_text(v, 3)) for p, v in shown[::stride]]
+
+
+def _day(time_s: float) -> str:
+    at = datetime.fromtimestamp(time_s, UTC)
+    return f"{at.day} {at:%b}" if at.year == datetime.now(UTC).year else f"{at.day} {at:%b %y}"

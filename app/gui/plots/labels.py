@@ -1,0 +1,116 @@
+"""Texts of a plot: with a halo of the ground, placed beside their curves where they cover neither data nor each other."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF
+from PySide6.QtGui import QBrush, QFont, QFontMetricsF, QPainter, QPainterPath, QPen
+from PySide6.QtWidgets import QGraphicsSimpleTextItem
+
+from app.gui.face import LABEL_PX, MEDIUM, px, text_font
+from app.gui.plots.picture import color_of
+from model import Array
+
+HALO_PX = 4
+GAP_PX = 5
+PLACES_ALONG = 24
+"""Number of places along a curve at which its label may stand."""
+
+FREE_PX = 2
+"""Distance of a label from another one."""
+
+
+class Label(QGraphicsSimpleTextItem):
+    """A text with a halo, so that it can be read over lines."""
+
+    def __init__(self, parent: Any, weight: QFont.Weight = MEDIUM) -> None:
+        super().__init__(parent)
+        self._weight, self.tone = weight, "text"
+        self.setZValue(20)
+
+    def show_text(self, text: str, tone: str = "text") -> QRectF:
+        """Set text and colour in the font in use; return its rectangle."""
+        self.tone = tone
+        self.setFont(text_font(LABEL_PX, self._weight))
+        self.setText(text)
+        self.setBrush(QBrush(color_of(tone)))
+        return self.boundingRect()
+
+    def paint(self, painter: QPainter, option: Any, widget: Any = None) -> None:
+        path = QPainterPath()
+        path.addText(QPointF(0, QFontMetricsF(self.font()).ascent()), self.font(), self.text())
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.strokePath(path, QPen(color_of("surface"), px(HALO_PX)))
+        super().paint(painter, option, widget)
+
+
+class Placer:
+    """Places texts in an area, in pixels; `obstacles` are points (N, 2) of what is drawn there."""
+
+    def __init__(self, area: QRectF, obstacles: Array) -> None:
+        self._area, self._obstacles = area, obstacles
+        self.taken: list[QRectF] = []
+
+    def place(self, size: QRectF, wishes: Sequence[QPointF]) -> QPointF | None:
+        """Return the place among the wished ones, best first, that covers least; None if each would lie over a text or the edge."""
+        best: tuple[float, QPointF] | None = None
+        for rank, at in enumerate(wishes):
+            rect = QRectF(at, size.size())
+            if not self._area.contains(rect) or any(rect.intersects(each) for each in self.taken):
+                continue
+            cost = self._covered(rect) + 0.02 * rank
+            if best is None or cost < best[0]:
+                best = cost, at
+            if cost < 0.5:
+                break
+        if best is None:
+            return None
+        self.take(QRectF(best[1], size.size()))
+        return best[1]
+
+    def take(self, rect: QRectF) -> None:
+        """Keep other texts off a rectangle."""
+        self.taken.append(rect.adjusted(-FREE_PX, -FREE_PX, FREE_PX, FREE_PX))
+
+    def _covered(self, rect: QRectF) -> float:
+        if not self._obstacles.size:
+            return 0.0
+        x, y = self._obstacles.T
+        inside = (x > rect.left()) & (x < rect.right()) & (y > rect.top()) & (y < rect.bottom())
+        return float(inside.sum())
+
+
+def beside(at: QPointF, size: QRectF, first: str = "right") -> list[QPointF]:
+    """Return the places of a text beside a point; the preferred side is the first."""
+    gap, width, height = px(GAP_PX) + px(8), size.width(), size.height()
+    middle = at.y() - height / 2
+    places = {
+        "right": QPointF(at.x() + gap, middle),
+        "left": QPointF(at.x() - gap - width, middle),
+        "above": QPointF(at.x() - width / 2, at.y() - gap - height),
+        "below": QPointF(at.x() - width / 2, at.y() + gap),
+        "right-above": QPointF(at.x() + gap, at.y() - gap - height),
+        "left-above": QPointF(at.x() - gap - width, at.y() - gap - height),
+    }
+    return [places.pop(first), *places.values()]
+
+
+def along(points: Array, size: QRectF, from_left: bool) -> Iterator[QPointF]:
+    """Yield the places of a text along a curve, (N, 2) in pixels: above and below it, from one end."""
+    gap, width, height = px(GAP_PX), size.width(), size.height()
+    for at in np.linspace(*((0.1, 0.95) if from_left else (0.88, 0.05)), PLACES_ALONG) * (len(points) - 1):
+        x, y = points[round(at)]
+        yield QPointF(x + gap, y - gap - height)
+        yield QPointF(x - gap - width, y - gap - height)
+        yield QPointF(x - gap - width, y + gap)
+        yield QPointF(x + gap, y + gap)
+
+
+def fitting_text(text: str, width: float, font: QFont) -> str:
+    """Return the text if it fits into a width, else its last word, else nothing."""
+    metrics = QFontMetricsF(font)
+    for each in (text, text.rpartition(" ")[2]):
+        if metrics.horizontalAdvance(each) <= width:
+            return each
+    return ""
