@@ -40,7 +40,7 @@ voltage at the simulated amplifier's input and from the files:
 - it ends within {TOO_LONG_S:g} s, with a documented exit code and without a traceback; where nothing is live, Ctrl-C ends the wait for a silent disk;
 - the input is at rest at its end, or the exit code is 3 and the operator was warned; no jump, and no voltage outside the range;
 - every point that was shown is in a run file, which opens after the repair of the next start, and no other run file was changed;
-- the same command succeeds when it is repeated without the fault.
+- a command that failed succeeds when it is repeated without the fault.
 
 [Deadlines](reference/deadlines.md) are shortened to 0.4 to 2 s here; a delay of the disk on a busy computer can exceed them, and the run then fails.
 """

@@ -324,8 +324,7 @@ class Laboratory:
                         if outcome.facts.get("acknowledged"):
                             outcome.broken.append(f"{file.name} cannot be opened: {error}")
         outcome.facts["kept"] = kept
-        told = outcome.code != 0 or outcome.point.kind in ("end", "garbage")
-        if operation.repeat and told and outcome.code is not None:
+        if operation.repeat and outcome.code:  # a campaign that succeeded would go on with its next item
             with _silent() as said:
                 outcome.repeated = _in_child(partial(self._main, self.arguments(operation)))
             outcome.text += said.getvalue()
