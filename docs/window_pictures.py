@@ -24,6 +24,7 @@ from app.gui.application import qt_application
 from app.gui.laboratory.page import CHART
 from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.shell.page_host import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
+from app.gui.widgets.background import BackgroundWorker
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
 from app.session.request import choose_bench
@@ -274,11 +275,12 @@ def campaign(studio: Studio) -> None:
     studio.look_at(CAMPAIGN)
     page = studio.window.tabs.campaign
     page.create_campaign("T8")
+    workers = page.controller.findChildren(BackgroundWorker)
     for name in ("wiring", "sag"):
-        studio.until(lambda: page.controller.summary is not None and not page.controller.is_busy)
+        studio.until(lambda: page.controller.summary is not None and not any(each.pending for each in workers))
         page.perform_action("run", name)
         studio.until(lambda: page.controller.running_item != "")
-        studio.until(lambda: page.controller.running_item == "" and not page.controller.is_busy)
+        studio.until(lambda: page.controller.running_item == "" and not any(each.pending for each in workers))
         if name == "wiring":
             page.perform_action("accept", name)
     studio.take("campaign")
