@@ -109,6 +109,7 @@ class Chart(QWidget):
             self.canvas.ci.layout.setRowPreferredHeight(at, 10 * picture.panels[at].share)
             for changed in (drawn.box.sigResized, drawn.box.sigRangeChanged):
                 changed.connect(lambda *_: self.tools.update_read_out())
+                changed.connect(lambda *_: self.align())  # other ticks have labels of another width
             if at:
                 drawn.plot.setXLink(self.panels[0].plot)
 

@@ -259,3 +259,17 @@ def test_two_cursors_read_the_difference(qt: QApplication) -> None:
     assert rows[:2] == ["150 Hz", "moved: 900.0 ± 2.0 µm"]
     assert rows[2:] == ["Δ −50 Hz", "Δ moved: 450 µm, ratio 2"]
     chart.deleteLater()
+
+
+def test_the_labels_of_a_vertical_axis_have_place_at_every_size(qt: QApplication) -> None:
+    chart = Chart("width", headed=False)
+    sag = layer(name="sag", x=np.arange(1.0, 6.0), y=3519.1 + 0.01 * np.arange(5), symbol="o")
+    chart.resize(300, 200)
+    chart.show()
+    chart.show_picture(Picture(x_title="Repeat", panels=(Panel(title="Sag, µm"),), layers=(sag,)))
+    for size in ((900, 700), (300, 200), (700, 900)):
+        chart.resize(*size)
+        QApplication.processEvents()
+        axis = chart.panels[0].axes["left"]
+        assert axis.width() >= axis.needed_width() > 0
+    chart.deleteLater()
