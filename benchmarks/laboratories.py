@@ -1,152 +1,113 @@
-"""Do total uncertainties cover? python benchmarks/laboratories.py [--laboratories 1000] [--first 0] [--file FILE] [--json]
+"""Do total uncertainties cover, and is the right cause named? python benchmarks/laboratories.py [--kind KIND] [--laboratories N] [--file FILE]
 
-Every laboratory has a specimen of its own and instruments that are all slightly wrong: ruler, caliper and scale differ from the
-truth by what the specimen sheet states, and so do laser, amplifier, sensor delay, weights and added masses. Creep, hysteresis, the sides'
-difference, the share of added masses that acts, clamp and membrane slip are drawn with the sizes that are usual among tactors. The data are
-solved by finite elements at the true dimensions (`tests/helpers/laboratory.py`); the fit knows the sheet only. For every parameter: how often
-the 95 % interval of the total uncertainty holds the truth, rms deviation in total uncertainties, and how often an interval of the
-statistical uncertainty alone would hold it. With `--file` every laboratory is added to a file as it is done, and those that the file has
-are not done again: the command can be interrupted and repeated.
+Every laboratory of `tests/helpers/model/laboratories.py` has a specimen, a sheet and instruments of its own; its nonidealities are not drawn
+from the fit's priors. The fit is the default one, with the sheet. Kinds: `coverage` (full campaigns, and of every fourth laboratory every
+small set), `developed` and `withheld` (one departure each). Every identification is a line of JSON in FILE; lines that are there are not
+made again, so that the command can be interrupted and repeated.
 """
 
 import argparse
 import json
+import re
 import sys
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from app.identification import SheetEntry, SpecimenSheet
-from app.identification.usual_effects import usual_effects
-from model import COVERAGE_FACTOR_95
-from model.identification.fit_options import FitOptions
-from model.identification.joint_least_squares import joint_fit
-from model.identification.observations import (
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    ObservationSet,
-)
-from model.identification.uncertainty_budget import uncertainty_budget
-from model.parameters import Membrane, Tactor
-from tests.helpers.laboratory import Laboratory, measure
+from app.identification.specimen_identification import identify_observations
+from model.identification import FitOptions, ObservationSet
+from tests.helpers.model.departures import DEVELOPED
+from tests.helpers.model.laboratories import SMALL_SETS, UNDISTURBED, Departure, World, draw, measure, subset
+from tests.helpers.model.withheld_departures import WITHHELD
 
 IDENTIFIED = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-SPREAD = 0.1
-"""Half range of the specimens' own parameters, relative to the paper's."""
-DWELLS = ("free", "membrane 0 mm", "membrane 6.35 mm")
-FIELDS = {"clamp_flexibility": "clamp", "gain_below_rest": "gain_below"}
-"""Names of usual nonidealities in `Laboratory`, where they differ from those of the fit."""
-N = 12
-"""Shape functions of the fit: wrong by 5e-4, where the totals are 0.4 % and more."""
+STREAMS = {"coverage": 2811, "withheld": 2812, "developed": 2813}
+SMALL_SETS_EVERY = 4
+Row = dict[str, Any]
 
 
-def specimen(rng: np.random.Generator) -> tuple[dict[str, float], SpecimenSheet]:
-    """Return the true parameters, and the sheet of a laboratory that measured its dimensions."""
-    truth = asdict(Tactor()) | asdict(Membrane())
-    stated = SpecimenSheet().values
-    for name in IDENTIFIED:
-        truth[name] *= 1 + SPREAD * rng.uniform(-1, 1)
-    entries = {
-        name: SheetEntry(name, truth[name] + e.uncertainty * rng.standard_normal(), e.uncertainty)
-        for name, e in stated.items()
-    }
-    return truth, SpecimenSheet("laboratory", entries)
+def identified(world: World, observations: ObservationSet) -> Row:
+    """Return deviations over total uncertainties, the verdict and the causes that are named."""
+    result = identify_observations("laboratory", observations, "joint", FitOptions(), sheet=world.sheet)
+    fit = result.joint_fit
+    assert fit is not None
+    assert result.adequacy is not None
+    errors, assumed = np.sqrt(np.diag(fit.enlarged_covariance)), {e.name for e in result.assumed}
+    found = zip(fit.names, fit.theta.tolist(), errors.tolist(), strict=True)
+    z = {n: [(v - world.truth[n]) / s, n in assumed] for n, v, s in found if n in world.truth and s > 0}
+    diagnosis = result.adequacy.diagnosis
+    named = [e.cause.title for e in diagnosis.likeliest] if diagnosis is not None else []
+    named = [result.steps[0].explanation.cause.title] if result.steps else named
+    return {"z": z, "alarm": result.adequacy.adequate is False or bool(result.steps), "named": named}
 
 
-def nonidealities(rng: np.random.Generator, runs: ObservationSet) -> dict[str, float]:
-    """Return usual nonidealities of one laboratory, by their names in the fit."""
-    drawn = {name: mean + deviation * rng.standard_normal() for name, (mean, deviation) in usual_effects(runs).items()}
-    drawn["mass_fraction"] = max(drawn["mass_fraction"], 0.4)
-    return drawn
+def coverage(seed: int) -> Iterator[Row]:
+    """Yield the full campaign of a laboratory, and its small sets."""
+    world = draw(seed, stream=STREAMS["coverage"])
+    every = measure(world, seed + 1000 * STREAMS["coverage"])
+    sets = {"full": every}
+    if seed % SMALL_SETS_EVERY == 0:
+        sets |= {name: part for name, kinds in SMALL_SETS.items() if (part := subset(every, kinds)) is not None}
+    yield from ({"set": name, "seed": seed, **identified(world, part)} for name, part in sets.items())
 
 
-def laboratory(seed: int) -> dict[str, dict[str, float]]:
-    """Measure and identify one specimen; by parameter: deviation, total and statistical uncertainty."""
-    rng = np.random.default_rng((20261122, seed))
-    truth, sheet = specimen(rng)
-    beyond = nonidealities(rng, thinned(measure(Laboratory(), 0)))
-    fields = {name: truth[name] for name in IDENTIFIED} | {FIELDS.get(n, n): value for n, value in beyond.items()}
-    truth |= beyond
-    measured = thinned(measure(Laboratory(**fields), seed))
-    fit = joint_fit(measured, sheet.fit_options(FitOptions(n=N), measured), max_evaluations=800)
-    budget = uncertainty_budget(fit)
-    out = {
-        e.name: {"deviation": e.value - truth[e.name], "total": e.standard_error, "statistical": float(statistical), "truth": truth[e.name]}
-        for e, statistical in zip(fit.estimates(), budget.statistical, strict=True)
-    }  # fmt: skip
-    return out | {
-        "all": {
-            "seed": seed,
-            "chi-square": fit.chi_square,
-            "freedom": fit.degrees_of_freedom,
-            "converged": float(fit.converged),
-        }
-    }
+def departed(departure: Departure, seed: int, stream: int) -> Row:
+    """Return a laboratory with a departure; `right`: whether the right cause is named first."""
+    world = draw(seed, departure, stream)
+    row = identified(world, measure(world, seed + 1000 * stream, departure))
+    first = row["named"][0] if row["named"] else ""
+    right = any(re.fullmatch(pattern, first) for pattern in departure.right)
+    return {"name": departure.name, "size": departure.size, "seed": seed, **row, "right": right and row["alarm"]}
 
 
-def thinned(campaign: ObservationSet) -> ObservationSet:
-    """Return three dwells with every second frequency, and every second mass, which takes a third of the time."""
-    long = FrequencyResponseObservation | MassResonanceObservation
-    kept = [r for r in campaign.runs if not isinstance(r, FrequencyResponseObservation) or r.label in DWELLS]
-    return ObservationSet(
-        tuple(replace(r, good=np.arange(r.usable.size) % 2 == 0) if isinstance(r, long) else r for r in kept)
-    )
+def covered(rows: Sequence[Mapping[str, Any]]) -> dict[str, tuple[int, float, float, float]]:
+    """Return number, coverage of 95 % intervals, mean and rms of the deviations of each parameter that is not assumed, and of all."""
+    z: dict[str, list[float]] = {}
+    for row in rows:
+        for name, (value, assumed, *_) in row["z"].items():
+            if not assumed:
+                for group in (name, "all", *(["identified"] if name in IDENTIFIED else [])):
+                    z.setdefault(group, []).append(value)
+    return {n: (len(v), *(float(f(np.array(v))) for f in (_share, np.mean, _rms))) for n, v in z.items()}
 
 
-def coverage(found: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
-    """Return the figures of the module's first lines for every parameter."""
-    out = {}
-    for name in (n for n in found[0] if n != "all"):
-        rows = [each[name] for each in found if name in each]
-        z = np.array([row["deviation"] / row["total"] for row in rows])
-        statistical = np.array([row["deviation"] / row["statistical"] for row in rows])
-        out[name] = {
-            "laboratories": len(rows),
-            "coverage of 95 %": float(np.mean(abs(z) < COVERAGE_FACTOR_95)),
-            "rms z": float(np.sqrt(np.mean(z**2))),
-            "mean z": float(np.mean(z)),
-            "coverage, statistical alone": float(np.mean(abs(statistical) < COVERAGE_FACTOR_95)),
-            "total [%]": float(100 * np.mean([row["total"] / abs(row["truth"]) for row in rows])),
-            "statistical [%]": float(100 * np.mean([row["statistical"] / abs(row["truth"]) for row in rows])),
-        }
-    return out
+def _share(z: np.ndarray) -> Any:
+    return np.mean(np.abs(z) < 1.96)
+
+
+def _rms(z: np.ndarray) -> Any:
+    return np.sqrt(np.mean(z**2))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--laboratories", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=0, help="number of the first one")
-    parser.add_argument("--file", type=Path, help="one JSON object for each laboratory; those missing are added")
-    parser.add_argument("--summary", action="store_true", help="summarize what the file has, and add nothing")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    """Measure what the file does not have, and print the sums."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--kind", choices=tuple(STREAMS), default="coverage")
+    parser.add_argument("--laboratories", type=int, default=500, help="of a departure, or in all (default: 500)")
+    parser.add_argument("--file", type=Path, default=Path("laboratories.jsonl"))
     args = parser.parse_args()
-    found = {}
-    if args.file and args.file.exists():
-        rows = map(json.loads, args.file.read_text(encoding="utf-8").splitlines())
-        found = {row["all"]["seed"]: row for row in rows}
-    for seed in range(args.first, args.first + args.laboratories) if not args.summary else ():
-        if seed not in found:
-            found[seed] = laboratory(seed)
-            if args.file:
-                with args.file.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(found[seed]) + "\n")
-    numbers = coverage(list(found.values()))
-    if args.json:
-        print(json.dumps(numbers))
-        return
-    heads = list(next(iter(numbers.values())))
-    print(f"{'':10s} " + " ".join(f"{head:>28s}" for head in heads))
-    for name, row in numbers.items():
-        print(f"{name:10s} " + " ".join(f"{row[head]:28.4g}" for head in heads))
-    reduced = np.mean([each["all"]["chi-square"] / each["all"]["freedom"] for each in found.values()])
-    print(
-        f"chi-square over its freedom {reduced:.3f}, converged {np.mean([each['all']['converged'] for each in found.values()]):.3f}"
-    )
-    met = all(0.93 <= row["coverage of 95 %"] <= 0.97 for row in numbers.values())
-    print(f"goal 95 % total intervals cover 93..97 % for every parameter: {'met' if met else 'not met'}")
+    rows = [json.loads(line) for line in args.file.read_text("utf-8").splitlines()] if args.file.exists() else []
+    done = {(r.get("name"), r.get("size"), r["seed"]) for r in rows}
+    departures = {"coverage": (UNDISTURBED,), "developed": DEVELOPED, "withheld": WITHHELD}[args.kind]
+    with args.file.open("a", encoding="utf-8") as file:
+        for d in departures:
+            for seed in range(args.laboratories):
+                if (None if d is UNDISTURBED else d.name, None if d is UNDISTURBED else d.size, seed) in done:
+                    continue
+                made = coverage(seed) if d is UNDISTURBED else [departed(d, seed, STREAMS[args.kind])]
+                for row in made:
+                    rows.append(row)
+                    file.write(json.dumps(row) + "\n")
+                    file.flush()
+    for name in dict.fromkeys(r.get("set") or r["name"] for r in rows):
+        those = [r for r in rows if (r.get("set") or r["name"]) == name]
+        alarms, right = (sum(bool(r.get(key)) for r in those) for key in ("alarm", "right"))
+        number, share, mean, rms = covered(those).get("identified", (0, 0.0, 0.0, 0.0))
+        print(f"{name}: {len(those)}, alarms {alarms}, right {right}; {number} z: {share:.1%}, {mean:+.2f}, {rms:.2f}")
 
 
 if __name__ == "__main__":

@@ -114,6 +114,9 @@ PARAMETERS: Mapping[str, Quantity] = _listed(
     ("gain_drift", "gain drift", "", "1", "%", "relative growth of the dwells from first to last"),
     ("elongation_offset", "elongation offset", "", "m", "mm", "error common to all elongations of the membrane"),
     ("peak_to_peak_v", "drive, peak to peak", "", "V", "V", "drive at the amplifier's input, peak to peak around rest"),
+    ("k2_per_kelvin", "temperature coefficient of k₂", "", "1/K", "1/K", "relative change of k2 per kelvin"),
+    ("mu_per_kelvin", "temperature coefficient of μ", "", "1/K", "1/K", "relative change of mu per kelvin"),
+    ("c0_per_kelvin", "temperature coefficient of c₀", "", "1/K", "1/K", "relative change of c0 per kelvin"),
     ("elongation_slip", "elongation slip", "", "1", "%", "share of every elongation lost in the membrane's clamps"),
 )
 """Parameters of the model, of its extensions and of the instruments' errors."""

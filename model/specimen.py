@@ -16,9 +16,9 @@ from model.skin_model import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
 K_S = parameter_specs(Skin)[0]
 C_S = parameter_specs(Skin)[1]
 SKIN_VARIABLES = (PRE_STRETCH, CONTACT_LENGTH, K_S, C_S)
-HYSTERESIS = ParameterSpec.listed("hysteresis", Interval(), 0.0)
-CREEP = ParameterSpec.listed("creep", Interval(), 0.0)
-CLAMP_FLEXIBILITY = ParameterSpec.listed("clamp_flexibility", Interval(gt=-1), 0.0)
+HYSTERESIS = ParameterSpec.listed("hysteresis", Interval(ge=0), 0.0)
+CREEP = ParameterSpec.listed("creep", Interval(ge=0), 0.0)
+CLAMP_FLEXIBILITY = ParameterSpec.listed("clamp_flexibility", Interval(ge=0), 0.0)
 LAG_NAMES = (HYSTERESIS.name, CREEP.name)
 NONIDEAL_VARIABLES = (HYSTERESIS, CREEP, CLAMP_FLEXIBILITY)
 """Effects outside the paper's beam model. The first two act on the response to a voltage (`model.response.lag`), not on the beam."""

@@ -18,8 +18,8 @@ from app.identification import (
     read_calibrations,
 )
 from app.identification import identify as identify_runs
-from model import Array
-from model.identification import Calibration, FitOptions, IdentificationError
+from model import Array, ParameterError
+from model.identification import Calibration, FitOptions, IdentificationError, Posterior, sample_posterior
 from tactor_bench._catalogue import CatalogueEntry
 from tactor_bench._run import Fact, MeasuredRun
 from tactor_bench._tables import EstimateTable
@@ -99,6 +99,16 @@ class Identification:
         """
         where = Path(folder) if folder is not None else self._paths[0].parent
         return accept_identification(self.result, where, self._paths, by, note, reason)[0]
+
+    def posterior(self, draws: int = 1500) -> Posterior:
+        """Sample the posterior of a joint fit as a check of its linear uncertainties: draws, means, deviations, ratios.
+
+        Raises:
+            ParameterError: it is not the result of a joint fit, or the posterior cannot be sampled.
+        """
+        if self.result.joint_fit is None:
+            raise ParameterError("a posterior is of a joint fit: identify with method='joint'")
+        return sample_posterior(self.result.joint_fit, draws)
 
     def __repr__(self) -> str:
         return f"{self.specimen}: {self.verdict}\n{self.estimates!r}"

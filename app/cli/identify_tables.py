@@ -11,6 +11,7 @@ from app.common import Column, Table, track
 from app.identification import (
     ADEQUACY_TEXT,
     IdentificationResult,
+    assumed_line,
     budget_record,
     budget_tables,
     contradictions,
@@ -43,6 +44,8 @@ from model.identification import (
 )
 from protocols.base import to_jsonable
 
+FAR_SIGMAS = 2.0
+"""Smallest difference between chain and joint fit, in total uncertainties, that a sentence states."""
 MAX_FINDINGS = 10
 """Findings that are displayed."""
 
@@ -65,6 +68,8 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
                     format_spec=".5g",
                 ),
                 Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in explanations], "degrees of freedom"),
+                Column("log_odds", "", [e.log_odds for e in explanations], "ln odds", format_spec=".3g"),
+                Column("check", "", [e.check for e in explanations], "decisive check"),
                 Column("likely", "", ["yes" if e in likeliest else "no" for e in explanations], "likely"),
             ),
         )
@@ -86,7 +91,7 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
 def also_hint(likeliest: Sequence[Explanation]) -> str:
     """Return how to repeat the fit with the likeliest cause; empty if it is no parameter."""
     first = likeliest[0].cause
-    if first.kind != "parameter":
+    if not first.proposable:
         return ""
     return f"fit with the first cause: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
 
@@ -217,6 +222,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     unstated = unstated_errors(identification)
     heading = [
+        assumed_line(identification),
         dimensions_line(identification, f"'tactor-bench specimen new {identification.specimen}' writes one"),
         held_parameters(identification, "--prior gives a value its uncertainty"),
         f"exact for want of a stated uncertainty: {', '.join(unstated)}." if unstated else "",
@@ -274,6 +280,23 @@ def _identification_tables(identification: IdentificationResult) -> Iterator[Tab
                 Column("points", "", [v.points for v in curves]),
             ),
         )
+    if differences := identification.joint_differences:
+        yield Table(
+            "joint",
+            "How far the chain is from the joint fit, and why",
+            (
+                Column("name", "", [d.name for d in differences], "parameter"),
+                Column("difference", "%", [100 * d.share for d in differences], format_spec="+.2g"),
+                Column(
+                    "sigmas",
+                    "",
+                    [d.sigmas for d in differences],
+                    "in total uncertainties of the joint fit",
+                    format_spec="+.2g",
+                ),
+                Column("reasons", "", [d.reasons for d in differences], "left out by the chain, or held"),
+            ),
+        )
     yield from nonideality_tables(identification)
     if identification.first_fit is not None and identification.steps:
         yield steps_table(identification.first_fit, identification.steps)
@@ -294,6 +317,9 @@ def _identification_notes(identification: IdentificationResult) -> Iterator[str]
         if adequacy.diagnosis is not None and (likeliest := adequacy.diagnosis.likeliest) and also_hint(likeliest):
             yield also_hint(likeliest)
         yield from (f"{error.text}." for error in adequacy.undecidable)
+    for d in identification.joint_differences:
+        if abs(d.sigmas) > FAR_SIGMAS:
+            yield f"{d.name} of the chain is {100 * d.share:+.2g} % off the joint fit, {abs(d.sigmas):.2g} of its total uncertainties: {d.reasons}."
     yield from identification.notes
 
 

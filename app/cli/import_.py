@@ -16,7 +16,7 @@ from app.common import (
     to_number,
     usage_errors,
 )
-from app.config import ConfigError, load_bench
+from app.config import ConfigError, SensorTable, load_bench
 
 
 @command(
@@ -60,15 +60,21 @@ class ImportCommand:
         "elongation of the membrane, e.g. '1.27 mm'; without it the tactor is free", metavar="LENGTH"
     )
     sensor: str = option(
-        "name and serial number of the displacement sensor; runs of one sensor share the error of its gain",
+        "name and serial number of the displacement sensor; runs of one sensor share the errors of its gain and delay (default: of --bench)",
         metavar="NAME",
     )
     gain_error: str | None = option(
-        "standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'", metavar="SHARE"
+        "standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%' (default: of --bench)",
+        metavar="SHARE",
     )
     sensor_delay: str | None = option("delay of the sensor's output, e.g. '100 us'; for time series", metavar="TIME")
+    delay_error: str | None = option(
+        "standard uncertainty of the sensor's delay, common to all phases, e.g. '3 us' (default: of --bench)",
+        metavar="TIME",
+    )
     bench: str = option(
-        "bench file with the amplifier of the measurement (default: AMT2012-CE3, 2.5 V is rest)", metavar="FILE"
+        "bench file with amplifier and sensor of the measurement (default: AMT2012-CE3, 2.5 V is rest; a sensor without stated errors)",
+        metavar="FILE",
     )
     measured: str | None = option(
         "date of the measurement: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run states that the date is not recorded)",
@@ -82,12 +88,17 @@ class ImportCommand:
     @usage_errors(ConfigError)
     def execute(self) -> int:
         description = self.files[0].name if len(self.files) == 1 else f"{len(self.files)} files"
+        bench = load_bench(self.bench or "ideal")
+        options = _options(self, bench.sensor if self.bench else SensorTable(name=""))
         with terminal_progress(description, self.json) as progress:
-            taken, written = import_files(_options(self), load_bench(self.bench or "ideal").amplifier, progress)
+            taken, written = import_files(options, bench.amplifier, progress)
         return render(_import_result(taken, written), self.json)
 
 
-def _options(options: ImportCommand) -> ImportOptions:
+def _options(options: ImportCommand, sensor: SensorTable) -> ImportOptions:
+    """Return the options of an import; `sensor` has the errors that no option states."""
+    gain_error = _parse_number("--gain-error", options.gain_error, "1")
+    delay_error = _parse_number("--delay-error", options.delay_error, "s")
     elongation = _parse_number("--membrane-elongation", options.membrane_elongation, "m")
     if elongation is not None and not 0 <= elongation <= 0.05:
         raise UsageError(f"--membrane-elongation {options.membrane_elongation}: it must lie between 0 and 50 mm")
@@ -101,8 +112,9 @@ def _options(options: ImportCommand) -> ImportOptions:
         uncertainties=dict(split_setting(text, "--uncertainty", "'deflection=2 um'") for text in options.uncertainty),
         settings=dict(split_setting(text, "--set", "'peak_to_peak_v=5 V'") for text in options.settings),
         elongation_m=elongation,
-        sensor=options.sensor,
-        gain_error=_parse_number("--gain-error", options.gain_error, "1") or 0.0,
+        sensor=options.sensor or f"{sensor.name} {sensor.serial}".strip(),
+        gain_error=sensor.gain_relative_uncertainty if gain_error is None else gain_error,
+        delay_error_s=sensor.delay_uncertainty_s if delay_error is None else delay_error,
         delay_s=_parse_number("--sensor-delay", options.sensor_delay, "s"),
         simulated=options.simulated,
         measured=read_time(options.measured) if options.measured else None,

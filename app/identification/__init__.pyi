@@ -25,6 +25,7 @@ from .perception_threshold import chosen_threshold as chosen_threshold
 from .perception_threshold import read_threshold as read_threshold
 from .recalibration import Correction as Correction
 from .result_text import ADEQUACY_TEXT as ADEQUACY_TEXT
+from .result_text import assumed_line as assumed_line
 from .result_text import dimensions_line as dimensions_line
 from .result_text import held_parameters as held_parameters
 from .result_text import steps_line as steps_line
@@ -49,6 +50,7 @@ from .sheet_file import sheet_template as sheet_template
 from .specimen_identification import IdentificationResult as IdentificationResult
 from .specimen_identification import Method as Method
 from .specimen_identification import SheetChoice as SheetChoice
+from .specimen_identification import compare_with_chain as compare_with_chain
 from .specimen_identification import identify as identify
 from .specimen_identification import identify_observations as identify_observations
 from .specimen_label import SpecimenLabel as SpecimenLabel
@@ -74,4 +76,3 @@ from .uncertainty_tables import nonideality_lines as nonideality_lines
 from .uncertainty_tables import nonideality_tables as nonideality_tables
 from .uncertainty_tables import prior_tables as prior_tables
 from .uncertainty_tables import unstated_errors as unstated_errors
-from .usual_effects import USUAL_EFFECTS as USUAL_EFFECTS

@@ -2,7 +2,7 @@
 
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
-from model import Membrane, Tactor, format_with_uncertainty, parameter_specs
+from model import Membrane, Tactor, format_quantity, format_with_uncertainty, parameter_specs
 from model.identification import MembraneSagObservation
 
 ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
@@ -40,6 +40,20 @@ def steps_line(identification: IdentificationResult, also: str, plain: str) -> s
     )
 
 
+def assumed_line(identification: IdentificationResult) -> str:
+    """Return the parameters determined by neither sheet nor runs, with their assumed values, and the temperature of the results, as text."""
+    shown = [format_quantity(e.value, e.standard_error, e.unit, e.name) for e in identification.assumed]
+    names = [f"{e.name} {text}" for e, text in zip(identification.assumed, shown, strict=True)]
+    rests = [
+        f"{name} ({100 * share:.0f} % of its squared uncertainty)" for name, share in identification.resting.items()
+    ]
+    resting = f"; {', '.join(rests)} rests on it" if rests else ""
+    assumed = f"assumed, because neither sheet nor runs determine it: {', '.join(names)}{resting}." if names else ""
+    reference_c = identification.observations.reference_c
+    stated = f"k2, mu and c0 are those at {reference_c:.1f} °C." if reference_c is not None else ""
+    return " ".join(filter(None, (assumed, stated)))
+
+
 def held_parameters(identification: IdentificationResult, hint: str = "") -> str:
     """Return the parameters that the fit held, with their values, as text; an error of one is in no standard error.
 
@@ -52,9 +66,10 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
         getattr(run, "elongation_m", None) is not None or isinstance(run, MembraneSagObservation) for run in runs
     )
     names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
-    shown = []
+    shown, fit = [], identification.joint_fit
+    free = () if fit is None else fit.names
     for name in names:
-        value = None if name in identification.priors else identification.fixed.get(name)
+        value = None if name in free else identification.fixed.get(name)
         if value is not None:
             factor, text = sheet_unit(name)
             shown.append(f"{name} {factor * value:.4g} {text}".strip())

@@ -1,6 +1,7 @@
 """Parameter identification of a specimen from run files, by joint fit or by the paper's chain."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -11,32 +12,43 @@ from app.identification.sheet_file import SheetError, load_sheet, read_sheet
 from app.identification.specimen_sheet import SpecimenSheet
 from model import Array, EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
+    ASSUMED_PARAMETERS,
     NONIDEALITIES,
+    USUAL_EFFECTS,
     Adequacy,
+    ChainDifference,
     CurveValidation,
     DecayPoleObservation,
     ExtensionStep,
     FitOptions,
     FrequencyResponseObservation,
+    IdentificationError,
     JointFit,
     ObservationSet,
+    PaperChainError,
     PaperChainOptions,
     RunResiduals,
     UncertaintyBudget,
     assess_adequacy,
+    chain_differences,
     default_values,
     extend_stepwise,
     identify_by_paper_chain,
     joint_fit,
     linearized_errors,
+    prior_moments,
     uncertainty_budget,
     with_model_error,
+    with_temperature_error,
 )
 from protocols.runfile import Run
 
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
 """A specimen sheet; None: the sheet beside the runs, "none": exact dimensions and masses."""
+
+ASSUMED_SHARE = 0.85
+"""Share of a parameter's prior standard deviation above which the runs do not determine the parameter."""
 
 NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
 """Parameters of the fit that the beam model does not have."""
@@ -75,11 +87,35 @@ class IdentificationResult:
     """Causes that were added to a first fit whose model was not adequate, in turn."""
     first_fit: JointFit | None = field(default=None, repr=False)
     """The joint fit without added causes."""
+    joint_differences: tuple[ChainDifference, ...] = ()
+    """Differences between the paper's chain and the joint fit."""
 
     @property
     def priors(self) -> Mapping[str, tuple[float, float]]:
         """Prior value and standard uncertainty of the parameters with a prior, such as lengths."""
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
+
+    @property
+    def assumed(self) -> tuple[EstimatedQuantity, ...]:
+        """The estimates that are no measurement: sheet and runs determine them no better than the spread among tactors."""
+        fit = self.joint_fit
+        if fit is None:
+            return ()
+        usual = {**USUAL_EFFECTS, **ASSUMED_PARAMETERS}.keys() & self.priors.keys()
+        expected = {name: prior_moments(name, self.priors[name])[1] for name in usual}
+        return tuple(
+            e for e in self.estimates if e.name in usual and e.standard_error > ASSUMED_SHARE * expected[e.name]
+        )
+
+    @property
+    def resting(self) -> Mapping[str, float]:
+        """Share of assumed parameters in the squared total uncertainty of each identified parameter, if above a half."""
+        budget, assumed = self.budget, {e.name for e in self.assumed}
+        if budget is None:
+            return {}
+        rows = [i for i, source in enumerate(budget.sources) if source in assumed]
+        shares = dict(zip(budget.names, budget.shares[rows].sum(axis=0).tolist(), strict=True))
+        return {e.name: shares[e.name] for e in self.identified if shares[e.name] > 0.5}
 
     @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
@@ -89,12 +125,13 @@ class IdentificationResult:
     @property
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
         """Prior values that are no nonideality: lengths, masses, moduli."""
-        return {name: prior for name, prior in self.priors.items() if name not in NONIDEAL}
+        return {n: prior for n, prior in self.priors.items() if n not in NONIDEAL and n not in ASSUMED_PARAMETERS}
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates without the parameters with a prior."""
-        return tuple(e for e in self.estimates if e.name not in self.priors)
+        """The estimates without the parameters that have a prior or are assumed."""
+        own = {*self.priors} - {*ASSUMED_PARAMETERS} | {e.name for e in self.assumed}
+        return tuple(e for e in self.estimates if e.name not in own)
 
     @property
     def statistical_errors(self) -> Mapping[str, float]:
@@ -174,6 +211,7 @@ def identify_observations(
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
         FitCancelled: `cancelled` returned true.
     """
+    given = options
     if sheet is not None:
         if sheet.simulated and (real := [run for run in observations.runs if not run.simulated]):
             raise SheetError(
@@ -182,18 +220,34 @@ def identify_observations(
             )
         options = sheet.fit_options(options, observations, plain or method == "chain")
     if method == "chain":
-        return _chain_result(specimen, observations, options, sheet)
+        joint: JointFit | None = None
+        with suppress(IdentificationError, ParameterError):
+            fitted = identify_observations(specimen, observations, "joint", given, progress, sheet, cancelled=cancelled)
+            joint = fitted.joint_fit
+        return _chain_result(specimen, observations, options, sheet, joint)
     first_fit = joint_fit(observations, options, progress, cancelled)
+    return _joint_result(specimen, first_fit, sheet, sheet is not None and not plain, cancelled)
+
+
+def _joint_result(
+    specimen: str,
+    first_fit: JointFit,
+    sheet: SpecimenSheet | None,
+    extended: bool,
+    cancelled: Callable[[], bool] | None,
+) -> IdentificationResult:
+    """Return the result of a joint fit, `extended` by the causes of a misfit and by the uncertainty of an unstated temperature."""
     adequacy = assess_adequacy(first_fit, cancelled=cancelled)
-    steps = () if plain or sheet is None else tuple(extend_stepwise(first_fit, adequacy, cancelled))
+    steps = tuple(extend_stepwise(first_fit, adequacy, cancelled)) if extended else ()
     fits = (first_fit, *(step.fit for step in steps))
     adequacy = steps[-1].adequacy if steps else adequacy
     fit = with_model_error(fits[-1], adequacy, fits[:-1])
+    fit = with_temperature_error(fit) if extended else fit
     estimates = fit.estimates()
     return IdentificationResult(
         specimen,
-        method,
-        observations,
+        "joint",
+        first_fit.observations,
         estimates,
         fit.covariance_of(estimates),
         _fixed_parameters(_base_values(fit), estimates),
@@ -204,7 +258,7 @@ def identify_observations(
         duration_s=fit.duration_s,
         joint_fit=fit,
         adequacy=adequacy,
-        shapes=options.n,
+        shapes=fit.options.n,
         budget=uncertainty_budget(fit),
         sheet=sheet,
         steps=steps,
@@ -213,7 +267,11 @@ def identify_observations(
 
 
 def _chain_result(
-    specimen: str, observations: ObservationSet, options: FitOptions, sheet: SpecimenSheet | None
+    specimen: str,
+    observations: ObservationSet,
+    options: FitOptions,
+    sheet: SpecimenSheet | None,
+    joint: JointFit | None,
 ) -> IdentificationResult:
     """Return the result of the paper's chain, from the runs that it has a step for."""
     observations, left_out = _paper_observations(observations)
@@ -234,7 +292,21 @@ def _chain_result(
         notes=(*left_out, *([] if sheet is None else [CHAIN_SHEET_NOTE]), *(step.summary for step in chain.steps)),
         shapes=options.n,
         sheet=sheet,
+        joint_differences=() if joint is None else chain_differences(chain.values, observations, chosen, joint),
     )
+
+
+def compare_with_chain(identification: IdentificationResult) -> tuple[ChainDifference, ...]:
+    """Return the differences between the paper's chain and a joint fit, with reasons; empty if the chain is not possible."""
+    fit = identification.joint_fit
+    if fit is None:
+        return ()
+    try:
+        return _chain_result(
+            identification.specimen, identification.observations, fit.options, identification.sheet, fit
+        ).joint_differences
+    except (PaperChainError, ParameterError):
+        return ()
 
 
 def _paper_observations(observations: ObservationSet) -> tuple[ObservationSet, list[str]]:

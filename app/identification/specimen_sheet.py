@@ -12,9 +12,15 @@ from pathlib import Path
 
 from app.common import pluralize
 from app.identification.table_one import TABLE_ONE
-from app.identification.usual_effects import usual_effects
 from model import Membrane, Tactor, parameter_specs, shown_unit
-from model.identification import FitOptions, MembraneSagObservation, ObservationSet, parameter_spec
+from model.identification import (
+    FitOptions,
+    MembraneSagObservation,
+    ObservationSet,
+    assumed_parameters,
+    parameter_spec,
+    usual_effects,
+)
 
 PAPER_VALUES: Mapping[str, float] = asdict(Tactor()) | asdict(Membrane())
 MEMBRANE_NAMES = frozenset(q.name for q in parameter_specs(Membrane))
@@ -113,14 +119,14 @@ class SpecimenSheet:
     def fit_options(self, options: FitOptions, observations: ObservationSet, plain: bool = False) -> FitOptions:
         """Return the options with the sheet's values, free within their uncertainties where a run depends on them.
 
-        Usual nonidealities that the sheet does not have are free within their usual sizes, unless the fit is `plain`. Values that
-        the options fix, tie, free or know otherwise are left as they are.
+        Usual nonidealities outside the sheet are free within their usual sizes, unless the fit is `plain`; parameters determined by
+        neither sheet nor runs are free around Table I. Values that the options fix, tie, free or give a prior are unchanged.
         """
-        usual = {} if plain else usual_effects(observations)
+        usual = assumed_parameters(observations) | ({} if plain else usual_effects(observations))
         names = self._names_for(observations)
-        own = {*options.fixed, *options.tied, *options.priors, *(options.free or ())}
-        priors = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
-        priors = {name: prior for name, prior in {**priors, **usual, **priors}.items() if name not in own}
+        own = {*options.fixed, *options.tied, *options.priors, *options.also, *(options.free or ())}
+        stated = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
+        priors = {name: prior for name, prior in {**stated, **usual, **stated}.items() if name not in own}
         free = None if options.free is None else (*options.free, *(name for name in priors if name not in options.free))
         return replace(
             options,

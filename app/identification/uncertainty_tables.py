@@ -35,6 +35,9 @@ SEEN_SIGMAS = 3.0
 
 CONTRADICTION_SIGMAS = 3.0
 """Smallest questionable correction of a prior value, in its standard uncertainties."""
+
+MAX_REMAINING_SHARE = 0.99
+"""Largest share of a prior value's uncertainty left by the runs for a test of the value."""
 UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
     (
         "displacement",
@@ -127,6 +130,7 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
 def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the table of nonidealities that were expected, with their meaning; none without any."""
     nonidealities, priors = identification.nonidealities, identification.priors
+    assumed = {e.name for e in identification.assumed}
     if nonidealities:
         yield Table(
             "nonidealities",
@@ -135,7 +139,15 @@ def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("name", "", [e.name for e in nonidealities], "parameter"),
                 Column("expected", "", [format_size(*priors[e.name], e.unit) for e in nonidealities]),
                 Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in nonidealities]),
-                Column("words", "", [_meaning(identification, e) or "not seen" for e in nonidealities], "meaning"),
+                Column(
+                    "words",
+                    "",
+                    [
+                        _meaning(identification, e) or ("assumed" if e.name in assumed else "not seen")
+                        for e in nonidealities
+                    ],
+                    "meaning",
+                ),
                 Column("value", "", [e.value for e in nonidealities], displayed=False),
                 Column("standard_error", "", [e.standard_error for e in nonidealities], displayed=False),
                 Column("unit", "", [e.unit for e in nonidealities], displayed=False),
@@ -242,11 +254,11 @@ def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
     estimates, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
     for name, (value, uncertainty) in identification.priors.items():
         after = estimates.get(name)
-        if after is None or fit is None:
+        if after is None or fit is None or fit.degrees_of_freedom <= 0:
             continue
         at = fit.names.index(name)
         error = float(fit.covariance[at, at]) ** 0.5  # of a right model
-        if not error < uncertainty:
+        if not error < MAX_REMAINING_SHARE * uncertainty:
             continue
         sigmas = (after.value - value) / (uncertainty**2 - error**2) ** 0.5
         if abs(sigmas) > CONTRADICTION_SIGMAS:

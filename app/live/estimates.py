@@ -75,8 +75,7 @@ class LiveEstimator:
             yield self._update
 
     def _start_fit(self, points: tuple[Any, ...], active_model: ActiveModel) -> "LiveFit":
-        from app.identification import USUAL_EFFECTS
-        from model.identification import FitOptions, LiveFit  # lazily: the optimisers are slow to load
+        from model.identification import USUAL_EFFECTS, FitOptions, LiveFit  # lazily: the optimisers are slow to load
 
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)
         # Usual sizes: without them the moment of an MFC has an error of a tenth.

@@ -9,8 +9,10 @@ from app.common import Table, pluralize, typeset_unit
 from app.identification import (
     TABLE_ONE,
     BudgetBar,
+    assumed_line,
     budget_bars,
     budget_record,
+    compare_with_chain,
     contradictions,
     format_relative,
     format_shares,
@@ -95,6 +97,8 @@ def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     tone: Tone = "bad" if identification.adequacy is not None and identification.adequacy.adequate is False else "plain"
     count = pluralize(len(identification.observations.runs), "set")
     yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
+    if assumed := assumed_line(identification):
+        yield Paragraph(_capitalized(assumed))
     yield Paragraph(f"{_capitalized(specimen.sheet.description)}.")
     if held := held_parameters(identification):
         yield Paragraph(_capitalized(held))
@@ -219,6 +223,11 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> I
             "explain that run."
         )
         yield Table.of_rows("How well the errors explain each run", heads, rows, note)
+    if differences := compare_with_chain(identification):
+        rows = [(d.name, f"{100 * d.share:+.2g} %", f"{d.sigmas:+.2g}", d.reasons) for d in differences]
+        heads = ("parameter", "chain against joint fit", "in total uncertainties", "left out by the chain, or held")
+        note = "The steps of the paper on the same runs. It takes dimensions as exact and has no creep, hysteresis or share of the masses."
+        yield Table.of_rows("The paper's chain beside the joint fit", heads, rows, note)
     if identification.adequacy is not None and (findings := identification.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
         rows = [(f.kind, _spell_out(f.text), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]

@@ -6,10 +6,13 @@ from .attribution.diagnosis import diagnose as diagnose
 from .attribution.explanation import Diagnosis as Diagnosis
 from .attribution.explanation import Explanation as Explanation
 from .attribution.model_error import with_model_error as with_model_error
+from .attribution.model_error import with_temperature_error as with_temperature_error
 from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
+from .chain_difference import ChainDifference as ChainDifference
+from .chain_difference import chain_differences as chain_differences
 from .experiment_design import ExpectedPrecision as ExpectedPrecision
 from .experiment_design import Proposal as Proposal
 from .experiment_design import default_candidates as default_candidates
@@ -49,6 +52,13 @@ from .parameters import default_values as default_values
 from .parameters import elongation_parameter as elongation_parameter
 from .parameters import parameter_spec as parameter_spec
 from .parameters import parse_elongation as parse_elongation
+from .posterior import Posterior as Posterior
+from .posterior import sample_posterior as sample_posterior
+from .priors.bounded import prior_moments as prior_moments
+from .priors.usual import ASSUMED_PARAMETERS as ASSUMED_PARAMETERS
+from .priors.usual import USUAL_EFFECTS as USUAL_EFFECTS
+from .priors.usual import assumed_parameters as assumed_parameters
+from .priors.usual import usual_effects as usual_effects
 from .profile_likelihood import ProfileInterval as ProfileInterval
 from .profile_likelihood import profile_interval as profile_interval
 from .uncertainty_budget import NOISE as NOISE

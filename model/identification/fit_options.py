@@ -35,6 +35,7 @@ class FitOptions:
         fixed: fixed values by name, which replace values of tactor and membrane; also c_s(1.27 mm) and similar.
         tied: name -> (other, factor): the parameter is always that many times the other.
         priors: name -> (value, standard error): prior of a free parameter, e.g. from a caliper.
+        normal_priors: normal distributions in place of priors next to a limit (`priors.bounded`), from an earlier fit.
         start: start values by name; default: the present values.
         per_elongation: a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
         loss: loss of one residual in units of its error: "linear" is least squares; the others are robust against outliers.
@@ -49,6 +50,7 @@ class FitOptions:
     fixed: Mapping[str, float] = field(default_factory=dict)
     tied: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    normal_priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     per_elongation: bool = False
     loss: Loss = "linear"
@@ -87,7 +89,7 @@ class FitOptions:
         free = fit_parameters.validate_names(free, observations)
         self._check_free(free, observations)
         for name in self.start:
-            if name in free:
+            if name in free and name not in self.priors:
                 fit_parameters.parameter_spec(name).check(self.start[name])
         return free
 

@@ -85,8 +85,9 @@ class JointFit:
     message: str
     evaluations: int
     duration_s: float
-    model_shifts: tuple[tuple[float, ...], ...] = ()
-    """Changes of the parameters by each possible cause of an inadequate model, in the order of `names`."""
+    further_shifts: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    """Source and changes of the parameters, in the order of `names`, of each uncertainty outside the residuals: by a possible cause of
+    an inadequate model, or by an unstated temperature."""
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
@@ -236,21 +237,15 @@ class JointFit:
         return np.asarray(inverse @ (J.T * np.sqrt(spread)) * self.parameter_scale[:, None])
 
     @cached_property
-    def model_errors(self) -> Array:
-        """(P,): standard uncertainty of each parameter by the inadequacy of the model; 0 for an adequate one."""
-        shifts = np.array(self.model_shifts, float).reshape(-1, len(self.names))
-        return np.asarray(np.sqrt((shifts**2).sum(axis=0)))
-
-    @cached_property
     def enlarged_covariance(self) -> Array:
-        """(P, P) with the errors of each run enlarged by its own factor, and the model's errors; the parameters are unchanged."""
+        """(P, P) with the errors of each run enlarged by its own factor, and further shifts; the parameters are unchanged."""
         if self.options.loss == "linear" and self.error_scale == 1:
             covariance = self.covariance
         else:
             covariance = np.asarray(self.row_influences @ self.row_influences.T)
-        if not self.model_shifts:
+        if not self.further_shifts:
             return covariance
-        shifts = np.array(self.model_shifts, float)
+        shifts = np.array([shift for _, shift in self.further_shifts], float)
         return np.asarray(covariance + shifts.T @ shifts)
 
     @property
@@ -263,7 +258,13 @@ class JointFit:
     def verdict(self) -> str:
         """Chi-square and its interpretation as text."""
         if self.degrees_of_freedom <= 0:
-            return "no residual is left over to test the model with: measure more points"
+            unknown = [n for n in self.free_parameters if n not in self.options.priors]
+            values = self.run_slices[-1].stop
+            more = max(len(unknown) - values + 1, 1)
+            return (
+                f"{values} value{'s' * (values != 1)} for {len(unknown)} unknown parameter{'s' * (len(unknown) != 1)} "
+                f"({', '.join(unknown)}) cannot test the model: measure at least {more} more point{'s' * (more > 1)}"
+            )
         text = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"
         if out := int((~self.used_rows).sum()):
             where = ", ".join(
@@ -277,6 +278,8 @@ class JointFit:
                 f"{text} ({format_p_value(self.p_value)}): the misfit is {self._describe_scales()} times what the errors explain; "
                 "standard errors are enlarged by that, run by run, which helps only if the misfit is noise: see adequacy"
             )
+        if self.p_value < MIN_P_VALUE:
+            return f"{text} ({format_p_value(self.p_value)}): the misfit is against what was known beforehand"
         if 1 - self.p_value < MIN_P_VALUE:
             return f"{text}: the misfit is smaller than the errors given, which are too large"
         return f"{text} (p = {self.p_value:.2f}): the errors explain the misfit"

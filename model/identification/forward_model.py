@@ -75,19 +75,28 @@ class FiniteDifferences:
 
     Args:
         theta: the point, (P,).
-        scale: scale of each free parameter, (P,); a step is a share of the scale, or of the parameter if that is larger.
+        scale: scale of each free parameter, (P,), empty for values without slopes; a step is a share of the scale, or of the parameter if
+            that is larger.
         join: function from the free parameters, (P, S), to all parameters by name.
+        reference_c: temperature of the parameters, degrees Celsius, if known.
     """
 
-    def __init__(self, theta: Array, scale: Array, all_values: Callable[[Array], Values]) -> None:
-        P = theta.size
+    def __init__(
+        self, theta: Array, scale: Array, all_values: Callable[[Array], Values], reference_c: float | None
+    ) -> None:
+        P = scale.size
         self.set_count = 2 * P + 1
-        self._steps = RELATIVE_STEP * np.maximum(np.abs(theta), scale)
+        self._steps = RELATIVE_STEP * np.maximum(np.abs(theta[:P]), scale)
         table = np.tile(theta, (self.set_count, 1))
-        table[1 : P + 1] += np.diag(self._steps)
-        table[P + 1 :] -= np.diag(self._steps)
+        table[1 : P + 1, :P] += np.diag(self._steps)
+        table[P + 1 :, :P] -= np.diag(self._steps)
         self.values = all_values(table.T)
         """Every parameter by name: a number if fixed, else (S,)."""
+        self._reference_c = reference_c
+
+    def of_run(self, run: observed.Observation) -> Values:
+        """Return every parameter as it is in a run."""
+        return nonidealities.values_of_run(self.values, run, self._reference_c)
 
     def derivatives(self, y: Any) -> Any:
         """Derivatives by the free parameters from the values of all sets: (S, ...) -> (P, ...)."""
@@ -108,6 +117,11 @@ class FiniteDifferences:
                 total += np.multiply.outer(np.broadcast_to(self.values[e.name], self.set_count), e.acts_at(inputs))
         return total
 
+    def frequency_error(self, run: observed.FrequencyResponseObservation) -> Array:
+        """Return the errors of the frequencies at a run's usable points, Hz, (S, F)."""
+        f = run.frequency_hz[run.usable]
+        return self.input_error(run, "frequency", f) + np.multiply.outer(self.shared_error(run, "clock"), f)
+
     def rest_drift(self, run: observed.VoltageStepsObservation) -> Any:
         """Return the contribution of the drifts at rest at each usable point, (S, F); 0 for a run without times."""
         total: Any = 0.0
@@ -122,24 +136,22 @@ class FiniteDifferences:
         tables = [np.stack([f[i] for f in factors], axis=1) for i in range(3)]
         return Factors(*(t[0] for t in tables)), Factors(*(self.derivatives(t) for t in tables))
 
-    @property
-    def geometry(self) -> tuple[float, float]:
-        """L1 / L and L2 / L at the point."""
-        l1, l2 = self._length_ratios()
+    def geometry(self, v: Values) -> tuple[float, float]:
+        """Return L1 / L and L2 / L at the point, of the parameters of a run."""
+        l1, l2 = self._length_ratios(v)
         return float(l1[0]), float(l2[0])
 
-    def geometry_derivatives(self) -> list[tuple[GeometryPair, Any]]:
+    def geometry_derivatives(self, v: Values) -> list[tuple[GeometryPair, Any]]:
         """Return neighbouring geometries where L1 / L or L2 / L depends on a free parameter, with its derivatives (P,)."""
-        l1, l2 = self._length_ratios()
-        a, b = self.geometry
+        l1, l2 = self._length_ratios(v)
+        a, b = self.geometry(v)
         ends: tuple[GeometryPair, GeometryPair] = (
             ((a + RELATIVE_STEP, b), (a - RELATIVE_STEP, b)),
             ((a, b + RELATIVE_STEP), (a, b - RELATIVE_STEP)),
         )
         return [(each, self.derivatives(ratio)) for ratio, each in zip((l1, l2), ends, strict=True) if np.ptp(ratio)]
 
-    def _length_ratios(self) -> tuple[Array, Array]:
-        v = self.values
+    def _length_ratios(self, v: Values) -> tuple[Array, Array]:
         return np.broadcast_to(v["L1"] / v["L"], self.set_count), np.broadcast_to(v["L2"] / v["L"], self.set_count)
 
 
@@ -188,13 +200,21 @@ class ForwardModel:
         """Every parameter by name at `theta`."""
         return {k: None if v is None else float(v) for k, v in self._all_values(theta).items()}
 
-    def predict(self, theta: Array) -> list[Prediction]:
-        """One entry per run, in the campaign's order."""
+    def predict(self, theta: Array, slopes: bool = True) -> list[Prediction]:
+        """One entry per run, in the campaign's order; several times as fast without slopes."""
         at = FiniteDifferences(
-            theta, self._scale, lambda columns: nonidealities.with_flexible_clamp(self._all_values(columns))
+            theta, self._scale if slopes else self._scale[:0], self._all_values, self.observations.reference_c
         )
-        fundamentals = self._fundamentals(at)
-        return [fundamentals.get(run.label) or self._predict_run(run, at) for run in self.observations.runs]
+        same_clamp: dict[tuple[str, ...], list[observed.FrequencyResponseObservation]] = {}
+        for run in self._responses:
+            if run.fundamental_m is not None:
+                own = tuple(e.name for e in run.shared_errors if e.acts_on == "clamp")
+                same_clamp.setdefault(own, []).append(run)
+        fundamentals = {label: p for runs in same_clamp.values() for label, p in self._fundamentals(runs, at).items()}
+        return [
+            _with_reading_errors(run, fundamentals.get(run.label) or self._predict_run(run, at), at)
+            for run in self.observations.runs
+        ]
 
     def _all_values(self, columns: Array) -> Values:
         v = nonidealities.DEFAULTS | self._fixed | dict(zip(self.names, columns, strict=True))
@@ -204,7 +224,8 @@ class ForwardModel:
 
     def _predict_run(self, run: observed.Observation, differences: FiniteDifferences) -> Prediction:
         gain = 1 + differences.shared_error(run, "displacement")
-        v, beam, good = differences.values, beam_from_values(differences.values), run.usable
+        v, good = differences.of_run(run), run.usable
+        beam = beam_from_values(v)
         match run:
             case observed.StaticLoadingObservation():
                 sign = {"mfc": 1.0, "aluminium": -1.0, "both": 0.0}[run.side]
@@ -254,11 +275,9 @@ class ForwardModel:
         mass_kg = np.asarray(run.mass_kg)[run.usable]
         put_in = mass_kg + differences.input_error(run, "mass", mass_kg)  # (S, F)
         mass = np.broadcast_to(nonidealities.acting_masses(differences.values, put_in), put_in.shape)
+        v = differences.of_run(run)
         stacked, slopes = differences.stack(
-            [
-                equation_factors(beam_from_values(differences.values, each), (0.0, 0.0), differences.set_count)
-                for each in mass.T
-            ]
+            [equation_factors(beam_from_values(v, each), (0.0, 0.0), differences.set_count) for each in mass.T]
         )
 
         creep = np.reshape(differences.values["creep"], (-1, 1))
@@ -274,13 +293,14 @@ class ForwardModel:
             per = t / (2 * omega[:, None])
             return omega, Factors(-(omega**2)[:, None] * per, 0 * per, per)
 
-        omega, s = find(*differences.geometry)
+        geometry = differences.geometry(v)
+        omega, s = find(*geometry)
         d = sum(np.einsum("rj,prj->pr", own, moved) for own, moved in zip(s, slopes, strict=True))
-        level, curvature, size = ReceptanceSolver(*differences.geometry, self.n).peak_slope(stacked, omega, tilt)
+        level, curvature, size = ReceptanceSolver(*geometry, self.n).peak_slope(stacked, omega, tilt)
         peaks = run.meaning == "peak" and bool((np.abs(level) < PEAK_TOLERANCE * np.abs(curvature) * omega).all())
         if peaks and creep.size > 1:
             d = d - differences.derivatives(nonidealities.crept_tilt(creep, omega)[0]) * size / curvature
-        for ends, dl in differences.geometry_derivatives():
+        for ends, dl in differences.geometry_derivatives(v):
             if peaks:  # implicit derivatives at the same omega: a search at every geometry costs ten times as much
                 up, down = (ReceptanceSolver(*end, self.n).peak_slope(stacked, omega, tilt)[0] for end in ends)
                 moved = (down - up) / curvature
@@ -288,30 +308,34 @@ class ForwardModel:
                 up, down = (find(*end)[0] for end in ends)
                 moved = up - down
             d = d + np.multiply.outer(dl, moved / (2 * RELATIVE_STEP))
-        return Prediction(omega / (2 * np.pi), d / (2 * np.pi))
+        return _by_clock(run, differences, omega / (2 * np.pi), d / (2 * np.pi))
 
     def _poles(self, run: observed.DecayPoleObservation, differences: FiniteDifferences) -> Prediction:
-        beam = beam_from_values(differences.values)
-        stacked, slopes = differences.stack([equation_factors(beam, (0.0, 0.0), differences.set_count)])
-        s, own = ReceptanceSolver(*differences.geometry, self.n).pole(stacked)
+        v = differences.of_run(run)
+        stacked, slopes = differences.stack([equation_factors(beam_from_values(v), (0.0, 0.0), differences.set_count)])
+        s, own = ReceptanceSolver(*differences.geometry(v), self.n).pole(stacked)
         d = sum(np.einsum("rj,prj->pr", each, moved) for each, moved in zip(own, slopes, strict=True))
-        for ends, dl in differences.geometry_derivatives():
+        for ends, dl in differences.geometry_derivatives(v):
             up, down = (ReceptanceSolver(*end, self.n).pole(stacked)[0] for end in ends)
             d = d + np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
         every = np.ones(int(run.usable.sum()))  # one pole, measured several times
-        return Prediction(s * every / (2 * np.pi), d * every / (2 * np.pi))
+        return _by_clock(run, differences, s * every / (2 * np.pi), d * every / (2 * np.pi))
 
-    def _fundamentals(self, differences: FiniteDifferences) -> dict[str, Prediction]:
-        runs = [r for r in self._responses if r.fundamental_m is not None]
-        if not runs:
-            return {}
-        v = differences.values
+    def _fundamentals(
+        self, runs: Sequence[observed.FrequencyResponseObservation], differences: FiniteDifferences
+    ) -> dict[str, Prediction]:
+        """Return the fundamentals of runs with one clamp, by label."""
+        values = [differences.of_run(r) for r in runs]
+        v = values[0]
         stacked, slopes = differences.stack(
-            [equation_factors(beam_under(r, v), skin_from_values(r, v), differences.set_count) for r in runs]
+            [
+                equation_factors(beam_under(r, own), skin_from_values(r, own), differences.set_count)
+                for r, own in zip(runs, values, strict=True)
+            ]
         )
         sizes = [int(r.usable.sum()) for r in runs]
         of = np.repeat(np.arange(len(runs)), sizes)
-        errors_hz = [differences.input_error(r, "frequency", r.frequency_hz[r.usable]) for r in runs]
+        errors_hz = [differences.frequency_error(r) for r in runs]
         omega = (
             2 * np.pi * np.concatenate([r.frequency_hz[r.usable] + e[0] for r, e in zip(runs, errors_hz, strict=True)])
         )
@@ -322,8 +346,8 @@ class ForwardModel:
             dK[:, :, 3:] *= 1 + gain[0][:, None]
             dK[:, :, 3:] += differences.derivatives(gain)[:, :, None] * rows.K[:, 3:]
             rows.K[:, 3:] *= 1 + gain[0][:, None]
-        neighbours = differences.geometry_derivatives()
-        H, t, moved = ReceptanceSolver(*differences.geometry, self.n).response_with_ends(
+        neighbours = differences.geometry_derivatives(v)
+        H, t, moved = ReceptanceSolver(*differences.geometry(v), self.n).response_with_ends(
             rows, omega, [ends for ends, _ in neighbours]
         )
         z = dK - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
@@ -332,7 +356,7 @@ class ForwardModel:
         for (_, dl), difference in zip(neighbours, moved, strict=True):
             dH += np.multiply.outer(dl, difference / (2 * RELATIVE_STEP))
         out = {}
-        for run, stop, size in zip(runs, np.cumsum(sizes), sizes, strict=True):
+        for run, v, stop, size in zip(runs, values, np.cumsum(sizes), sizes, strict=True):
             here = slice(stop - size, stop)
             moment = (
                 -v["mu"]
@@ -360,7 +384,7 @@ class ForwardModel:
         self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array
     ) -> Prediction:
         nominal = run.frequency_hz[run.usable]
-        error = differences.input_error(run, "frequency", nominal)
+        error = differences.frequency_error(run)
         f, moved = nominal + error[0], differences.derivatives(error)
         y = self._peak_to_peak(run, differences, gain, f)
         slopes = differences.derivatives(y)
@@ -373,7 +397,7 @@ class ForwardModel:
         self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array, f: Array
     ) -> Array:
         """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, vectorized over sets."""
-        v = differences.values
+        v = differences.of_run(run)
         beam = Beam(*(np.broadcast_to(a, differences.set_count) for a in beam_under(run, v)))
         m = matrices(beam, *skin_from_values(run, v), self.n)
         form = modal_form(m.M, m.C, m.K, m.B, 2 * m.B_F)
@@ -384,6 +408,23 @@ class ForwardModel:
         width = np.stack([peak_to_peak(rows * V) for rows in H])
         width = width * np.abs(self.nonideal.factor(run, v))
         return np.asarray(width * (gain * (1 + differences.shared_error(run, "volts")))[:, None])
+
+
+def _by_clock(run: observed.Observation, differences: FiniteDifferences, f: Any, d: Any) -> Prediction:
+    """Return frequencies with their slopes as the run's time base reads them."""
+    clock = differences.shared_error(run, "clock")
+    read = f / (1 + clock[0])
+    return Prediction(read, (d - np.multiply.outer(differences.derivatives(clock), read)) / (1 + clock[0]))
+
+
+def _with_reading_errors(run: observed.Observation, p: Prediction, at: FiniteDifferences) -> Prediction:
+    """Return a prediction with the errors of its reading that have a shape over the points."""
+    for error in run.shared_errors:
+        if error.acts_on == "reading":
+            shape, size = run.shapes[error.name][run.usable], np.broadcast_to(at.values[error.name], at.set_count)
+            factor, own = 1 + size[0] * shape, np.multiply.outer(at.derivatives(size), p.values * shape)
+            p = Prediction(p.values * factor, p.derivatives * factor + own)
+    return p
 
 
 def modulus_prediction(y: Complex, dy: Complex) -> Prediction:

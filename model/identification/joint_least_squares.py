@@ -5,8 +5,10 @@ Unidentified combinations are found from the singular values of the scaled Jacob
 solver works on logarithms of positive parameters and on the others in units of their scale.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 from time import perf_counter
 from typing import Any
 
@@ -18,6 +20,8 @@ from model.identification.fit_options import FitCancelled, FitOptions, Identific
 from model.identification.fit_result import JointFit
 from model.identification.misfit_scale import LOSS_SCALES, loss_costs, loss_weights
 from model.identification.observations import ObservationSet
+from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
+from model.identification.priors import normal_equivalents
 from model.identification.residuals import LeastSquaresProblem
 
 LOG_RANGE = 12.0
@@ -36,6 +40,27 @@ evaluation takes 20 ms."""
 ERROR_STAGES = (1000.0, 100.0, 10.0)
 """Factors on the errors of the runs in first descents, as far as the first misfit exceeds them. Precise runs leave a narrow, bent
 valley, in which descents with the stated errors end far from the minimum; priors lead through a widened valley."""
+
+SAME_MINIMUM = 1e-3
+"""Relative difference of cost up to which two fits ended in one minimum."""
+
+LARGE_MISFIT = 4.0
+"""Cost over the degrees of freedom from which on a minimum may be a wrong one."""
+
+SPREAD_PARAMETERS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
+SPREAD = 2.0
+"""Parameters of further starts, and the factor by which they differ from the default values at most."""
+
+MAX_SPREAD_STARTS = 6
+
+MAX_LIMIT_FITS = 4
+"""Fits for the normal distributions in the place of priors next to a limit, which depend on the fit."""
+
+LIMIT_TOLERANCE = 1e-3
+"""Change of such a distribution, in standard deviations of the prior, that needs no further fit."""
+
+COARSE_TOLERANCE = 1e-6
+"""Relative, of a descent to a minimum whose misfit turns out to be large: a tenth of an enlarged standard error."""
 
 STAGE_TOLERANCE = 1e-4
 """Relative tolerance of cost and parameters of a descent with enlarged errors."""
@@ -105,14 +130,16 @@ def joint_fit(
     progress: FitProgress | None = None,
     cancelled: CancelCheck | None = None,
     max_evaluations: int = MAX_EVALUATIONS,
-    max_starts: int = 4,
+    max_starts: int = 6,
     tolerance: float = 1e-10,
+    enlarged: float = 1.0,
 ) -> JointFit:
     """Fit the free parameters to all runs together.
 
-    A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, and the best is kept. After
+    A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, until two agree. After
     `max_evaluations` the best fit is returned, with a note in `message`; the result does not depend on the computer's load.
-    `tolerance` is the relative tolerance of cost and parameters.
+    `tolerance` is the relative tolerance of cost and parameters. The descent takes the errors of the runs `enlarged` times, so that priors
+    count for more; residuals and slopes of the result are over the errors as given.
 
     Raises:
         ParameterError, IdentificationError: these runs cannot be fitted.
@@ -120,33 +147,76 @@ def joint_fit(
     """
     problem = LeastSquaresProblem(observations, options or FitOptions())
     began = perf_counter()
-    watch = _FitMonitor(problem, progress, cancelled, max_evaluations, tolerance)
-    best: JointFit | None = None
-    for start in _starting_points(problem)[:max_starts]:
-        if best is not None and watch.evaluations >= max_evaluations:
-            break
-        fit = watch.fit(start)
-        if fit is not None and (best is None or fit.cost < 0.999 * best.cost):
-            best = fit
-        if best is not None and (best.converged and best.cost < 4 * max(best.degrees_of_freedom, 1)):
-            break
+    watch = _FitMonitor(problem, progress, cancelled, max_evaluations, tolerance, enlarged)
+    best, agreed = _best_of_starts(problem, watch, max_starts)
     if best is None:
         raise IdentificationError(
             "the model cannot be evaluated where the fit begins: "
             + ", ".join(f"{n} = {v:.3g}" for n, v in zip(problem.names, problem.start, strict=True))
             + "; choose other initial values"
         )
+    if not agreed and best.converged and max_starts > 1:
+        best = replace(
+            best, converged=False, message=f"no two starts of {max_starts} lead to the least chi-square that was found"
+        )
+    best = _with_limits(best, watch) if enlarged == 1 else best
     return replace(best, evaluations=watch.evaluations, duration_s=perf_counter() - began)
 
 
-def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
-    """Return the start of the options, the default values, and the default values shifted both ways."""
+def _with_limits(fit: JointFit, watch: "_FitMonitor") -> JointFit:
+    """Return the fit with normal distributions in place of its priors next to a limit; the same fit without any."""
+    present = fit.problem.normal_priors
+    for _ in range(MAX_LIMIT_FITS if present else 0):
+        sites = normal_equivalents(
+            fit.names, fit.options.priors, present, (fit.theta, fit.jacobian, fit.weighted_residuals)
+        )
+        moved = [abs(sites[n][k] - present[n][k]) / fit.options.priors[n][1] for n in present for k in (0, 1)]
+        if max(moved) < LIMIT_TOLERANCE:
+            break
+        present = sites
+        watch.problem = LeastSquaresProblem(fit.observations, replace(fit.options, normal_priors=sites))
+        if (again := watch.fit(fit.theta)) is None:
+            break
+        fit = again
+    return fit
+
+
+def _best_of_starts(
+    problem: LeastSquaresProblem, watch: "_FitMonitor", max_starts: int
+) -> tuple[JointFit | None, bool]:
+    """Return the best fit of several starts, and whether a second one agrees; a small misfit needs one start only."""
+    best: JointFit | None = None
+    for start in islice(_starting_points(problem), max_starts):
+        if best is not None and watch.evaluations >= watch.max_evaluations:
+            break
+        fit = watch.fit(start)
+        if fit is None:
+            continue
+        same = best is not None and abs(fit.cost - best.cost) < SAME_MINIMUM * best.cost
+        best = fit if best is None or fit.cost < best.cost else best
+        if same or (best.converged and best.cost < LARGE_MISFIT * max(best.degrees_of_freedom, 1)):
+            return best, True
+    return best, False
+
+
+def _starting_points(problem: LeastSquaresProblem) -> Iterator[Array]:
+    """Yield the start of the options, the end of the paper's chain, the default values, and points spread about them."""
+    yield problem.start
     base = problem.options.base_values()
     table = np.array([fit_parameters.start_value(n, base) for n in problem.names])
-    own = np.array([n not in problem.observations.shared_errors for n in problem.names])
-    moves = ({"k2": 0.5, "m_add": 1.5, "c0": 0.5, "mu": 0.5}, {"k2": 2.0, "m_add": 0.7, "c0": 0.5, "mu": 2.0})
-    moved = [np.where(own, table * [move.get(n, 1.0) for n in problem.names], table) for move in moves]
-    return [problem.start, table, *moved]
+    options = problem.options
+    chosen = PaperChainOptions(
+        options.tactor, options.membrane, options.contact_length, amplifier=options.amplifier, n=options.n
+    )
+    with suppress(PaperChainError, ParameterError, np.linalg.LinAlgError):
+        values = identify_by_paper_chain(problem.observations, chosen).values
+        yield np.array([values.get(n, x) for n, x in zip(problem.names, table, strict=True)])
+    if not np.array_equal(table, problem.start):
+        yield table
+    spread = [n in SPREAD_PARAMETERS for n in problem.names]
+    for k in range(1, MAX_SPREAD_STARTS + 1):
+        places = np.mod(0.5 + k * (1.0 + np.arange(len(problem.names))) * 0.618034, 1.0)
+        yield np.where(spread, table * SPREAD ** (2 * places - 1), table)
 
 
 def _row_losses(problem: LeastSquaresProblem) -> Any:
@@ -177,22 +247,27 @@ class _FitMonitor:
         cancelled: CancelCheck | None,
         max_evaluations: int,
         tolerance: float = 1e-10,
+        enlarged: float = 1.0,
     ) -> None:
-        self._problem, self._progress, self._cancelled = problem, progress, cancelled
-        self.evaluations, self._max_evaluations, self._tolerance = 0, max_evaluations, tolerance
+        self.problem, self._progress, self._cancelled = problem, progress, cancelled
+        self.evaluations, self.max_evaluations, self._tolerance = 0, max_evaluations, tolerance
+        self._enlarged = enlarged
 
     def fit(self, start: Array) -> JointFit | None:
         """Return one descent; None if the model cannot be evaluated at the start."""
         from scipy.optimize import least_squares
 
-        p = self._problem
+        p = self.problem
         place = FitCoordinates(p, start)
         descent = _ResidualFunction(p, place, self)
         try:
             with np.errstate(all="ignore"):
-                stages = [factor for factor in ERROR_STAGES if descent.misfit(place.start) > factor]
-                for factor in (*stages, 1.0):
-                    tolerance = self._tolerance if factor == 1 else max(STAGE_TOLERANCE, self._tolerance)
+                stages = [f for f in ERROR_STAGES if descent.misfit(place.start) > f > self._enlarged]
+                last = [(self._enlarged, tolerance) for tolerance in (COARSE_TOLERANCE, self._tolerance)]
+                for factor, limit in (*((factor, STAGE_TOLERANCE) for factor in stages), *last):
+                    if limit < COARSE_TOLERANCE and descent.misfit(place.start) ** 2 > LARGE_MISFIT:
+                        break
+                    tolerance = max(limit, self._tolerance)
                     descent.enlarge_errors(factor)
                     got = least_squares(
                         descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=_row_losses(p),
@@ -232,7 +307,7 @@ class _FitMonitor:
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
         # The first evaluation is never refused, so that there is a result.
-        if self.evaluations >= max(self._max_evaluations, 1):
+        if self.evaluations >= max(self.max_evaluations, 1):
             raise _EvaluationLimitReached
         self.evaluations += 1
 

@@ -4,6 +4,7 @@ Their defaults have no effect. Each can be free, fixed or have a prior, like a p
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -23,7 +24,7 @@ Values = Mapping[str, Any]
 NONIDEALITIES = {
     spec.name: spec
     for spec in (
-        ParameterSpec.listed("mass_fraction", Interval(gt=0), 1.0),
+        ParameterSpec.listed("mass_fraction", Interval(gt=0, le=1), 1.0),
         ParameterSpec.listed("mass_offset", Interval(), 0.0),
         ParameterSpec.listed("mass_put_in", Interval(ge=0), 0.0),
         ParameterSpec.listed("load_gain", Interval(gt=-1), 0.0),
@@ -39,15 +40,21 @@ NONIDEALITIES = {
         ParameterSpec.listed("delay", Interval(), 0.0),
         ParameterSpec.listed("gain_drift", Interval(gt=-1), 0.0),
         ParameterSpec.listed("elongation_offset", Interval(), 0.0),
-        ParameterSpec.listed("elongation_slip", Interval(lt=1), 0.0),
+        ParameterSpec.listed("k2_per_kelvin", Interval(), 0.0),
+        ParameterSpec.listed("mu_per_kelvin", Interval(), 0.0),
+        ParameterSpec.listed("c0_per_kelvin", Interval(), 0.0),
+        ParameterSpec.listed("elongation_slip", Interval(ge=0, lt=1), 0.0),
     )
 }
+TEMPERATURE_DEPENDENT = ("k2", "mu", "c0")
 LOADING_TIME_S = 10.0
 STEP_TIME_S = 1.0
 """Assumed time from a weight, or a level, to its reading, s, for a run that does not state it."""
+SLOPE_STEP = 1e-3
+"""Relative step of the amplifier's slopes: loops and creep of earlier levels depend on them, too."""
 STIFFENING_M = 1e-3
 """Deflection of a relative growth of the stiffness by `stiffening`, m."""
-TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
+TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0, "1/K": 0.1}
 """One hundred percent of a nonideality by unit: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
 
@@ -92,10 +99,22 @@ def with_acting_mass(v: Values) -> Values:
     return {**v, "m_add": acting_mass(v, v["mass_put_in"])} if np.any(v["mass_put_in"]) else v
 
 
-def with_flexible_clamp(v: Values) -> Values:
-    """Return the parameters with lengths equivalent to a flexible clamp."""
-    flexibility = v["clamp_flexibility"]
-    return {**v, **flexible_clamp_lengths(v, flexibility)} if np.any(flexibility) else v
+def values_of_run(v: Values, run: observed.Observation, reference_c: float | None = None) -> Values:
+    """Return the parameters of a run.
+
+    They include its errors of added mass and clamp, the effective lengths of a flexible clamp, and the change from the temperature
+    `reference_c` to the temperature of the run, if both are known.
+    """
+    own = {e.name: e.acts_on for e in run.shared_errors if e.acts_on in ("clamp", "mass") and e.name in v}
+    flexibility = sum((v[name] for name, on in own.items() if on == "clamp"), start=v["clamp_flexibility"])
+    changed = flexible_clamp_lengths(v, flexibility) if np.any(flexibility) else {}
+    masses = [v[name] for name, on in own.items() if on == "mass"]
+    if masses and not isinstance(run, observed.MassResonanceObservation):
+        changed["m_add"] = sum(masses, start=v["m_add"])
+    if run.temperature_c is not None and reference_c is not None and run.temperature_c != reference_c:
+        warmer = run.temperature_c - reference_c
+        changed |= {name: v[name] * (1 + v[f"{name}_per_kelvin"] * warmer) for name in TEMPERATURE_DEPENDENT}
+    return {**v, **changed} if changed else v
 
 
 class NonidealResponse:
@@ -149,10 +168,8 @@ class NonidealResponse:
         if np.any(v["creep"]):
             factor = factor * crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
-            if run.loop_share is not None:
-                late = run.loop_share[run.usable]
-            else:
-                late = loop_harmonic(run, self._amplifier) / specimen_harmonic(run, self._amplifier)
+            late: Any = run.loop_share
+            late = self._with_slopes(v, partial(_loop_share, run)) if late is None else late[run.usable]
             factor = factor * (1 + _column(v["hysteresis"]) * late)
         if np.any(v["delay"]):
             factor = factor * np.exp(-2j * np.pi * f * _column(v["delay"]))
@@ -174,14 +191,24 @@ class NonidealResponse:
         history = self._histories[run.label]
         creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
         decades = history.decades(REFERENCE_S)
-        loop, left, late = _memory(history, self._amplifier)
-        volts = volts + hysteresis * loop[run.usable]
+        loop, left, late = self._with_slopes(v, partial(_memory, history))
+        volts = volts + hysteresis * loop[..., run.usable]
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
         return np.asarray(volts)
 
+    def _with_slopes(self, v: Values, function: Callable[[AmplifierMap], Any]) -> Any:
+        """Return a function of the amplifier's map with the errors of its slopes, to first order, (..., S or 1, F)."""
+        nominal = self._amplifier
+        out = function(nominal)[..., None, :]
+        for name, field in (("gain_below_rest", "slope_below"), ("gain_above_rest", "slope_above")):
+            if np.any(v[name]):
+                steeper = replace(nominal, **{field: getattr(nominal, field) * (1 + SLOPE_STEP)})
+                out = out + _column(v[name]) * ((function(steeper) - function(nominal)) / SLOPE_STEP)[..., None, :]
+        return out
+
     def loop_share(self, run: observed.VoltageStepsObservation) -> Array:
-        """Return the addition of a `hysteresis` of 1 to the volts of each usable point, as a share of the largest, (F,)."""
-        loop, _, _ = _memory(self._histories[run.label], self._amplifier)
+        """Return what a `hysteresis` of 1 adds to the volts of each usable point, as a share of the largest, (F,)."""
+        loop = _memory(self._histories[run.label], self._amplifier)[0]
         volts = np.abs(self._amplifier.specimen_v(run.input_v[run.usable]))
         return np.asarray(loop[run.usable] / (volts.max() or 1.0))
 
@@ -212,9 +239,13 @@ def _usual_history(run: observed.VoltageStepsObservation, amplifier: AmplifierMa
     return DriveHistory.of_levels(run.input_v, amplifier.rest_v, held_s, staircase=run.rising is not None)
 
 
-@lru_cache(maxsize=16)
-def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Array, Array]:
-    """Return the addition of hysteresis to each reading's volts, per unit, and of earlier levels' creep, per decade, (F,) each.
+def _loop_share(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap) -> Complex:
+    return np.asarray(loop_harmonic(run, amplifier) / specimen_harmonic(run, amplifier))
+
+
+@lru_cache(maxsize=64)
+def _memory(history: DriveHistory, amplifier: AmplifierMap) -> Array:
+    """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (3, F).
 
     The factor of the creep includes the step's own. The last factor is the creep of the hysteresis.
     """
@@ -223,7 +254,7 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Arra
     loop = rayleigh_response(driven, low, high) / ((high - low) / 2)
     steps, decades = history.steps(loop), history.decades(REFERENCE_S)
     left = history.crept(driven, REFERENCE_S) - decades * history.steps(driven)
-    return steps, left, history.crept(loop, REFERENCE_S) - decades * steps
+    return np.array([steps, left, history.crept(loop, REFERENCE_S) - decades * steps])
 
 
 def _column(value: Any) -> Any:

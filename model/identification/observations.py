@@ -4,8 +4,9 @@ Every record carries the `label` of its run, a mask `good` (None: all points), t
 whether it is `simulated`. Points that are not good stay in the record and are left out of every fit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -14,7 +15,20 @@ from model import Array, Complex, Mask, Membrane, ParameterError, weight_per_len
 from model.drive_history import DriveHistory
 
 Side = Literal["mfc", "aluminium", "both"]
-ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency", "rest"]
+ErrorTarget = Literal[
+    "displacement",
+    "volts",
+    "load",
+    "mass",
+    "delay",
+    "level",
+    "elongation",
+    "frequency",
+    "rest",
+    "clamp",
+    "clock",
+    "reading",
+]
 SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "displacement": "1",
     "volts": "1",
@@ -25,6 +39,9 @@ SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "elongation": "m",
     "frequency": "Hz",
     "rest": "m",
+    "clamp": "1",
+    "clock": "1",
+    "reading": "1",
 }
 SAME_INPUT = 1e-9
 """Largest relative difference of equal inputs: the same weight, mass, level or frequency."""
@@ -35,11 +52,13 @@ class SharedError:
     """An unknown error common to all values taken with one instrument.
 
     It is estimated with the other parameters, with a normal prior of `standard_error` around 0. Records with the same error share
-    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg; on delay an
-    uncorrected delay of the displacement in the phases, in s; on level (volts at the amplifier's input), elongation and frequency
-    an offset. With `at` it acts only at this load (N), mass, level, elongation or frequency: the error of one weight among
-    several. On rest it is a drift of the displacement at rest, in m from first to last zero of the run, that decays as if it had
-    begun `at` seconds before the run.
+    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg, of the stated
+    masses or of m_add; on clamp a flexibility of the clamp beyond `clamp_flexibility`, e.g. of one mounting; on clock a relative
+    error of all frequencies of a run; on reading a relative error of the prediction times the run's shape over the points
+    (`shapes`); on delay an uncorrected delay of the displacement in the phases, in s; on level (volts at the amplifier's input),
+    elongation and frequency an offset. With `at` it acts only at this load (N), mass, level, elongation or frequency: the error of
+    one weight among several. On rest it is a drift of the displacement at rest, in m from first to last zero of the run, that decays
+    as if it had begun `at` seconds before the run.
     """
 
     name: str
@@ -59,7 +78,8 @@ class SharedError:
             )
         if self.acts_on == "rest" and not (self.at is not None and self.at > 0):
             raise ParameterError(f"common error {self.name!r} of rest needs the seconds before the run when it began")
-        if self.at is not None and (self.acts_on in ("displacement", "volts", "delay") or not np.isfinite(self.at)):
+        everywhere = ("displacement", "volts", "delay", "clamp", "clock", "reading")
+        if self.at is not None and (self.acts_on in everywhere or not np.isfinite(self.at)):
             raise ParameterError(f"common error {self.name!r} of {self.acts_on} cannot act at {self.at:g} only")
 
     def acts_at(self, inputs: Array) -> Mask:
@@ -76,6 +96,10 @@ class _ObservationBase:
     """(F,): mask of the points that a fit may use; None: all."""
     shared_errors: tuple[SharedError, ...] = field(default=(), kw_only=True)
     simulated: bool = field(default=False, kw_only=True)
+    temperature_c: float | None = field(default=None, kw_only=True)
+    """Of the air, degrees Celsius; None if not known."""
+    shapes: Mapping[str, Complex | Array] = field(default_factory=dict, kw_only=True)
+    """By name of a shared error of the reading: its shape over the points, (F,)."""
 
     @property
     def usable(self) -> Mask:
@@ -328,6 +352,12 @@ class ObservationSet:
     def of_type(self, observation_type: type[ObservationT]) -> list[ObservationT]:
         """The runs of one kind, in order."""
         return [run for run in self.runs if isinstance(run, observation_type)]
+
+    @cached_property
+    def reference_c(self) -> float | None:
+        """Temperature that the results of a fit are for, degrees Celsius: the mean of the runs'; None where none is known."""
+        known = [run.temperature_c for run in self.runs if run.temperature_c is not None]
+        return sum(known) / len(known) if known else None
 
     @property
     def simulated(self) -> bool:

@@ -9,6 +9,7 @@ from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
 from model.identification.observations import ObservationSet, observed_values, over_errors
+from model.identification.priors import near_limit, prior_moments
 
 PRIOR_REACH = 12.0
 """Largest shift of a prior value in standard uncertainties: a ruler errs by no more, even if a wrong model needs it."""
@@ -33,9 +34,14 @@ class LeastSquaresProblem:
         )
         base = options.base_values()
         self.start = np.array([options.start.get(n, fit_parameters.start_value(n, base)) for n in self.names])
-        prior = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()} | dict(options.priors)
-        self.priors = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
+        shared = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()}
+        own_priors = {n: options.normal_priors.get(n) or prior_moments(n, prior) for n, prior in options.priors.items()}
+        self.normal_priors = {n: own_priors[n] for n, prior in options.priors.items() if near_limit(n, prior)}
+        """Normal distributions in the place of priors next to a limit."""
+        self.priors = [(self.names.index(n), v, s) for n, (v, s) in (shared | own_priors).items()]
         """Index, value and standard uncertainty of each parameter with a prior value, shared errors first."""
+        self.priors_by_name = shared | own_priors
+        """Value and standard uncertainty of each prior, by the name of the parameter."""
         self.prior_count = len(self.priors)
         """Number of rows at the end that are no residuals of runs."""
         self._data = [observed_values(run)[0] for run in observations.runs]
@@ -45,8 +51,17 @@ class LeastSquaresProblem:
         self.upper_bounds = np.array([next((float(x) for x in (i.le, i.lt) if x is not None), np.inf) for i in limits])  # type: ignore[arg-type]
         for name, (value, sigma) in options.priors.items():
             at = self.names.index(name)
-            self.lower_bounds[at] = max(self.lower_bounds[at], value - PRIOR_REACH * sigma)
-            self.upper_bounds[at] = min(self.upper_bounds[at], value + PRIOR_REACH * sigma)
+            low, high = value - PRIOR_REACH * sigma, value + PRIOR_REACH * sigma
+            inside = name not in self.normal_priors  # the normal distribution keeps the limit
+            self.lower_bounds[at] = max(self.lower_bounds[at], low) if inside else low
+            self.upper_bounds[at] = min(self.upper_bounds[at], high) if inside else high
+
+    def residuals(self, theta: Array) -> Array:
+        """Residuals (rows,) alone."""
+        predicted = self.forward_model.predict(theta, slopes=False)
+        runs = zip(self.observations.runs, self._data, predicted, strict=True)
+        priors = [(value - theta[i]) / sigma for i, value, sigma in self.priors]
+        return np.concatenate([*(over_errors(run, y - got.values) for run, y, got in runs), priors])
 
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""

@@ -10,8 +10,6 @@ from model.identification.observations import ErrorTarget, SharedError
 
 NOISE = "noise"
 """Source of the statistical uncertainty: scatter of the measured points."""
-MODEL = "model not adequate"
-"""Source of the uncertainty of a model that does not explain the runs."""
 INPUT_SOURCES: dict[ErrorTarget, str] = {
     "load": "weights",
     "mass": "added masses",
@@ -76,8 +74,8 @@ def uncertainty_budget(fit: JointFit) -> UncertaintyBudget:
     for name, row in rows.items():
         source = _source(shared[name]) if name in shared else name
         components[source] = components.get(source, np.zeros(len(names))) + squares[:, row]
-    if fit.model_shifts:
-        components[MODEL] = fit.model_errors[at] ** 2
+    for source, shift in fit.further_shifts:
+        components[source] = components.get(source, np.zeros(len(names))) + np.array(shift)[at] ** 2
     return UncertaintyBudget(names, tuple(components), np.sqrt(np.array(list(components.values()))))
 
 

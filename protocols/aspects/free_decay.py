@@ -26,9 +26,7 @@ class FreeDecayAspects(Aspects):
         good &= (errors > 0) & (damping_errors > 0) & (damping < 1)
         if good.any():
             filled = (np.where(good, column, 0.5) for column in values)
-            yield identification.DecayPoleObservation(
-                points.label, *filled, good=good, simulated=points.run.record.simulated
-            )
+            yield identification.DecayPoleObservation(points.label, *filled, good=good, **points.common_arguments())
 
 
 ASPECTS = FreeDecayAspects()

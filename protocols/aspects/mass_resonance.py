@@ -51,6 +51,7 @@ class MassResonanceAspects(RunningSweepAspects):
         columns, peak = points.columns, _frequency_column(points)
         frequency, errors = columns[peak], columns[f"{peak}_errors"]
         good = points.good & (errors > 0) & np.isfinite(frequency)
+        masses = points.input_errors("mass", "mass", good, f"{points.label}, mass of {{}} kg")
         yield identification.MassResonanceObservation(
             points.label,
             columns["mass"],
@@ -58,8 +59,7 @@ class MassResonanceAspects(RunningSweepAspects):
             errors,
             meaning="peak" if peak == "frequency" else "undamped",
             good=good,
-            shared_errors=points.input_errors("mass", "mass", good, f"{points.label}, mass of {{}} kg"),
-            simulated=points.run.record.simulated,
+            **points.common_arguments() | {"shared_errors": masses},
         )
 
 

@@ -6,6 +6,7 @@ share it.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,11 @@ class RunPoints:
     def label(self) -> str:
         """Label of the run's observations."""
         return self.run.path.stem
+
+    @property
+    def start_s(self) -> float:
+        """When the run was started, s: the order of runs."""
+        return datetime.fromisoformat(self.run.record.start_time).timestamp() if self.run.record.start_time else 0.0
 
     def take(self, rows: Mask) -> "RunPoints":
         """Return some of the points."""
@@ -80,18 +86,22 @@ class RunPoints:
         return whole if rows is None else whole.at(rows)
 
     def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
-        """Return the errors of sensor and amplifier that act on these targets, and whether the run is simulated."""
-        sensor, bench = self.run.record.sensor, self.run.record.configuration
-        amplifier = bench.get("amplifier", {})
+        """Return the errors of sensor and amplifier that act on these targets, whether the run is simulated, and its temperature."""
+        sensor, amplifier = self.run.record.sensor, self.run.record.configuration.get("amplifier", {})
         label = f"{sensor.name} {sensor.serial}".strip()
         slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
         stated: tuple[tuple[str, ErrorTarget, float], ...] = (
             (f"gain of {label}", "displacement", sensor.gain_relative_uncertainty),
-            (f"delay of {label}", "delay", float(bench.get("sensor", {}).get("delay_uncertainty_s", 0.0))),
+            (f"delay of {label}", "delay", sensor.delay_uncertainty_s),
             (slopes, "volts", float(amplifier.get("slope_relative_uncertainty", 0.0))),
         )
         errors = tuple(SharedError(name, on, size) for name, on, size in stated if size > 0 and on in acting)
-        return {"shared_errors": errors, "simulated": self.run.record.simulated}
+        record = self.run.record
+        return {
+            "shared_errors": errors,
+            "simulated": record.simulated,
+            "temperature_c": record.conditions.temperature_c,
+        }
 
     def input_errors(
         self, column: str, target: ErrorTarget, good: Mask, name: str, values: Array | None = None

@@ -180,7 +180,10 @@ def dwell_observation(
     points: RunPoints, label: str, elongation_m: float | None
 ) -> identification.FrequencyResponseObservation:
     """Return the response to sines, free or under a membrane."""
-    columns, imported = points.columns, points.run.record.imported
+    columns = points.columns
+    foreign = (
+        points.run.record.imported and not np.isfinite(columns["harmonics"]).any()
+    )  # exports of this program have harmonics
     sine, width = (
         points.good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0)
         for name in ("fundamental", "peak_to_peak")
@@ -192,9 +195,9 @@ def dwell_observation(
         size, errors = columns["fundamental"], columns["fundamental_errors"]
         phase_errors = columns["phase_errors"]
         has_phase = np.isfinite(phase[good]).all()
-        if imported and has_phase and (phase_errors[good] > 0).all():
+        if foreign and has_phase and (phase_errors[good] > 0).all():
             measured["phase_errors_rad"] = phase_errors
-        elif not imported:  # the phase includes the noise of the drive channel, which the ratio to the drive shares
+        elif not foreign:  # the phase includes the noise of the drive channel, which the ratio to the drive shares
             measured["harmonic_errors_m"] = errors
             errors = np.fmax(errors, size * phase_errors)
         measured |= {"fundamental_m": size * (np.exp(1j * phase) if has_phase else 1.0), "errors_m": errors}
@@ -215,6 +218,7 @@ def dwell_observation(
         drive_offset_v=offset_v,
         elongation_m=elongation_m,
         good=good,
+        order=points.start_s + float(columns["part"][0] if "part" in columns else 0.0),
         **measured,
         **common,
     )

@@ -35,6 +35,11 @@ MAX_ANSWER_S = 0.5
 """Longest time from the answer to a prompt to the following recording."""
 
 
+MOMENT_S = 1e-3
+"""Assumed time from a zero to the weight, and from the reading to the end of the load, for a table that does not state it."""
+TIME_COLUMNS = ("zero_before_time", "placed", "read", "lifted", "zero_after_time")
+
+
 class StaticLoadingAspects(Aspects):
     """Static loading beside its measurement."""
 
@@ -67,6 +72,12 @@ class StaticLoadingAspects(Aspects):
                 table.warnings.append(
                     'no column states which side was loaded: taken as the mean of both (otherwise give --set "sides=MFC up")'
                 )
+
+        if {"placed", "read"} <= values.keys():
+            values.setdefault("lifted", values["read"] + MOMENT_S)
+            zeros = values.setdefault("zero_before_time", values["placed"] - MOMENT_S)
+            last = 2 * values["lifted"][-1:] - values["placed"][-1:]
+            values.setdefault("zero_after_time", np.concatenate((zeros[1:], last)))
 
     short_name = "loading"
 
@@ -132,14 +143,32 @@ def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
 
 
 def history_of_loads(points: RunPoints) -> DriveHistory | None:
-    """Return the history of the loads; None if the file does not have them all, as in an import.
+    """Return the history of the loads; None if the file has neither recordings nor times of all of them."""
+    load, columns = points.columns["load"], points.columns
+    times = _recorded_times(points)
+    if times is None:  # an import
+        times = np.array([columns.get(name, np.full(load.size, np.nan)) for name in TIME_COLUMNS])
+    if points.run.resumed_from is not None or not np.isfinite((*times, load)).all():
+        return None
+    zero_before, placed, read, lifted, zero_after = times
+    load, none = np.where(columns["side"] < 0, -load, load), np.zeros(load.size)  # in the direction of bending
+    return DriveHistory.of_points(
+        np.stack((placed, placed, lifted, lifted), axis=1),
+        np.stack((none, load, load, none), axis=1),
+        placed,
+        read,
+        np.stack((zero_before, zero_after), axis=1),
+    )
+
+
+def _recorded_times(points: RunPoints) -> Array | None:
+    """Return the times of `TIME_COLUMNS` from the recordings, (5, F); None if a point has fewer than three.
 
     A recording follows a weight detected by the laser by the `record_s` of quiet samples. For a weight confirmed by a key, the
     time is halfway since the previous recording.
     """
     recordings = points.recording_times(3)
-    load = points.columns["load"]
-    if recordings is None or not np.isfinite(load).all():
+    if recordings is None:
         return None
     protocol = points.read_protocol()
     assert isinstance(protocol, measurements.StaticLoading)
@@ -149,15 +178,8 @@ def history_of_loads(points: RunPoints) -> DriveHistory | None:
     begins, ends = recordings[:, 1:, 0], recordings[:, :-1, 1]
     seen = np.abs(begins[..., None] - np.array([*seen_s, -np.inf])).min(axis=-1) < MAX_ANSWER_S
     placed, lifted = np.where(seen, np.maximum(begins - protocol.record_s, ends), (begins + ends) / 2).T
-    load = np.where(points.columns["side"] < 0, -load, load)  # in the direction of bending
-    none = np.zeros(load.size)
-    return DriveHistory.of_points(
-        np.stack((placed, placed, lifted, lifted), axis=1),
-        np.stack((none, load, load, none), axis=1),
-        placed,
-        recordings[:, 1, 1] - half,
-        np.stack((recordings[:, 0, 1], recordings[:, 2, 1]), axis=1) - half,
-    )
+    zero_before, read, zero_after = (recordings[:, i, 1] - half for i in range(3))
+    return np.array([zero_before, placed, read, lifted, zero_after])
 
 
 ASPECTS = StaticLoadingAspects()

@@ -81,6 +81,7 @@ class SweepAspects(RunningSweepAspects):
                     drive_amplitude_v=amplitude_v,
                     drive_offset_v=map_.rest_v,
                     swept=True,
+                    order=points.start_s,
                     loop_share=None if run.record.imported else _loop_share(points, lines.x),
                     **points.common_arguments("displacement", "delay", "volts"),
                 )

@@ -73,6 +73,10 @@ class VoltageStepsAspects(Aspects):
                 row,
                 quantity,
             )
+        if "reached" in values and not values.get("direction", np.zeros(1)).any():
+            values.setdefault("drive", level)
+            values.setdefault("ramp_time", np.zeros(level.size))
+            values.setdefault("read_time", np.full(level.size, DEFAULT_READ_S))
         table.warnings.append(f"deflections are taken as against rest, {map_.rest_v:g} V at the amplifier's input")
 
     short_name = "steps"

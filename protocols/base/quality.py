@@ -38,6 +38,8 @@ class Quality(IntFlag):
     """Hum or another line measured at rest coincides with the point's frequency: its size is in the uncertainty."""
     FOLDED = 4096
     """The coinciding line lies above half the sample rate and is folded back: sample faster or at another rate, or filter."""
+    DISTURBED = 8192
+    """The sensor failed or was moved within the recording: it stuck, jumped, dropped out or was cut off, or its noise changed."""
     FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED | INTERFERENCE | FOLDED
     """Flags of a usable value."""
 
@@ -67,6 +69,7 @@ REMEDIES = {
     Quality.NO_RESPONSE: "check that the tactor is under the sensor, and that high voltage is on",
     Quality.DRIVE_OFF: "check the cable from the generator to the amplifier and to the card",
     Quality.CLIPPED: "choose a larger range of the card, or less drive",
+    Quality.DISTURBED: "look at the trace, check the sensor's cable, mount, target and range, and measure these points again",
     Quality.UNSETTLED: "allow more time to settle",
     Quality.DROPPED: "close other programs, or lower the sample rate",
 }

@@ -93,6 +93,8 @@ class Recording:
     """Lines of the displacement, measured at rest before the first drive."""
     start_s: float = 0.0
     """Time of the first sample since the begin of the stream."""
+    rest_noise_m: float = math.nan
+    """Noise of the displacement at rest before the first drive, by the errors of its prediction; NaN if not measured."""
 
     def parts(self, longest: int = PART_SCANS) -> "tuple[Recording, ...]":
         """Return the recording in parts of about equal length, of `longest` scans at most."""

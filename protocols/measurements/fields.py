@@ -25,10 +25,12 @@ QualityFlags = Annotated[int, Unit("1"), "quality flags (protocols.Quality)"]
 
 
 def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Mapping[Quality, bool]) -> int:
-    """Return the flags of a point: the flags of its recordings, `SIMULATED`, and the `detected` ones."""
+    """Return the flags of a point: the flags of its recordings, each judged as a whole, `SIMULATED`, and the `detected` ones."""
+    from protocols.signals import judge_recording
+
     quality = Quality.SIMULATED if simulated else Quality.GOOD
     for recording in recordings:
-        quality |= recording.quality
+        quality |= judge_recording(recording)
     for flag, present in detected.items():
         quality |= flag if present else Quality.GOOD
     return int(quality)

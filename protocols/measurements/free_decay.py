@@ -123,13 +123,12 @@ class FreeDecay(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> DecayPoint:
         recording, edge = recordings[-1], int(float(key[0]))
         decay = self._fit(recording, edge)
-        drive_off = abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01
         return DecayPoint(
             edge=float(edge),
             **modal_columns(decay),
             amplitude=decay.amplitude,
             noise=decay.noise,
-            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
+            quality=point_quality((recording,), simulated, {}),
         )
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:

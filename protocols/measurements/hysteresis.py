@@ -39,7 +39,7 @@ from protocols.measurements.fields import (
 )
 from protocols.measurements.fit_lines import line_indices, weighted_fit
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
-from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remove_lines
+from protocols.signals import fit_frequency, fold, measure_loops, remove_lines
 
 SOURCE = "line through the loop widths of this run over frequency"
 
@@ -48,9 +48,6 @@ MIN_FREQUENCIES = 3
 
 PHASES_PER_CYCLE = 128
 """Parts of a cycle, each the mean of at least two samples."""
-
-DRIVE_TOLERANCE = 0.05
-"""Largest deviation of the recorded amplitude from the commanded one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,10 +178,6 @@ class Hysteresis(Protocol):
         )
 
     def _loop_point(self, recording: Recording, folded: FoldedCycles, simulated: bool) -> LoopPoint:
-        drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz
-        assert isinstance(drive, Sine)
-        seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
-        drive_off = abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v
         loop = measure_loops(folded.drive_v, folded.displacement_m)
         # A difference of two points of the loop: the variances of a sine of unknown phase add.
         width_error, max_width_error, stroke_error = (
@@ -193,7 +186,7 @@ class Hysteresis(Protocol):
         )
         interfered = folded.interference_m > loop.width_error
         return LoopPoint(
-            frequency=frequency,
+            frequency=folded.frequency_hz,
             share=loop.relative_width,
             share_errors=math.hypot(width_error / loop.stroke, loop.relative_width * stroke_error / loop.stroke),
             width=loop.width,
@@ -207,9 +200,7 @@ class Hysteresis(Protocol):
             asymmetry=loop.asymmetry,
             asymmetry_errors=loop.asymmetry_error,
             cycles=loop.degrees_of_freedom + 1.0,
-            quality=point_quality(
-                (recording,), simulated, {Quality.DRIVE_OFF: drive_off, Quality.INTERFERENCE: interfered}
-            ),
+            quality=point_quality((recording,), simulated, {Quality.INTERFERENCE: interfered}),
         )
 
     @classmethod

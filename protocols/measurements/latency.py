@@ -21,7 +21,6 @@ from protocols.base import (
     EstimatedQuantity,
     PlanEntry,
     Protocol,
-    Quality,
     Record,
     Recording,
     Series,
@@ -71,7 +70,6 @@ SETTLED_NOISE = 1.5
 """Uncertainty of a deviation from the fitted steady state, divided by the uncertainty of a sample."""
 
 RISE_LOW, RISE_HIGH = 0.1, 0.9
-DRIVE_TOLERANCE = 0.05
 EDGE_LIMIT = 1.3
 """Largest recorded duration of an edge over the commanded one: a staircase of 5 µs adds 2 %."""
 
@@ -198,7 +196,6 @@ class OnsetLatency(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LatencyPoint:
         recording, kind, repeat = recordings[-1], str(key[0]), float(key[2])
         onset = _step_onset(recording) if kind == STEP else _sine_onset(recording)
-        drive_off = abs(onset.drive_v - onset.commanded_v) > DRIVE_TOLERANCE * abs(onset.commanded_v) + 0.01
         felt = onset.first(self.threshold_m)
         low, high = (onset.first(share * onset.final) for share in (RISE_LOW, RISE_HIGH))
         begin_s = 0.0 if kind == SINE else low.time_s
@@ -223,7 +220,7 @@ class OnsetLatency(Protocol):
             final_errors=onset.final_error,
             drive_step=onset.drive_v,
             edge_time=onset.edge_s,
-            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
+            quality=point_quality((recording,), simulated, {}),
         )
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:

@@ -105,6 +105,13 @@ class LoadPoint:
     drift: Annotated[float, Unit("m"), "zero after - zero before"]
     creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight during the recording"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains under the weight"]
+    zero_before_time: Annotated[
+        float, Unit("s"), "time of the zero before the weight, since the first sample of the run"
+    ]
+    placed: Annotated[float, Unit("s"), "time at which the weight was put on"]
+    read: Annotated[float, Unit("s"), "time of the reading under the weight"]
+    lifted: Annotated[float, Unit("s"), "time at which the weight was taken off"]
+    zero_after_time: Annotated[float, Unit("s"), "time of the zero after the weight"]
     quality: QualityFlags
 
     @property
@@ -122,6 +129,7 @@ def load_point(
     recordings: Sequence[Recording],
     measure_level: Callable[[Recording], LevelEstimate],
     load_n: tuple[float, float],
+    record_s: float,
     zero_limit_m: Callable[[float], float],
     simulated: bool,
 ) -> LoadPoint:
@@ -132,6 +140,7 @@ def load_point(
         recordings: recordings of the weight.
         measure_level: function that returns the level of a recording.
         load_n: the weight's force and its standard uncertainty.
+        record_s: length of the part of a recording that is read, at its end, and of the quiet samples by which a weight is detected.
         zero_limit_m: function that returns the largest change of the zero over a deflection in m; a larger one makes the point
             unsettled.
         simulated: whether the bench was simulated.
@@ -171,8 +180,18 @@ def load_point(
         drift=drift,
         creep=under.drift_per_s,
         noise=under.noise,
+        **_times(parts, record_s),
         quality=point_quality(parts, simulated, detected),
     )
+
+
+def _times(parts: Sequence[Recording], record_s: float) -> dict[str, float]:
+    """Return the times of a point; a weight is detected by quiet samples before its recording."""
+    begins = [part.start_s for part in parts]
+    ends = [part.start_s + part.displacement_m.size / part.rate_hz for part in parts]
+    before, read, after = (end - record_s / 2 for end in ends)
+    placed, lifted = max(begins[1] - record_s, ends[0]), max(begins[2] - record_s, ends[1])
+    return {"zero_before_time": before, "placed": placed, "read": read, "lifted": lifted, "zero_after_time": after}
 
 
 DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"

@@ -25,7 +25,6 @@ from protocols.base import (
     PlanEntry,
     Prompt,
     Protocol,
-    Quality,
     Record,
     Recording,
     Role,
@@ -55,8 +54,6 @@ lines."""
 
 MAX_OVERLAP = 0.5
 """Largest total overlap of adapted pieces, as a share of the band: overlaps reduce the time per line."""
-
-DRIVE_TOLERANCE = 0.05
 
 SWEEP = "sweep"
 
@@ -269,11 +266,6 @@ class MassResonance(Protocol):
                 (self.low_hz, self.high_hz),
             )
             spectrum = peak.frequency_hz, peak.standard_error_hz
-        drive_off = any(
-            abs(0.5 * float(np.ptp(recording.drive_v)) - 0.5 * self.peak_to_peak_v)
-            > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
-            for recording in recordings
-        )
         return MassPoint(
             mass=float(key[0]),
             frequency=float(peak.frequency_hz),
@@ -284,7 +276,7 @@ class MassResonance(Protocol):
             height=float(peak.height),
             coherence=float(response.within(*peak.band_hz).coherence.min()),
             resolution=response.resolution_hz,
-            quality=point_quality(recordings, simulated, {Quality.DRIVE_OFF: drive_off}),
+            quality=point_quality(recordings, simulated, {}),
         )
 
     @classmethod

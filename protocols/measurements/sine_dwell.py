@@ -50,7 +50,6 @@ from protocols.signals import (
     MAINS_HZ,
     SEPARATION_BINS,
     MaxMin,
-    SettlingDetector,
     SineFit,
     estimate_max_min,
     fit_frequency,
@@ -158,9 +157,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     error = math.hypot(statistical, interference.get(1, 0.0))
     # The phase is against the recorded drive, whose channel has noise of its own.
     phase_error = math.hypot(error / fundamental, error_of_mean("drive_error")) if fundamental > 0 else math.inf
-    tolerance_v = SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v
     detected = {
-        Quality.DRIVE_OFF: any(abs(one.drive_amplitude - drive.amplitude_v) > tolerance_v for one in each),
         Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
         Quality.INTERFERENCE: interference.get(1, 0.0) > statistical,
         Quality.FOLDED: any(

@@ -209,7 +209,13 @@ class StaticLoading(Protocol):
         side, mass_kg, repeat = (float(value) for value in key)
         load_n = mass_kg * self.gravity_m_per_s2, self._mass_error_kg(mass_kg) * self.gravity_m_per_s2
         return load_point(
-            (side, mass_kg, repeat), recordings, self._measure_level, load_n, self._zero_limit_m, simulated
+            (side, mass_kg, repeat),
+            recordings,
+            self._measure_level,
+            load_n,
+            self.record_s,
+            self._zero_limit_m,
+            simulated,
         )
 
     @classmethod

@@ -67,8 +67,6 @@ SOURCE = "one mode fitted to the response of a periodic sweep"
 DRIVE_MARGIN_S = 0.5
 """Spare duration of the drive for its start, and for the delivery by the card."""
 
-DRIVE_TOLERANCE = 0.05
-
 MIN_LINES = 30
 """Fewest lines in the band of a faster sweep for a small waveform memory: the scatter of fewer lines does not show repeating
 errors (see `repeating_error_share`)."""
@@ -243,9 +241,7 @@ class Sweep(Protocol):
         commanded_v = 0.5 * self.peak_to_peak_v
         amplitudes = [0.5 * float(np.ptp(recording.drive_v)) for recording in self._last(recordings)]
         amplitude_v = max(amplitudes, key=lambda volts: abs(volts - commanded_v))
-        drive_off = abs(amplitude_v - commanded_v) > DRIVE_TOLERANCE * commanded_v
-        quality = point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off})
-        return sweep_point(float(key[0]), response, amplitude_v, quality)
+        return sweep_point(float(key[0]), response, amplitude_v, point_quality(self._last(recordings), simulated, {}))
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         response = self._response(recordings)

@@ -1,5 +1,6 @@
 """Run trace: samples of a run file as counts, volts and metres, and its recordings."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +31,7 @@ from protocols.runfile.schema import (
     MAX_FURTHER_CHANNELS,
     MAX_SCALING_COEFFICIENTS,
 )
-from protocols.signals import find_lines, mark_folded
+from protocols.signals import find_lines, mark_folded, prediction_noise
 
 if TYPE_CHECKING:
     import h5py
@@ -96,11 +97,21 @@ class RunTrace:
         """Hum and other lines of the displacement at rest, before the first drive; none if not measured."""
         if (rest := self._rest_record()) is None:
             return ()
+        samples = self._samples_at_rest(rest)
+        lines = find_lines(samples, self.rate_hz)
+        return mark_folded(lines, rest.folded_from_hz, tolerance_hz=0.5 * self.rate_hz / samples.size)
+
+    @cached_property
+    def rest_noise_m(self) -> float:
+        """Noise of the displacement at rest, before the first drive; NaN if not measured."""
+        rest = self._rest_record()
+        return math.nan if rest is None else prediction_noise(self._samples_at_rest(rest))
+
+    def _samples_at_rest(self, rest: RestRecord) -> Array:
         first, last = rest.rows
         if not 0 <= first < last <= self.sample_count:
             raise ValueError(f"interference was measured in rows {first} to {last}, which it does not have")
-        lines = find_lines(self.displacement_m(first, last), self.rate_hz)
-        return mark_folded(lines, rest.folded_from_hz, tolerance_hz=0.5 * self.rate_hz / (last - first))
+        return self.displacement_m(first, last)
 
     @property
     def rate_hz(self) -> float:
@@ -242,6 +253,7 @@ class RunTrace:
             "entry": int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one per entry
             "interference": self.interference,
             "start_s": float(self.times_of_rows(rows[0])),
+            "rest_noise_m": self.rest_noise_m,
         }
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(

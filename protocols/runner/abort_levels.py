@@ -101,7 +101,7 @@ class LevelMonitor:
         self._muted: set[str] = set()
         self._reported: set[str] = set()
         self._events: list[LevelExceeded | DriveReadbackChanged] = []
-        self._drive_lost = False
+        self.drive_lost = False
         """Whether the card sees a drive other than the commanded one."""
         self._first_lost_block = False
         """Whether the last block was the first one of a loss, which may contain the moment of the loss."""
@@ -224,10 +224,10 @@ class LevelMonitor:
             )
 
     def _set_drive_lost(self, lost: bool, block: Block) -> None:
-        if lost is self._drive_lost and not self._first_lost_block:
+        if lost is self.drive_lost and not self._first_lost_block:
             return
-        self._first_lost_block = lost and not self._drive_lost
-        self._drive_lost = lost
+        self._first_lost_block = lost and not self.drive_lost
+        self.drive_lost = lost
         low_v, high_v = self._extremes(DRIVE_CHANNEL, block.raw[DRIVE_CHANNEL])
         self._events.append(DriveReadbackChanged(lost, float(low_v), float(high_v)))
 

@@ -48,7 +48,7 @@ from protocols.runfile import CHANNELS, RunFileWriter
 from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RecordingBuffer, RunAcquisition
 from protocols.runner.operator_actions import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
-from protocols.signals import SettlingDetector, find_lines
+from protocols.signals import SettlingDetector, find_lines, prediction_noise
 
 BLOCK_LATENCY_S = 0.05
 """Time after the start of a drive in which older scans may still be in transfer."""
@@ -82,6 +82,7 @@ class StepExecutor:
         self._acquisition, self._prompts, self._calibration_warning = acquisition, prompts, calibration_warning
         self._recording_count = 0
         self._lines_at_rest: tuple[InterferenceLine, ...] = ()
+        self._rest_noise_m = math.nan
         self.interference: InterferenceMeasured | None = None
         """The interference measured at rest; None before, or without a measurement."""
         self._rest_v = bench.amplifier.map.rest_v
@@ -150,6 +151,7 @@ class StepExecutor:
         displacement_m = samples[1] if samples else self._read_stored(rows, drive=False)
         find = partial(find_lines, displacement_m, armed.rate_hz)
         self._lines_at_rest = self._acquisition.run_analysis(armed, find)
+        self._rest_noise_m = prediction_noise(displacement_m)
         significant = tuple(line for line in self._lines_at_rest if line.significant)
         self.interference = InterferenceMeasured(rows, significant[:MAX_PUBLISHED_LINES])
         self._recorder.publish(self.interference)
@@ -197,7 +199,9 @@ class StepExecutor:
         scans = math.ceil(step.duration_s * armed.rate_hz)
         if scans > longest:
             raise BenchError(recording_too_long_message(scans))
+        levels = self._acquisition.levels
         buffer = RecordingBuffer(self._acquisition.channels, self._acquisition.read_block(armed))
+        drive_off = step.drive is None and levels.drive_lost
         if step.drive is not None:
             while buffer.scans < step.lead_s * armed.rate_hz:
                 buffer.add(self._acquisition.read_block(armed))
@@ -207,12 +211,15 @@ class StepExecutor:
         self._check_level_lasts(armed, step.duration_s)
         while buffer.scans < scans:
             buffer.add(self._acquisition.read_block(armed))
+            drive_off |= levels.drive_lost
         samples, quality = buffer.finish(scans)
         if not settled.settled:
             quality |= Quality.UNSETTLED
         if self._calibration_warning:
             quality |= Quality.CALIBRATION_EXPIRED
-        if self._acquisition.levels.entry_flagged:
+        if drive_off:
+            quality |= Quality.DRIVE_OFF
+        if levels.entry_flagged:
             quality |= Quality.LEVEL_EXCEEDED
         rows = (start_row, start_row + scans)
         fields: dict[str, Any] = {
@@ -225,6 +232,7 @@ class StepExecutor:
             "entry": entry,
             "interference": self._lines_at_rest,
             "start_s": buffer.first_scan / armed.rate_hz,
+            "rest_noise_m": self._rest_noise_m,
         }
         if samples:
             recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)

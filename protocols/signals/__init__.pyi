@@ -47,3 +47,5 @@ from .sine import fit_sine as fit_sine
 from .step_detection import WeightStepDetector as WeightStepDetector
 from .swept_response import MIN_BINS_PER_LINE as MIN_BINS_PER_LINE
 from .swept_response import estimate_swept_response as estimate_swept_response
+from .whole_record import judge_recording as judge_recording
+from .whole_record import prediction_noise as prediction_noise

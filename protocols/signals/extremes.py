@@ -76,13 +76,13 @@ def estimate_max_min(samples: Array, rate_hz: float, frequency_hz: float) -> Max
     )
     bias = highest + lowest - float(np.ptp(_one_cycle(fit)))
     # Coarse steps are no independent noise: the extremes may be shifted by up to half a step, or widened by it.
-    resolution = _smallest_step(samples) / np.sqrt(3)
+    resolution = smallest_step(samples) / np.sqrt(3)
     share = BIAS_UNCERTAINTY if len(fit.components) >= MIN_ORDERS else 1 / np.sqrt(3)
     systematic = float(np.hypot(resolution, share * bias))
     return MaxMin(float(np.ptp(moved)) - bias, float(np.hypot(high_error, low_error)), systematic, bias)
 
 
-def _smallest_step(samples: Array) -> float:
+def smallest_step(samples: Array) -> float:
     """Return the smallest difference between different samples: the resolution of digitized ones."""
     steps = np.diff(np.sort(samples[:RESOLUTION_SAMPLES]))
     return float(steps[steps > 0].min(initial=np.ptp(samples)))

@@ -182,7 +182,7 @@ class Acquisition:
         """Discard the samples computed ahead."""
         self._card.plant.discard_ahead()
 
-    def _slot_voltage(self, slot: int, t: Array) -> tuple[Array, float]:
+    def _slot_voltage(self, slot: int, t: Array) -> tuple[Array, Array | float]:
         """Return the volts at a place of the scans at times `t`, and their noise; an open input shows the previous place.
 
         A connected input, other than the drive, shows a share of the previous place if it settles too slowly.
@@ -201,7 +201,7 @@ class Acquisition:
             share *= GHOST_SHARE
         return np.zeros(t.size), self._card.parameters.noise_v
 
-    def _place_voltage(self, place: int, t: Array) -> tuple[Array, float]:
+    def _place_voltage(self, place: int, t: Array) -> tuple[Array, Array | float]:
         """Return the volts at the terminal of a place of the scans, and their noise; before the first place, of the previous scan."""
         when = t + place * self.convert_s if place >= 0 else t - 1 / self.rate_hz
         return self._card.channel_voltage(self.channels[place], np.maximum(when, 0.0))
@@ -265,8 +265,8 @@ class SimulatedCard:
             return self.parameters.drive_open
         return LAST_CONNECTED_CHANNEL < channel < FIRST_OUTPUT_READBACK_CHANNEL
 
-    def channel_voltage(self, channel: int, t: Array) -> tuple[Array, float]:
-        """Return the volts at the channel's terminal without noise, and the rms noise."""
+    def channel_voltage(self, channel: int, t: Array) -> tuple[Array, Array | float]:
+        """Return the volts at the channel's terminal without noise, and the rms noise; a stuck sensor has none of its own."""
         if channel == DRIVE_CHANNEL:
             return self._history.volts(t), self.parameters.noise_v
         if channel == SENSOR_CHANNEL:
@@ -274,7 +274,8 @@ class SimulatedCard:
             w = self.laser_view.displacement(t)
             invalid = (np.abs(w) > s.range_m) | self._faults.was_active("sensor-out-of-range", t)
             volts = self._with_stuck_sensor(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
-            return volts, math.hypot(self.parameters.noise_v, s.noise_m / abs(s.gain_m_per_v))
+            noise_v = np.where(self._faults.was_active("sensor-stuck", t), 0.0, s.noise_m / abs(s.gain_m_per_v))
+            return volts, np.hypot(self.parameters.noise_v, noise_v)
         if channel == VOLTAGE_MONITOR_CHANNEL:
             return self._amplifier.voltage_monitor_v_per_v * self.plant.specimen_voltage(t), self.parameters.noise_v
         if channel == CURRENT_MONITOR_CHANNEL:

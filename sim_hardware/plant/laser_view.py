@@ -22,12 +22,13 @@ TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET, BASE_TARGET = "tactor", "place
 
 @dataclass(frozen=True, slots=True)
 class _ViewChange:
-    """From `start_s` the sensor measures `target`, plus `offset_m`; membrane or base is `sag_m` below the reference."""
+    """From `start_s` the sensor measures `target`, plus `offset_m`, up to `limit_m`; membrane or base is `sag_m` below the reference."""
 
     start_s: float
     target: str
     offset_m: float
     sag_m: float = 0.0
+    limit_m: float = math.inf
 
 
 class LaserView:
@@ -55,6 +56,7 @@ class LaserView:
             here, view = number == i, views[i]
             if here.any():
                 out[here] += view.offset_m + self._target_displacement(view, delayed[here])
+                out[here] = np.minimum(out[here], view.limit_m)
         return out
 
     def apply_action(self, t: float, action: str, values: Mapping[str, float], membrane_missing: bool = False) -> None:
@@ -76,6 +78,8 @@ class LaserView:
                 view = _ViewChange(t, now.target, now.offset_m - float(self.displacement(np.array([at]))[0]), now.sag_m)
             case "bump-sensor":
                 view = _ViewChange(t, now.target, now.offset_m + values["by_m"], now.sag_m)
+            case "limit-sensor":
+                view = _ViewChange(t, now.target, now.offset_m, now.sag_m, values["at_m"])
             case "place-reference":
                 view = _ViewChange(t, REFERENCE_TARGET, now.offset_m)
             case "hang-membrane" if membrane_missing:

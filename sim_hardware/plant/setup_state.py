@@ -28,11 +28,12 @@ have `offset_kg`, the weight to lie on the other side, and `shorted`.
 SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "zero-sensor": (),
     "bump-sensor": ("by_m",),
+    "limit-sensor": ("at_m",),
     "place-reference": ("reference_m",),
     "hang-membrane": ("reference_m",),
     "place-tactor": (),
 }
-"""Actions on the sensor and under it. A bump is an accident, not an answer to a prompt."""
+"""Actions on the sensor and under it. A bump and an output that saturates are accidents, not answers to a prompt."""
 
 OPERATOR_ACTIONS = {**SPECIMEN_ACTIONS, **SENSOR_ACTIONS}
 

@@ -25,7 +25,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def archive(runs: Path, tmp_path: Path, cache: None, capsys: pytest.CaptureFixture[str]) -> Path:
+def archive(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     out = tmp_path / "T7.eln"
     assert main(["archive", "T 7/ß", "--folder", str(runs), "--out", str(out), "--no-report"]) == 0
     assert capsys.readouterr().out.strip() == str(out)
@@ -122,7 +122,7 @@ def test_what_is_no_archive_is_a_sentence(archive: Path, tmp_path: Path, capsys:
 
 
 @pytest.mark.deep
-def test_an_archive_has_the_report(runs: Path, tmp_path: Path, cache: None) -> None:
+def test_an_archive_has_the_report(runs: Path, tmp_path: Path) -> None:
     out = tmp_path / "T8.eln"
     assert main(["archive", "T8", "--folder", str(runs), "--out", str(out), "--licence", "https://example.org/by"]) == 0
     with zipfile.ZipFile(out) as file:

@@ -180,7 +180,7 @@ class Laboratory:
 
     def peak_hz(self, mass_kg: float) -> float:
         """Frequency of the largest response, by ever finer scans and a last parabola."""
-        low, high = 60.0, 500.0
+        low, high = 60.0, 700.0
         for _ in range(4):
             f = np.linspace(low, high, 13)
             y = abs(self.response(f, mass_kg) * self.late(f))

@@ -1,5 +1,6 @@
 """Free decay on a simulated bench: frequency and damping of the plant's first pole."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,5 +45,7 @@ def test_a_step_that_is_too_small_is_flagged(tmp_path: Path) -> None:
         ran = run(FreeDecay(edges=2), tmp_path, lab)
     with Run(ran.path) as file:
         recording = next(file.recordings())
-    point = FreeDecay(step_v=0.6, edges=2).point((1.0,), [recording], True)
-    assert Quality.DRIVE_OFF in Quality(point.quality)
+    for share, flagged in ((0.92, True), (1.0, False)):
+        seen = replace(recording, drive_v=2.5 + share * (recording.drive_v - 2.5))
+        point = FreeDecay(edges=2).point((1.0,), [seen], True)
+        assert (Quality.DRIVE_OFF in Quality(point.quality)) is flagged, share

@@ -117,7 +117,10 @@ def test_creep_per_decade_and_the_loop_come_out_of_many_points() -> None:
     for entry in protocol.plan(2.5):
         level_v, _, way = entry.key
         recording = creeping(0.03, 0.3, float(level_v), 2e-7)
-        up = np.where(np.arange(recording.drive_v.size) > 1.2 * RATE_HZ, 4e-6, 0.0) * (way == "down")
+        seconds = np.arange(recording.drive_v.size) / RATE_HZ
+        up = np.interp(seconds, [1.0, 1.3], [0.0, 4e-6]) * (
+            way == "down"
+        )  # along the ramp: a jump would be a disturbance
         points.append(
             protocol.point(entry.key, [replace(recording, displacement_m=recording.displacement_m + up)], True)
         )

@@ -107,7 +107,10 @@ def write_imported_run(run: ImportedPoints, options: ImportOptions, folder: Path
         axes=_plotted_axes(run),
         default_plot=run.protocol.default_plot,
         sensor=LaserSensor(
-            options.sensor or "not told (imported)", nothing, nothing, nothing, nothing, nothing, options.gain_error
+            options.sensor or "not told (imported)",
+            *(nothing,) * 5,
+            options.gain_error,
+            delay_uncertainty_s=options.delay_error_s,
         ),
         configuration={"amplifier": options.amplifier.model_dump(), "identities": {}},
         simulated=run.simulated,

@@ -33,6 +33,7 @@ class ImportOptions:
         elongation_m: elongation of the membrane; None if the tactor is free, or the table states it.
         sensor: name and serial number of the displacement sensor.
         gain_error: relative standard uncertainty of the sensor's gain, common to all values; 0 if unknown.
+        delay_error_s: standard uncertainty of the sensor's delay, common to all phases; 0 if unknown.
         delay_s: delay of the sensor's output, removed from phases of a time series; None if not given.
         amplifier: the amplifier that drove the specimen.
         simulated: whether the values come from a simulation.
@@ -51,6 +52,7 @@ class ImportOptions:
     elongation_m: float | None = None
     sensor: str = ""
     gain_error: float = 0.0
+    delay_error_s: float = 0.0
     delay_s: float | None = None
     amplifier: AmplifierTable = field(default_factory=AmplifierTable)
     simulated: bool = False

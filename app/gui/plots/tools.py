@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 from app.gui.face import LABEL_PX, SEMIBOLD, Tokens, icon, px, text_font
 from app.gui.plots.picture import Layer, color_of, number_text, unit_of
 from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, tooltip
+from model import format_with_uncertainty
 
 if TYPE_CHECKING:
     from app.gui.plots.chart import Chart
@@ -180,8 +181,9 @@ class PlotTools(QObject):
         unit = unit_of(self._chart.picture.x_title)
         rows = [f"{number_text(x)} {unit}".strip()]
         for name, value, error, of in self._values(x):
-            plus_minus = f" ± {number_text(error, 2)}" if np.isfinite(error) and error > 0 else ""
-            rows.append(f"{name}: {number_text(value, 4)}{plus_minus} {of}".strip())
+            known = np.isfinite(error) and error > 0
+            text = format_with_uncertainty(value, error, of) if known else f"{number_text(value, 4)} {of}"
+            rows.append(f"{name}: {text}".strip())
         return rows
 
     def _differences(self, first: float, second: float) -> list[str]:

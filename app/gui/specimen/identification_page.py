@@ -35,6 +35,7 @@ from app.identification import (
     MIN_REASON_LENGTH,
     IdentificationResult,
     accept_identification,
+    assumed_line,
     budget_bars,
     contradictions,
     dimensions_line,
@@ -236,7 +237,7 @@ class IdentificationPage(QWidget):
         self.heading.setText(f"Identification of {result.specimen}")
         self.simulated_label.setVisible(result.observations.simulated)
         self._show_verdict()
-        heading = [dimensions_line(result), held_parameters(result)]
+        heading = [assumed_line(result), dimensions_line(result), held_parameters(result)]
         if exact := unstated_errors(result):
             heading.append(f"exact for want of a stated uncertainty: {', '.join(exact)}.")
         notes = [
@@ -345,7 +346,7 @@ class IdentificationPage(QWidget):
         )
         assert fit is not None
         parts: list[QWidget] = []
-        if explanation.cause.kind == "parameter" and name not in self._also:
+        if explanation.cause.proposable and name not in self._also:
             parts.append(
                 make_button(
                     f"Fit with {name}",

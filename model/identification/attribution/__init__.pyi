@@ -1,9 +1,6 @@
 from .causes import Cause as Cause
 from .diagnosis import diagnose as diagnose
-from .diagnosis import effects as effects
-from .diagnosis import fit_subspace as fit_subspace
+from .evidence import Evidence as Evidence
 from .explanation import Diagnosis as Diagnosis
-from .significance import Pattern as Pattern
-from .significance import chance_of_smallest as chance_of_smallest
 from .undecidable import UndecidableError as UndecidableError
 from .undecidable import undecidable_errors as undecidable_errors

@@ -1,166 +1,264 @@
-"""Possible causes of a misfit: held parameters and nonidealities, the scale of one run, one point."""
+"""Possible causes of a misfit: hypotheses with parameters of plausible sizes, each of which acts on all residuals of a kind.
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+A cause frees parameters of the specimen, widens what is known of one, or adds errors to runs: of scale, time base, delay, elongation,
+added mass or clamp, or of a shape over the points. Only an exchange of two labels has no parameter.
+"""
 
-from model import Mask, Membrane, Tactor, parameter_specs
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from model import Array, Complex, Membrane, Tactor, parameter_specs
 from model.identification import observations as observed
 from model.identification import parameters as fit_parameters
+from model.identification.attribution.shapes import shaped_errors
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
+from model.identification.priors import TEMPERATURE_COEFFICIENTS, USUAL_EFFECTS
 
-Kind = Literal["parameter", "prior", "scale", "frequency", "elongation", "point"]
-
-RUN_ERRORS: dict[Kind, tuple[observed.ErrorTarget, float]] = {
-    "scale": ("displacement", 3.0),
-    "frequency": ("frequency", 10.0),
-    "elongation": ("elongation", 2e-3),
-}
-"""Errors of a single run: affected quantity, and a standard error large enough for the run to determine them."""
 SAME_EFFECT = {"b_Al": "h_Al", "E_Al": "h_Al", "b_m": "contact_length"}
 """Parameters that enter the model only together with another one, which represents them."""
 NO_CAUSES = ("mu", "mass_put_in", "gain_above_rest")
 """Parameters that are no cause: any drive determines the moment per volt, which takes up the slope above rest."""
+PLAUSIBLE_SIZES = {
+    "mass_offset": 3e-4, "load_offset": 2e-2, "load_gain": 0.03, "sensor_gain": 0.03, "zero_drift": 1e-5, "stiffening": 0.1,
+    "delay": 5e-5, "gain_drift": 0.03, "gain_below_rest": 0.05, "clamp_flexibility": 0.05, "elongation_offset": 5e-4, "contact_length": 1e-3, "asymmetry": 0.05,
+}  # fmt: skip
+"""Standard deviation of what a parameter that is held may really be, SI; of others `PLAUSIBLE_SHARE` of their value."""
+PLAUSIBLE_SHARE = 0.1
+WIDENED = 5.0
+"""Times as far as its standard uncertainty a stated value may be off by a mistake."""
+POINT_ERRORS = 20.0
+"""Standard errors by which a point may be off by a mistake."""
+SCALE_ERROR, CLOCK_ERROR, DELAY_ERROR_S = 0.1, 0.01, 5e-5
+ELONGATION_ERROR_M, MASS_ERROR_KG, CLAMP_ERROR = 5e-4, 3e-4, 0.05
+"""Plausible sizes of the errors of one run, or of one mounting."""
+LOG_PRIORS = {"clamp of": -2.0, "creep of the dwells": -1.0}
+"""Kinds that are less likely beforehand: a clamp that gives in one run must be as before after it."""
+SEVERAL_RUNS = -0.7
+"""Logarithm of odds of a mistake in all runs of a kind against one in a single run."""
 
-PLAUSIBLE_ERRORS = {
-    "L": 0.05,
-    "L1": 0.1,
-    "L2": 0.05,
-    "h_Al": 0.1,
-    "rho1": 0.1,
-    "rho2": 0.1,
-    "L_m": 0.05,
-    "h_m": 0.1,
-    "load_gain": 0.03,
-    "sensor_gain": 0.03,
-}
-"""Relative standard deviation of plausible errors of ruler, caliper, balance or sensor; a larger cause is less likely."""
+
+class RunError(NamedTuple):
+    """An error of some runs: with its shape over the usable points where it has one, by run."""
+
+    error: observed.SharedError
+    runs: Mapping[str, Array | Complex | None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cause:
-    """One possible cause, as an extension of a fit."""
+    """One possible cause, as an extension of a fit.
 
-    kind: Kind
+    Attributes:
+        kind: kind of the cause; decides text and check.
+        name: of the parameter, or of the run; `all dwells` and the like for several.
+        title: in a table.
+        parameters: value and standard deviation of each parameter of the specimen that is free, or less known.
+        errors: of runs.
+        points: that are left out, or whose labels are exchanged, of the run `name`.
+        among: causes of the kind, which share its odds.
+    """
+
+    kind: str
     name: str
-    """Name of a parameter or run."""
-    point: int = -1
-    """Index of the point in its run."""
+    title: str
+    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    errors: tuple[RunError, ...] = ()
+    points: tuple[int, ...] = ()
+    among: int = 1
 
     @property
-    def title(self) -> str:
-        """Name in a table."""
-        match self.kind:
-            case "scale" | "frequency" | "elongation":
-                return f"{self.kind} of {self.name}"
-            case "point":
-                return f"point {self.point + 1} of {self.name}"
-            case "prior":
-                return f"stated {self.name}"
-        return self.name
+    def sizes(self) -> tuple[str, ...]:
+        """The parameters of the extended fit that have its size."""
+        return (*self.parameters, *(e.error.name for e in self.errors))
 
     @property
-    def parameter(self) -> str:
-        """The parameter of the extended fit with the size of the cause; empty for a point."""
-        return "" if self.kind == "point" else self.title if self.kind in RUN_ERRORS else self.name
+    def log_prior(self) -> float:
+        """Logarithm of its odds beforehand, on which all causes of its kind share."""
+        return LOG_PRIORS.get(self.kind, 0.0) + SEVERAL_RUNS * self.name.startswith("all ") - float(np.log(self.among))
+
+    @property
+    def proposable(self) -> bool:
+        """Whether a fit may go on with it: an effect of the specimen or of the set-up, no mistake of one run and no wrong length."""
+        return self.kind in ("parameter", "beyond") and not {*self.parameters} & {"load_gain", "sensor_gain", *_LENGTHS}
 
     def extend(self, fit: JointFit) -> tuple[observed.ObservationSet, FitOptions]:
         """Return the observations and options of a fit with this cause, which begins where `fit` ended."""
-        options = free_as_well(fit, (self.name,) if self.kind == "parameter" else ())
-        match self.kind:
-            case "parameter":
-                return fit.observations, replace(options, priors=self._priors(fit))
-            case "prior":
-                priors = {name: prior for name, prior in options.priors.items() if name != self.name}
-                return fit.observations, replace(options, priors=priors)
-            case "scale" | "frequency" | "elongation":
-                error, run = self.shared_error, self.run(fit)
-                return _with_run(fit, run, {"shared_errors": (*run.shared_errors, error)}), options
-        run = self.run(fit)
-        return _with_run(fit, run, {"good": _without(run, self.point)}), options
-
-    @property
-    def shared_error(self) -> observed.SharedError:
-        """Return the error of one run, as a shared error."""
-        return observed.SharedError(self.title, *RUN_ERRORS[self.kind])
-
-    def plausible(self, fit: JointFit) -> tuple[float, float] | None:
-        """Return the held value and the plausible standard deviation; None if any size is plausible."""
-        share = PLAUSIBLE_ERRORS.get(self.name) if self.kind == "parameter" else None
-        if share is None:
-            return None
-        held = fit_parameters.start_value(self.name, fit.options.base_values())
-        return held, share * (abs(held) or 1.0)
-
-    def _priors(self, fit: JointFit) -> dict[str, tuple[float, float]]:
-        plausible = self.plausible(fit)
-        return {**fit.options.priors, **({} if plausible is None else {self.name: plausible})}
-
-    def run(self, fit: JointFit) -> observed.Observation:
-        """Return the run of a wrong scale or point."""
-        return next(run for run in fit.observations.runs if run.label == self.name)
+        options = free_as_well(fit, tuple(self.parameters))
+        normal = {n: v for n, v in options.normal_priors.items() if n not in self.parameters}
+        options = replace(options, priors={**options.priors, **self.parameters}, normal_priors=normal)
+        return with_errors(
+            fit.observations, self.errors, {self.name: self.points} if self.points else {}, self.kind
+        ), options
 
 
-def free_as_well(fit: JointFit, names: tuple[str, ...]) -> FitOptions:
+_LENGTHS = {q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))}
+
+
+def free_as_well(fit: JointFit, names: Sequence[str]) -> FitOptions:
     """Return the options of a fit with these parameters free in addition, which begins where `fit` ended."""
     base = fit.options.base_values()
-    start = {name: fit_parameters.start_value(name, base) for name in names}
+    new = tuple(n for n in names if n not in fit.names)
+    start = {name: fit_parameters.start_value(name, base) for name in new}
     start |= dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    fixed = {name: value for name, value in fit.options.fixed.items() if name not in names}
-    return replace(fit.options, free=fit.free_parameters, also=names, fixed=fixed, start=start)
+    fixed = {name: value for name, value in fit.options.fixed.items() if name not in new}
+    return replace(fit.options, free=fit.free_parameters, also=new, fixed=fixed, start=start)
 
 
-def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
-    """Return every held parameter and the possible errors of whole runs; wrong points are found by their residuals."""
-    base = fit.options.base_values()
-    names = [q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))]
-    names += ["contact_length", "asymmetry", *NONIDEALITIES]
-    held = [
-        name
-        for name in names
-        if name not in fit.names
-        and name not in fit.options.tied
-        and name not in NO_CAUSES
-        and SAME_EFFECT.get(name) is None
-        and not (name == "m_add" and (base.get("mass_put_in") or "mass_put_in" in fit.names))
-    ]
-    out = [Cause("parameter", name) for name in held]
-    out += [Cause("prior", name) for name in fit.options.priors]
-    if len(fit.observations.runs) > 1:
-        out += [Cause(kind, run.label) for run in fit.observations.runs for kind in _run_kinds(run)]
-    return tuple(out)
-
-
-def _run_kinds(run: observed.Observation) -> Iterator[Kind]:
-    """Yield the possible errors of a whole run."""
-    if not isinstance(
-        run, observed.MassResonanceObservation | observed.MembraneSagObservation | observed.DecayPoleObservation
-    ):
-        yield "scale"
-    if isinstance(run, observed.FrequencyResponseObservation):
-        yield "frequency"
-        if run.elongation_m is not None:
-            yield "elongation"
-
-
-def with_errors_of_runs(fit: JointFit, causes: Sequence[Cause]) -> observed.ObservationSet:
-    """Return the observations with the error of every cause that is an error of a run."""
-    runs = []
-    for run in fit.observations.runs:
-        errors = tuple(c.shared_error for c in causes if c.kind in RUN_ERRORS and c.name == run.label)
-        runs.append(replace(run, shared_errors=(*run.shared_errors, *errors)))
+def with_errors(
+    observations: observed.ObservationSet,
+    errors: Sequence[RunError],
+    points: Mapping[str, tuple[int, ...]] | None = None,
+    kind: str = "",
+) -> observed.ObservationSet:
+    """Return the observations with further errors, and without points of a run, or with their labels exchanged."""
+    runs: list[observed.Observation] = []
+    for run in observations.runs:
+        own = [e for e in errors if run.label in e.runs]
+        shapes = {e.error.name: _over_all(run, e.runs[run.label]) for e in own if e.runs[run.label] is not None}
+        changes: dict[str, Any] = {"shared_errors": (*run.shared_errors, *(e.error for e in own))}
+        changes["shapes"] = {**run.shapes, **shapes}
+        if (at := (points or {}).get(run.label)) and kind == "exchange":
+            inputs = labels_of(run).copy()
+            inputs[list(at)] = inputs[list(at)[::-1]]
+            changes["load_n" if isinstance(run, observed.StaticLoadingObservation) else "mass_kg"] = inputs
+        elif at:
+            good = run.usable.copy()
+            good[list(at)] = False
+            changes["good"] = good
+        runs.append(replace(run, **changes))
     return observed.ObservationSet(tuple(runs))
 
 
-def _with_run(fit: JointFit, changed: observed.Observation, changes: dict[str, Any]) -> observed.ObservationSet:
-    return observed.ObservationSet(
-        tuple(replace(run, **changes) if run is changed else run for run in fit.observations.runs)
+def _over_all(run: observed.Observation, shape: Any) -> Any:
+    out = np.zeros(run.usable.size, dtype=np.asarray(shape).dtype)
+    out[run.usable] = shape
+    return out
+
+
+def labels_of(run: observed.Observation) -> Array:
+    """Return the loads or added masses of a run, which somebody wrote down, (F,)."""
+    return run.load_n if isinstance(run, observed.StaticLoadingObservation) else getattr(run, "mass_kg", np.zeros(0))
+
+
+def possible_causes(fit: JointFit, predictions: Mapping[str, Any]) -> tuple[Cause, ...]:
+    """Return every cause that the runs of a fit may have; `predictions` of the usable points, by run.
+
+    An exchange of labels and a point have an odd of one over their number, as have all causes of a kind.
+    """
+    found = [*_held(fit), *_known(fit), *_run_errors(fit), *shaped_causes(fit, predictions), *_points(fit)]
+    count: dict[str, int] = {}
+    for cause in found:
+        count[cause.kind] = count.get(cause.kind, 0) + 1
+    return tuple(replace(c, among=1 if c.kind in ("parameter", "beyond") else count[c.kind]) for c in found)
+
+
+def _held(fit: JointFit) -> Iterator[Cause]:
+    """Yield every parameter that is held, around its value."""
+    base, usual = fit.options.base_values(), {**USUAL_EFFECTS, **TEMPERATURE_COEFFICIENTS}
+    names = [q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))]
+    for name in (*names, "contact_length", "asymmetry", *NONIDEALITIES):
+        taken = name in fit.names or name in fit.options.tied or name in NO_CAUSES or name in SAME_EFFECT
+        if taken or (name == "m_add" and (base.get("mass_put_in") or "mass_put_in" in fit.names)):
+            continue
+        value = fit_parameters.start_value(name, base)
+        size = usual[name].standard_deviation if name in usual else PLAUSIBLE_SHARE * abs(value)
+        yield Cause("parameter", name, name, {name: (value, PLAUSIBLE_SIZES.get(name, size))})
+
+
+def _known(fit: JointFit) -> Iterator[Cause]:
+    """Yield every value known beforehand, and every usual effect, as less known."""
+    for name, (value, deviation) in fit.options.priors.items():
+        kind = "stated" if name in _LENGTHS else "beyond"
+        yield Cause(kind, name, f"stated {name}", {name: (value, WIDENED * deviation)})
+
+
+def _run_errors(fit: JointFit) -> Iterator[Cause]:
+    """Yield errors of one run, of all runs of a kind, and of all runs from one on."""
+    runs = fit.observations.runs
+    if len(runs) < 2:
+        return
+    groups = dict(_groups(runs))
+    for label, members in groups.items():
+        if not isinstance(
+            members[0],
+            observed.MassResonanceObservation | observed.MembraneSagObservation | observed.DecayPoleObservation,
+        ):
+            yield _error("scale", label, members, "displacement", SCALE_ERROR)
+        responses = [r for r in members if isinstance(r, observed.FrequencyResponseObservation)]
+        if responses or isinstance(members[0], observed.MassResonanceObservation | observed.DecayPoleObservation):
+            yield _error("time base", label, members, "clock", CLOCK_ERROR)
+        if responses and len(members) == 1:
+            if np.iscomplexobj(observed.observed_values(responses[0])[0]):
+                yield _error("delay", label, members, "delay", DELAY_ERROR_S)
+            if responses[0].elongation_m is not None:
+                yield _error("elongation", label, members, "elongation", ELONGATION_ERROR_M)
+    carrying = [r for r in runs if _carries_own_mass(r)]
+    beams = [r for r in runs if not isinstance(r, observed.MembraneSagObservation)]
+    for kind, on, size, concerned in (
+        ("mass", "mass", MASS_ERROR_KG, carrying),
+        ("clamp", "clamp", CLAMP_ERROR, beams),
+    ):
+        for i in range(1, len(concerned)):
+            yield _error(f"{kind} from", concerned[i].label, concerned[i:], on, size)
+        for i in range(len(concerned) - 1 if len(concerned) > 2 else 0):
+            yield _error(f"{kind} of", concerned[i].label, concerned[i : i + 1], on, size)
+        membrane = [r for r in concerned if getattr(r, "elongation_m", None) is not None]
+        if 0 < len(membrane) < len(concerned):
+            yield _error(f"{kind} of", "all dwells on the membrane", membrane, on, size)
+
+
+def _error(kind: str, label: str, runs: Sequence[observed.Observation], on: Any, size: float) -> Cause:
+    title = (
+        f"{kind} {label}{' on' if kind.endswith('from') else ''}" if kind[-2:] in ("of", "om") else f"{kind} of {label}"
     )
+    error = observed.SharedError(title, on, size)
+    return Cause(kind, label, title, errors=(RunError(error, dict.fromkeys([r.label for r in runs])),))
 
 
-def _without(run: observed.Observation, point: int) -> Mask:
-    good = run.usable.copy()
-    good[point] = False
-    return good
+def _groups(runs: Sequence[observed.Observation]) -> Iterator[tuple[str, list[observed.Observation]]]:
+    """Yield every run by itself, and all loadings, steps or dwells where there are several and others."""
+    for run in runs:
+        yield run.label, [run]
+    for kind, name in (
+        (observed.StaticLoadingObservation, "loadings"),
+        (observed.VoltageStepsObservation, "steps"),
+        (observed.FrequencyResponseObservation, "dwells"),
+    ):
+        same: list[observed.Observation] = [r for r in runs if isinstance(r, kind)]
+        if 1 < len(same) < len(runs):
+            yield f"all {name}", same
+
+
+def _carries_own_mass(run: observed.Observation) -> bool:
+    if isinstance(run, observed.FrequencyResponseObservation):
+        return run.added_mass_kg is None
+    return isinstance(run, observed.DecayPoleObservation)
+
+
+def shaped_causes(fit: JointFit, predictions: Mapping[str, Any]) -> Iterator[Cause]:
+    """Yield errors of readings that have a shape over the points."""
+    for kind, name, title, errors in shaped_errors(fit.observations.runs, predictions):
+        made = tuple(
+            RunError(observed.SharedError(f"{title}{'' if len(errors) == 1 else f' ({i + 1})'}", "reading", size), runs)
+            for i, (size, runs) in enumerate(errors)
+        )
+        yield Cause(kind, name, title, errors=made)
+
+
+def _points(fit: JointFit) -> Iterator[Cause]:
+    """Yield every point of runs of two or more by itself, and every two whose labels may have been exchanged."""
+    for run, part in zip(fit.observations.runs, fit.run_slices, strict=True):
+        usable = np.flatnonzero(run.usable).tolist()
+        if len(usable) < 2 or not fit.used_rows[part].all():
+            continue
+        yield from (Cause("point", run.label, f"point {i + 1} of {run.label}", points=(i,)) for i in usable)
+        x = labels_of(run)
+        for at, i in enumerate(usable if x.size else ()):
+            for j in usable[at + 1 :]:
+                if x[i] != x[j]:
+                    yield Cause("exchange", run.label, f"exchange in {run.label}", points=(i, j))

@@ -1,39 +1,35 @@
-"""Diagnosis of a misfit: possible causes ranked by the chi-square of the fit with each.
+"""Diagnosis of a misfit: the likeliest causes by the linearized fit, each fitted, ranked by their evidence."""
 
-Every cause is one parameter more, or one point less. The linearized fit at the minimum screens all; the likeliest are fitted.
-They are ranked by the probability of an equal improvement by chance, times the number of tried causes of the kind.
-"""
-
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
 
 from model import Array, ParameterError
 from model.identification.attribution.cause_text import with_text
-from model.identification.attribution.causes import (
-    RUN_ERRORS,
-    Cause,
-    free_as_well,
-    possible_causes,
-    with_errors_of_runs,
-)
+from model.identification.attribution.causes import Cause
+from model.identification.attribution.evidence import CauseEvidence, Evidence
 from model.identification.attribution.explanation import Diagnosis, Explanation, ParameterShift
-from model.identification.attribution.significance import log_p_value, point_gains, point_rows, unit_effect
 from model.identification.fit_options import IdentificationError
 from model.identification.fit_result import MIN_P_VALUE, JointFit
 from model.identification.joint_least_squares import joint_fit
-from model.identification.observations import observed_values
-from model.identification.residuals import LeastSquaresProblem
 
-MAX_CHANCE = 0.1
-"""Probability by chance, among all causes of a kind, above which a cause is left out."""
-REFITTED_CAUSES = 5
-"""Number of causes with the best linearized fit that are fitted."""
-WORTH_FITTING = 0.25
-"""Share of the largest improvement in the linearized fit above which a cause is fitted."""
+REFITTED_CAUSES = 6
+"""Causes with the best linearized fit that are fitted."""
+REFITTED_OF_A_KIND = 2
+"""Of them those of one kind: neighbours of a resonance, or points, are much alike."""
+WORTH_FITTING = 0.2
+"""Share of the largest improvement in the linearized fit from which on a cause is fitted."""
+CLEARLY_LESS = 8.0
+"""Logarithm of odds by which a cause is less likely in the linearized fit than one that explains all, so that it is not fitted."""
+REFIT_EVALUATIONS = 60
+"""Largest number of evaluations of such a fit; it begins where the linearized fit has its minimum."""
+PLAUSIBLE_SIGMAS = 4.0
+"""Distance from what is known beforehand, in its standard uncertainties, up to which a fit is a place to linearize about."""
+ENLARGED_ERRORS = (3.0, 10.0, 30.0, 100.0, 300.0)
+"""Factors on the errors of the runs with which such a place is sought: a wrong model bends lengths and masses beyond all reason."""
+MIN_LOG_ODDS = 1.0
+"""Logarithm of the odds against chance from which on a cause is named."""
 MAX_EXPLANATIONS = 5
 """Largest number of explanations."""
 MAX_SHIFTS = 4
@@ -42,125 +38,106 @@ REFIT_TOLERANCE = 1e-5
 """Relative tolerance of chi-square: causes are compared by differences of some units."""
 
 
-def diagnose(
-    fit: JointFit, cause_effects: Mapping[Cause, Array] | None = None, cancelled: Callable[[], bool] | None = None
-) -> Diagnosis:
-    """Compare the possible causes of the misfit of a fit; causes whose improvement can be chance are left out.
+def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) -> Diagnosis:
+    """Compare the possible causes of the misfit of a fit that is not adequate.
 
-    Args:
-        fit: a fit that is not adequate.
-        cause_effects: `effects` of the fit; computed if None.
-        cancelled: called at every evaluation of the fits.
+    A single point, or an exchange, is a cause only if the rest is adequate then. Where the rest is too large with every cause, the
+    improvements are divided by the least reduced chi-square: what is left may be as large for any of them.
 
     Raises:
         FitCancelled: `cancelled` returned true.
     """
-    r = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
-    Q = fit_subspace(fit)
-    cause_effects = effects(fit) if cause_effects is None else cause_effects
-    screened = [*_screened_effects(fit, r, Q, cause_effects), *_screened_points(fit, r, Q)]
-    screened.sort(key=lambda s: s.log_probability + np.log(s.among))
-    best = max((s.gain for s in screened), default=0.0)
-    chosen = [s for s in screened if s.gain > WORTH_FITTING * best][:REFITTED_CAUSES]
-    explanations = [e for s in chosen if (e := _explain(fit, s, cause_effects, cancelled)) is not None]
-    explanations = [e for e in explanations if e.log_probability < np.log(MAX_CHANCE)]
-    explanations.sort(key=lambda e: (e.log_probability, e.chi_square + e.penalty))
-    return Diagnosis(tuple(with_text(fit, e) for e in explanations[:MAX_EXPLANATIONS]), len(screened))
+    fit, evidence = evidence.fit, _plausible(evidence, cancelled)
+    found: list[tuple[CauseEvidence, Explanation]] = []
+    for linear in _candidates(evidence.linear):
+        enough = any(e.p_value > MIN_P_VALUE and linear.log_odds < known.log_odds - CLEARLY_LESS for known, e in found)
+        explained = None if enough else _explain(fit, evidence, linear, cancelled)
+        if explained is not None:
+            found.append((linear, explained))
+    rest = [e.chi_square / max(e.degrees_of_freedom, 1) for _, e in found if e.p_value < MIN_P_VALUE]
+    enlarged = max(1.0, min(rest)) if len(rest) == len(found) and rest else 1.0
+    ranked = [_ranked(fit, linear, e, enlarged) for linear, e in found]
+    ranked = sorted((e for e in ranked if e.log_odds > MIN_LOG_ODDS), key=lambda e: -e.log_odds)
+    return Diagnosis(tuple(with_text(fit, e) for e in ranked[:MAX_EXPLANATIONS]), len(evidence.linear))
 
 
-def fit_subspace(fit: JointFit) -> Array:
-    """Orthonormal basis (rows, k) of the fit's degrees of freedom."""
-    J = fit.jacobian * fit.parameter_scale * fit.used_rows[:, None]
-    U, s, _ = np.linalg.svd(J, full_matrices=False)
-    return np.asarray(U[:, s > 1e-7 * s[0]])
+def _plausible(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Evidence:
+    """Return the evidence linearized where no value known beforehand is far from what was known."""
+    fit = evidence.fit
+    for factor in ENLARGED_ERRORS:
+        rows = evidence.fit.weighted_residuals[list(evidence.fit.prior_rows.values())]
+        if np.abs(rows).max(initial=0.0) < PLAUSIBLE_SIGMAS:
+            break
+        near = joint_fit(
+            fit.observations, fit.options, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE, enlarged=factor
+        )
+        evidence = Evidence(near)
+    return evidence
 
 
-class Screened(NamedTuple):
-    """A cause in the linearized fit."""
-
-    cause: Cause
-    gain: float
-    """Decrease of chi-square."""
-    log_probability: float
-    among: int
-    """Number of causes of its kind."""
-
-
-def effects(fit: JointFit) -> dict[Cause, Array]:
-    """Return the addition of each possible cause, points excepted, to the weighted residuals, (rows,), per unit of its size."""
-    causes = possible_causes(fit)
-    names = tuple(c.name for c in causes if c.kind == "parameter")
-    problem = LeastSquaresProblem(with_errors_of_runs(fit, causes), free_as_well(fit, names))
-    _, J = problem.evaluate(problem.start)
-    data = fit.run_slices[-1].stop
-    J[data:] = 0.0
-    rows = fit.weighted_residuals.size
-    out = {c: J[:rows, problem.names.index(c.parameter)] for c in causes if c.kind != "prior"}
-    first = data + len(fit.observations.shared_errors)  # rows of the shared errors, then of the priors
-    for place, (name, (_, error)) in enumerate(fit.options.priors.items()):
-        out[Cause("prior", name)] = np.eye(1, rows, first + place)[0] / error
-    return out
+def _candidates(linear: Sequence[CauseEvidence]) -> list[CauseEvidence]:
+    best = max((e.gain for e in linear), default=0.0)
+    chosen: list[CauseEvidence] = []
+    for e in linear:
+        alike = sum(c.cause.kind == e.cause.kind for c in chosen) if e.cause.kind not in ("parameter", "beyond") else 0
+        if e.gain > WORTH_FITTING * best and alike < REFITTED_OF_A_KIND and len(chosen) < REFITTED_CAUSES:
+            chosen.append(e)
+    return chosen
 
 
-def _screened_effects(fit: JointFit, r: Array, Q: Array, cause_effects: Mapping[Cause, Array]) -> Iterator[Screened]:
-    visible = {}
-    for cause, effect in cause_effects.items():
-        unit = unit_effect(np.where(fit.used_rows, effect, 0.0), Q)
-        if unit is not None:
-            visible[cause] = float(unit @ r) ** 2
-    for cause, gain in visible.items():
-        count = sum((c.kind in RUN_ERRORS) == (cause.kind in RUN_ERRORS) for c in visible)
-        yield Screened(cause, gain, float(log_p_value(np.array(gain), 1)), count)
-
-
-def _screened_points(fit: JointFit, r: Array, Q: Array) -> Iterator[Screened]:
-    points = point_rows(fit)
-    gains = point_gains(r, Q, [rows for _, _, rows in points])
-    for (label, point, rows), gain in zip(points, gains.tolist(), strict=True):
-        yield Screened(Cause("point", label, point), gain, float(log_p_value(np.array(gain), rows.size)), len(points))
+def _ranked(fit: JointFit, linear: CauseEvidence, found: Explanation, enlarged: float) -> Explanation:
+    gain = (fit.cost - found.fit.cost) / enlarged
+    odds = gain / 2 - linear.price + linear.cause.log_prior
+    if found.cause.points and found.p_value < MIN_P_VALUE:
+        odds = min(odds, MIN_LOG_ODDS + 1e-3 * odds)  # after every cause of all points
+    return replace(found, log_odds=odds)
 
 
 def _explain(
-    fit: JointFit, screened: Screened, cause_effects: Mapping[Cause, Array], cancelled: Callable[[], bool] | None
+    fit: JointFit, evidence: Evidence, linear: CauseEvidence, cancelled: Callable[[], bool] | None
 ) -> Explanation | None:
-    """Fit with the cause; None if this is not possible."""
-    cause, count = screened.cause, screened.among
-    observations, options = cause.extend(fit)
-    if cause in cause_effects and cause.kind != "prior":
-        options = replace(options, start=_linear_start(fit, cause, cause_effects[cause], options.start))
+    """Fit with the cause; None where that is not possible."""
+    cause = linear.cause
+    observations, options = cause.extend(evidence.fit)
+    options = replace(options, start=_linear_start(evidence, cause, options.start))
     try:
-        refit = joint_fit(observations, options, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE)
+        found = joint_fit(
+            observations,
+            options,
+            None,
+            cancelled,
+            max_evaluations=REFIT_EVALUATIONS,
+            max_starts=1,
+            tolerance=REFIT_TOLERANCE,
+        )
     except (ParameterError, IdentificationError):
         return None
-    freedom, size, error = 1, float("nan"), float("nan")
-    errors = np.sqrt(np.diag(refit.covariance))
-    if cause.kind == "point":
-        freedom = 2 if np.iscomplexobj(observed_values(cause.run(fit))[0]) else 1
-    else:
-        at = refit.names.index(cause.parameter)
-        size, error = float(refit.theta[at]), float(errors[at])
-    left, penalty = fit.degrees_of_freedom - freedom, 0.0
-    if (plausible := cause.plausible(fit)) is not None:
-        penalty = ((size - plausible[0]) / plausible[1]) ** 2
-    chi_square = refit.cost - penalty
-    # if the rest is still too large, the errors may be too small: the improvement must exceed enlarged errors
-    enlarged = chi_square / left if left > 0 and chdtrc(left, chi_square) < MIN_P_VALUE else 1.0
-    gain = (fit.cost - refit.cost) / max(1.0, enlarged)
-    chance = min(0.0, float(log_p_value(np.array(gain), freedom)) + float(np.log(count)))
-    return Explanation(cause, size, error, chi_square, penalty, left, chance, _shifts(fit, refit, errors), refit)
+    errors = np.sqrt(np.diag(found.covariance))
+    at = [found.names.index(name) for name in cause.sizes]
+    sizes = tuple((float(found.theta[i]), float(errors[i])) for i in at)
+    freedom = max(found.degrees_of_freedom - len(sizes), 0)
+    return Explanation(cause, sizes, found.chi_square, freedom, linear.log_odds, _shifts(fit, found, errors), found)
 
 
-def _linear_start(fit: JointFit, cause: Cause, effect: Array, start: Mapping[str, float]) -> dict[str, float]:
-    """Return the minimum of the linearized fit with the cause, a step of at most half of each positive parameter."""
-    scale = np.append(fit.parameter_scale, 1.0)
-    J = np.column_stack((fit.jacobian, effect)) * scale
-    J[:, -1] *= 1 / max(float(np.linalg.norm(J[:, -1])), 1e-300)
-    scale[-1] = 1 / max(float(np.linalg.norm(effect)), 1e-300)
-    step = np.linalg.lstsq(J * fit.used_rows[:, None], fit.weighted_residuals * fit.used_rows, rcond=1e-10)[0] * scale
+def _linear_start(evidence: Evidence, cause: Cause, start: Mapping[str, float]) -> dict[str, float]:
+    """Return where the linearized fit with the cause has its minimum, a step of at most half of each positive parameter."""
+    fit, none = evidence.fit, np.zeros((evidence.residuals.size, 0))
+    effects = evidence.effects[cause] if cause.sizes else none
+    columns = np.column_stack((fit.jacobian * fit.parameter_scale, effects))
+    data = np.vstack((columns * fit.used_rows[:, None], np.eye(effects.shape[1], columns.shape[1], fit.theta.size)))
+    r = np.append(fit.weighted_residuals * fit.used_rows, np.zeros(effects.shape[1]))
+    step = np.linalg.lstsq(data, r, rcond=1e-10)[0]
     out = dict(start)
-    for name, change in zip((*fit.names, cause.parameter), step.tolist(), strict=True):
+    for name, change in zip(fit.names, (step[: fit.theta.size] * fit.parameter_scale).tolist(), strict=True):
         value = out.get(name, 0.0)
         out[name] = value + (max(change, -0.5 * value) if value > 0 else change)
+    plausible = [deviation for _, deviation in cause.parameters.values()] + [
+        e.error.standard_error for e in cause.errors
+    ]
+    for name, size, change in zip(cause.sizes, plausible, step[fit.theta.size :].tolist(), strict=True):
+        if name not in fit.names:
+            value = out.get(name, 0.0)
+            out[name] = value + (max(change * size, -0.5 * value) if value > 0 else change * size)
     return out
 
 

@@ -7,11 +7,8 @@ from scipy.special import chdtrc
 from model.identification.attribution.causes import Cause
 from model.identification.fit_result import JointFit
 
-SAME_CHI_SQUARE = 6.0
-"""Causes whose chi-squares differ by less are reported as indistinguishable: odds of 20 to 1."""
-
-IMPLAUSIBLE = 25.0
-"""Penalty, five standard deviations, above which a cause is not named beside another."""
+INDISTINGUISHABLE = 3.0
+"""Causes whose logarithms of odds differ by less are reported as indistinguishable: odds of 20 to 1."""
 MAX_TOGETHER = 3
 """Largest number of causes named together."""
 
@@ -32,16 +29,12 @@ class Explanation:
     """The fit with one cause."""
 
     cause: Cause
-    size: float
-    """Size of its parameter; NaN for a point."""
-    standard_error: float
+    sizes: tuple[tuple[float, float], ...]
+    """Size and standard error of each of its parameters; empty for a point or an exchange."""
     chi_square: float
-    """Chi-square without the penalty."""
-    penalty: float
-    """Square of the size over its plausible standard deviation; 0 if any size is plausible."""
     degrees_of_freedom: int
-    log_probability: float
-    """Logarithm of the probability of the improvement by chance, all causes of its kind counted."""
+    log_odds: float
+    """Logarithm of the odds of this cause against chance."""
     shifts: tuple[ParameterShift, ...]
     """Changes of the fit's parameters, the largest first."""
     fit: JointFit
@@ -49,6 +42,18 @@ class Explanation:
     """Meaning of the cause, with its size."""
     text: str = ""
     """The explanation with the changes of the fit."""
+    check: str = ""
+    """Measurement that decides whether it is the cause."""
+
+    @property
+    def size(self) -> float:
+        """Size of its first parameter; NaN without any."""
+        return self.sizes[0][0] if self.sizes else float("nan")
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the size."""
+        return self.sizes[0][1] if self.sizes else float("nan")
 
     @property
     def p_value(self) -> float:
@@ -58,7 +63,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Explanations of a misfit, the likeliest first; empty if no cause is significant."""
+    """Explanations of a misfit, the likeliest first; empty if no cause is more likely than chance."""
 
     explanations: tuple[Explanation, ...]
     tried: int
@@ -69,7 +74,5 @@ class Diagnosis:
         """The first explanation and the ones that the runs do not distinguish from it, three at most."""
         if not self.explanations:
             return ()
-        first, *others = self.explanations
-        limit = first.chi_square + SAME_CHI_SQUARE
-        same = [e for e in others if e.chi_square < limit and e.penalty < IMPLAUSIBLE]
-        return (first, *same[: MAX_TOGETHER - 1])
+        least = self.explanations[0].log_odds - INDISTINGUISHABLE
+        return tuple(e for e in self.explanations[:MAX_TOGETHER] if e.log_odds >= least)

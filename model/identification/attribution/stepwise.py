@@ -30,17 +30,12 @@ class ExtensionStep:
         return self.explanation.cause.name
 
 
-def proposed_parameter(fit: JointFit, adequacy: Adequacy) -> Explanation | None:
-    """Return the likeliest cause that a step may add; None if the likeliest causes need a decision of the operator.
-
-    Such causes are a point, the scale of one run, and properties of instruments: a length, or the gain of a balance or sensor.
-    """
+def proposed_parameter(adequacy: Adequacy) -> Explanation | None:
+    """Return the likeliest cause that a step may add; None if the likeliest causes need a decision of the operator."""
     if adequacy.adequate is not False or adequacy.diagnosis is None:
         return None
-    for explanation in adequacy.diagnosis.likeliest:
-        if explanation.cause.kind == "parameter" and explanation.cause.plausible(fit) is None:
-            return explanation
-    return None
+    likeliest = adequacy.diagnosis.likeliest
+    return likeliest[0] if likeliest and all(e.cause.proposable for e in likeliest) else None
 
 
 def extend_stepwise(
@@ -52,17 +47,13 @@ def extend_stepwise(
         FitCancelled: `cancelled` returned true.
     """
     for _ in range(MAX_STEPS):
-        proposal = proposed_parameter(fit, adequacy)
+        proposal = proposed_parameter(adequacy)
         if proposal is None:
             return
-        options = fit.options
-        name, start = (
-            proposal.cause.name,
-            {**options.start, **dict(zip(proposal.fit.names, proposal.fit.theta.tolist(), strict=True))},
-        )
+        found = proposal.fit
+        start = dict(zip(found.names, found.theta.tolist(), strict=True))
         try:
-            extended = replace(options, also=(*options.also, name), start=start)
-            fit = joint_fit(fit.observations, extended, cancelled=cancelled, max_starts=1)
+            fit = joint_fit(fit.observations, replace(found.options, start=start), cancelled=cancelled, max_starts=1)
         except (ParameterError, IdentificationError):
             return
         adequacy = assess_adequacy(fit, cancelled=cancelled)

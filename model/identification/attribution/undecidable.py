@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import Array
-from model.identification.attribution.causes import Cause
-from model.identification.fit_result import JointFit
+from model.identification.attribution.evidence import Evidence
 from model.identification.nonidealities import DEFAULTS as NONIDEAL_DEFAULTS
 
 UNSEEN_ERROR = 0.1
@@ -40,20 +38,26 @@ class UndecidableError:
     text: str
 
 
-def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[UndecidableError]:
-    """Yield the scale errors that the fit absorbs; `effects`: effects of the causes on the weighted residuals."""
+def undecidable_errors(evidence: Evidence) -> tuple[UndecidableError, ...]:
+    """Return the scale errors that the fit absorbs."""
+    return tuple(_found(evidence))
+
+
+def _found(evidence: Evidence) -> Iterator[UndecidableError]:
+    fit = evidence.fit
     data = fit.run_slices[-1].stop
     scale = fit.parameter_scale
     J = fit.jacobian[:data] * scale
     own = [i for i, name in enumerate(fit.names) if name in fit.free_parameters]
+    scales = {c.name: (c, size) for c in evidence.causes if c.kind == "parameter" for _, size in c.parameters.values()}
     for name, (quantity, remedy) in CHECKS.items():
-        effect = effects.get(Cause("parameter", name))
-        if effect is None or not np.any(effect[:data]):
+        if name not in scales:
             continue
-        d = effect[:data]
+        cause, size = scales[name]
+        d = evidence.effects[cause][:data, 0] / size
         shares = np.linalg.lstsq(J[:, own], d, rcond=1e-7)[0]
         rest = d - J[:, own] @ shares
-        if float(rest @ rest) * UNSEEN_ERROR**2 > 1:
+        if not np.any(d) or float(rest @ rest) * UNSEEN_ERROR**2 > 1:
             continue
         moves = {fit.names[i]: float(-s * scale[i] / fit.theta[i]) for i, s in zip(own, shares, strict=True)}
         yield _undecidable(name, quantity, remedy, moves)

@@ -62,7 +62,7 @@ def test_the_cursor_goes_to_the_highest_point_and_along_the_curve(measured: Stag
     label = find(plot.canvas, "plot.read-out")
     assert label.isVisible()
     assert label.text().startswith("100 Hz\n")
-    assert "900 ± 2 µm" in label.text()
+    assert "900.0 ± 2.0 µm" in label.text()
     before = label.text()
     QTest.keyClick(plot.canvas, Qt.Key.Key_Right)
     assert label.text() != before

@@ -256,6 +256,6 @@ def test_two_cursors_read_the_difference(qt: QApplication) -> None:
         keys = Qt.KeyboardModifier.ShiftModifier if second else Qt.KeyboardModifier.NoModifier
         QTest.mouseClick(chart.canvas.viewport(), Qt.MouseButton.LeftButton, keys, place)
     rows = chart.tools.label.text().splitlines()
-    assert rows[:2] == ["150 Hz", "moved: 900 ± 2 µm"]
+    assert rows[:2] == ["150 Hz", "moved: 900.0 ± 2.0 µm"]
     assert rows[2:] == ["Δ −50 Hz", "Δ moved: 450 µm, ratio 2"]
     chart.deleteLater()

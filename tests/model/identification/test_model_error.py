@@ -3,10 +3,10 @@
 import pytest
 
 from model.identification.adequacy import Adequacy, assess_adequacy
-from model.identification.attribution.model_error import with_model_error
+from model.identification.attribution.model_error import NOT_ADEQUATE, with_model_error
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
-from model.identification.uncertainty_budget import MODEL, uncertainty_budget
+from model.identification.uncertainty_budget import uncertainty_budget
 from tests.helpers.laboratory import Laboratory, measure
 
 
@@ -31,7 +31,7 @@ def test_totals_of_a_wrong_model_hold_the_truth(laboratory: Laboratory, name: st
     budget = uncertainty_budget(with_model_error(fit, adequacy))
     at = budget.names.index(name)
     assert budget.total[at] == pytest.approx(total.standard_error)
-    assert budget.shares[budget.sources.index(MODEL), at] > 0.5
+    assert budget.shares[budget.sources.index(NOT_ADEQUATE), at] > 0.5
 
 
 def test_an_adequate_fit_has_no_model_error() -> None:

@@ -1,0 +1,197 @@
+"""Whole record: whether a recording agrees with itself, with its drive and with the noise at rest from its begin to its end.
+
+Every scan is predicted from the scans before it, the drive and the drive's distance from rest, because the amplifier has two
+slopes: linear prediction with exogenous inputs (Ljung, System Identification, 2nd ed., sec. 4.2), fitted anew in each stretch, so
+that slow changes such as creep, hysteresis and the chirp of a sweep do not count. The errors of the prediction are the sensor's noise. A
+sensor that jumps, drops out, moves or sticks in motion makes an error beyond the noise, one that sticks at a level has no noise. Under a
+steady drive the residuals beside its harmonics are tested, too: a cycle that differs from the others, e.g. one cut off at a limit
+of the sensor.
+
+The scale of the errors is their own, by the median, so that noise other than at rest does not count below `NOISE_RATIO`.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from statistics import NormalDist
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from drivers import Hold, Sine, SquareWave
+from model import Array
+from protocols.base import Quality, Recording
+from protocols.signals.extremes import smallest_step
+from protocols.signals.interference import SEPARATION_BINS, remove_lines
+from protocols.signals.sine import NYQUIST_SHARE, fit_frequency, fit_sine, fitted_samples
+
+FALSE_ALARM = 1e-4
+"""Probability that one test flags a sound recording with normal noise; three to four tests are made of each."""
+
+STUCK_FALSE_ALARM = 1e-9
+"""The same of the test for too little noise; a sensor that sticks has a twentieth."""
+
+NOISE_RATIO = 10.0
+"""Smallest noise, divided by the noise at rest, that is a fault."""
+
+RESPONSE_SHARE = 0.02
+"""Smallest disturbance, as a share of the recording's max - min, that has to be found."""
+
+MISFIT_SHARE = RESPONSE_SHARE / 40
+"""Errors of a prediction as a share of max - min that no linear prediction of a real specimen is without."""
+
+DRIVE_TOLERANCE, DRIVE_NOISE_V = 0.05, 0.01
+"""Largest deviation of the recorded swing from the commanded one, as a share of it, and the noise of the extremes."""
+
+ORDER = 24
+"""Number of earlier scans of the displacement, and of the drive, that predict a scan."""
+
+STRETCH_SCANS = 4096
+"""Number of scans with one prediction."""
+
+SCANS_PER_UNKNOWN = 10
+"""Fewest scans for each coefficient of a prediction."""
+
+AVERAGED = 4
+MIN_AVERAGED_RATE_HZ = 5000.0
+"""Scans averaged for another test with half the noise, and its lowest rate under a drive that moves."""
+
+WINDOW_SCANS = 64
+"""Scans of a window whose noise is compared with the others'."""
+
+MAX_ORDERS = 100
+"""Largest number of harmonics that describe a cycle."""
+
+MIN_STEADY_CYCLES = 3
+
+_ROBUST = 1 / NormalDist().inv_cdf(0.75)
+"""Standard deviation of normal values divided by their median modulus."""
+
+
+def judge_recording(recording: Recording) -> Quality:
+    """Return the flags of a recording: its own, `DISTURBED` and `DRIVE_OFF`. One too short for the tests of the sensor is not judged.
+
+    The swing of a moving drive is tested; the protocols that hold levels state how exact they have to be.
+    """
+    quality = recording.quality
+    for part in recording.parts():
+        moved, drive_v = np.asarray(part.displacement_m, float), part.drive_v
+        commanded_v = part.drive.high_v - part.drive.low_v
+        if (
+            commanded_v
+            and not abs(float(np.ptp(drive_v)) - commanded_v) <= DRIVE_TOLERANCE * commanded_v + DRIVE_NOISE_V
+        ):
+            quality |= Quality.DRIVE_OFF
+        if _is_disturbed(moved, drive_v, part):
+            quality |= Quality.DISTURBED
+    return quality
+
+
+def prediction_noise(displacement_m: Array) -> float:
+    """Return the standard deviation of the sensor's noise at rest by the errors of its prediction, in metres; NaN of too few scans."""
+    errors = _prediction_errors(np.asarray(displacement_m, float), np.zeros(len(displacement_m)))
+    return _scale(errors) if errors.size else math.nan
+
+
+def _is_disturbed(moved: Array, drive_v: Array, recording: Recording) -> bool:
+    if not (np.isfinite(moved).all() and np.isfinite(drive_v).all()):
+        return True
+    floor = max(smallest_step(moved) / math.sqrt(12), MISFIT_SHARE * float(np.ptp(moved)))
+    steady = _beside_harmonics(moved, drive_v, recording)
+    left = moved if steady is None else steady[0]
+    errors = _prediction_errors(left, drive_v)
+    if not errors.size:
+        return False
+    noise = _scale(errors)
+    largest = max(NOISE_RATIO * recording.rest_noise_m, RESPONSE_SHARE * float(np.ptp(moved)))
+    tests = [(errors, noise, 0.0)]
+    if isinstance(recording.drive, Hold) or recording.rate_hz >= AVERAGED * MIN_AVERAGED_RATE_HZ:
+        averaged = _prediction_errors(_averaged(left), _averaged(drive_v))
+        if averaged.size:
+            tests.append((averaged, _scale(averaged), 0.0))
+    if steady is not None:
+        tests.append((steady[0], noise, steady[1]))
+    return (
+        _sticks(errors, max(noise, recording.rest_noise_m), smallest_step(moved))
+        or noise > largest
+        or any(_exceeds(values, max(scale, floor), allowed) for values, scale, allowed in tests)
+    )
+
+
+def _exceeds(values: Array, scale: float, allowed: float) -> bool:
+    """Return whether the largest of normal values is beyond the limit of the false alarms."""
+    limit = NormalDist().inv_cdf(1 - 0.5 * FALSE_ALARM / values.size)
+    return float(np.abs(values).max()) > limit * scale + allowed
+
+
+def _sticks(errors: Array, noise: float, step: float) -> bool:
+    """Return whether the noise of a window is below the limit of the false alarms; steps of the converter may hide the noise."""
+    if errors.size < WINDOW_SCANS or not noise > step:
+        return False
+    sums = np.cumsum(np.pad(np.stack((errors, errors**2)), ((0, 0), (1, 0))), axis=1)
+    mean, square = (sums[:, WINDOW_SCANS:] - sums[:, :-WINDOW_SCANS]) / WINDOW_SCANS
+    spread = 2 / (9 * WINDOW_SCANS)  # chi square over its degrees of freedom (Wilson and Hilferty)
+    least = (1 - spread + NormalDist().inv_cdf(STUCK_FALSE_ALARM / errors.size) * math.sqrt(spread)) ** 3
+    return float((square - mean**2).min()) < least * noise**2
+
+
+def _scale(errors: Array) -> float:
+    """Return the standard deviation of normal values by their median modulus, which few large values do not change."""
+    return _ROBUST * float(np.median(np.abs(errors)))
+
+
+def _averaged(samples: Array) -> Array:
+    return np.asarray(samples[: samples.size // AVERAGED * AVERAGED].reshape(-1, AVERAGED).mean(1))
+
+
+def _beside_harmonics(moved: Array, drive_v: Array, recording: Recording) -> tuple[Array, float] | None:
+    """Return the residuals beside the harmonics of a steady drive, (N,), and the largest amplitude of interference in them; None of other drives."""
+    drive, rate = recording.drive, recording.rate_hz
+    if not isinstance(drive, Sine | SquareWave):
+        return None
+    cycle = math.ceil(rate / drive.frequency_hz)
+    if moved.size < MIN_STEADY_CYCLES * cycle:
+        return None
+    ends = np.array([drive_v[:cycle].std(), drive_v[-cycle:].std()])
+    if not ends.min() > 0.9 * drive_v.std() > 0:  # it begins or ends in the recording
+        return None
+    frequency = fit_frequency(drive_v, rate, drive.frequency_hz)
+    most = int(NYQUIST_SHARE * rate / frequency)
+    orders = min(most, MAX_ORDERS, moved.size // SCANS_PER_UNKNOWN)
+    clean, coincident = remove_lines(moved, rate, frequency, recording.interference)
+    line, waveform = fitted_samples(fit_sine(clean, rate, frequency, orders), moved.size, rate)
+    left = clean - line - waveform
+    if isinstance(drive, SquareWave):
+        # The harmonics of its edges bias the frequency of a single sine; beyond the fitted ones they repeat with the phase.
+        slope = np.gradient(waveform) * np.linspace(-0.5, 0.5, moved.size) * moved.size
+        frequency *= 1 + float(slope @ left) / float(slope @ slope)
+        line, waveform = fitted_samples(fit_sine(clean, rate, frequency, orders), moved.size, rate)
+        left = clean - line - waveform
+        places = round(rate / frequency)
+        phase = np.rint(np.arange(left.size) * (frequency / rate) * places).astype(int) % places
+        left = left - (np.bincount(phase, left) / np.maximum(np.bincount(phase), 1))[phase]
+    return left, math.pi * SEPARATION_BINS * sum(coincident.values())
+
+
+def _prediction_errors(samples: Array, drive_v: Array) -> Array:
+    """Return the errors of the prediction of samples (N,) from earlier ones and the drive, (N - order,); empty of too few samples."""
+    order = min(ORDER, samples.size // (3 * SCANS_PER_UNKNOWN))
+    if order < 2:
+        return np.empty(0)
+    driven = drive_v - float(np.median(drive_v[: 2 * ORDER]))
+    return np.concatenate(list(_stretch_errors(samples - samples[0], driven, order)))
+
+
+def _stretch_errors(samples: Array, driven: Array, order: int) -> Iterator[Array]:
+    before = sliding_window_view(samples[:-1], order)
+    inputs = sliding_window_view(driven[1:], order)
+    count = max(round(len(before) / STRETCH_SCANS), 1)
+    ends = [len(before) * i // count for i in range(count + 1)]
+    for first, stop in itertools.pairwise(ends):
+        drive = inputs[first:stop]
+        columns = np.concatenate([before[first:stop], drive, np.abs(drive), np.ones((stop - first, 1))], axis=1)
+        columns /= np.sqrt((columns**2).mean(0)) + 1e-300
+        gram = columns.T @ columns
+        gram[np.diag_indices_from(gram)] += 1e-11 * (stop - first)  # columns of a constant drive are alike
+        target = samples[order + first : order + stop]
+        yield target - columns @ np.linalg.solve(gram, columns.T @ target)
