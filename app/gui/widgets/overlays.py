@@ -72,7 +72,9 @@ class OverlayCard(QFrame):
         content.setHidden(hidden)
         content.setAutoFillBackground(False)
         content.installEventFilter(self)
-        column(self._area, parent=self)
+        inset = RIM + 1  # the rim and the edge
+        margins = {Place.RIGHT: (RIM, 0, 0, 0), Place.BOTTOM: (RIM, RIM, 0, 0)}.get(place, (inset, inset, inset, inset))
+        column(self._area, parent=self, margins=margins)
 
     def set_edge(self, edge: str) -> None:
         """Change the colour of the edge."""
@@ -107,7 +109,7 @@ class OverlayCard(QFrame):
 
     def height_in(self, width: int) -> int:
         """Return the height that the content needs at a width."""
-        around, content = 2 * (px(RIM) + 1), self.content
+        around, content = 2 * px(RIM + 1), self.content
         inner = width - around
         for each in (content, *content.findChildren(QWidget)):
             each.ensurePolished()  # its paddings are the style sheet's
@@ -140,17 +142,6 @@ class OverlayCard(QFrame):
         policy = Qt.ScrollBarPolicy
         self._area.setVerticalScrollBarPolicy(policy.ScrollBarAsNeeded if needed > most else policy.ScrollBarAlwaysOff)
         return min(needed, most)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        rim = px(RIM)
-        is_card = self.place in (Place.TOP, Place.HINT)
-        sides = {
-            Place.RIGHT: (rim, 0, 0, 0),
-            Place.BOTTOM: (rim, rim, 0, 0),
-        }.get(self.place, (rim, rim, rim, rim))
-        if (layout := self.layout()) is not None:
-            layout.setContentsMargins(*(side + is_card for side in sides))
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.LayoutRequest and not self.isHidden():

@@ -325,6 +325,18 @@ def test_enter_and_escape_answer_nothing_while_unsafe(stage: Stage) -> None:
     assert not find(stage.window, "notices.unsafe").isVisible()
 
 
+def test_the_content_of_a_card_stays_inside_its_edge_when_the_text_size_changes(stage: Stage) -> None:
+    stage.happen(OPENED)
+    reach(stage, "unsafe")
+    card, band = find(stage.window, "notices.unsafe"), find(stage.window, "unsafe.band")
+    for size in ("125", "100"):
+        stage.window.look.set_text_size(size)
+        QCoreApplication.processEvents()
+        left = band.mapTo(card, QPoint(0, 0)).x()
+        assert left > 0
+        assert left + band.width() <= card.width() - left
+
+
 def test_red_is_inside_stop_alone_at_rest_and_violet_inside_the_ribbon(stage: Stage) -> None:
     stage.happen(OPENED)
     reach(stage, "live")
