@@ -47,7 +47,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "protocols/runner/runner.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/protocols/test_interference.py",
         "protocols/runner/entries.py": "tests/protocols/test_entries.py tests/protocols/test_levels.py tests/protocols/test_lost_scans.py tests/protocols/test_runner.py",
         "protocols/runner/publisher.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py",
-        "protocols/runner/conclusion.py": "tests/protocols/test_conclusion.py tests/protocols/test_lost_files.py tests/protocols/test_runner.py tests/protocols/test_judgement.py tests/protocols/test_entries.py",
+        "protocols/runner/conclusion.py": "tests/protocols/test_conclusion.py tests/protocols/runfile/test_lost_files.py tests/protocols/test_runner.py tests/protocols/test_judgement.py tests/protocols/test_entries.py",
         "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
         "protocols/runner/acquisition.py": "tests/protocols/test_levels.py tests/protocols/test_executor.py tests/protocols/test_runner.py",
         "protocols/runner/operator_actions.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
@@ -56,9 +56,9 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "protocols/resume.py": "tests/protocols/test_resume_rules.py tests/protocols/test_continuation.py",
     },
     "file": {
-        "protocols/runfile/writer.py": "tests/protocols/test_runfile_edges.py tests/protocols/test_runfile.py tests/protocols/test_lost_files.py tests/protocols/test_verdict.py",
-        "protocols/runfile/reader.py": "tests/protocols/test_runfile_edges.py tests/protocols/test_runfile.py tests/protocols/test_hostile_files.py tests/protocols/test_continuation.py tests/protocols/test_verdict.py",
-        "protocols/runfile/open.py": "tests/protocols/test_runfile_edges.py tests/protocols/test_runfile.py tests/protocols/test_hostile_files.py",
+        "protocols/runfile/writer.py": "tests/protocols/runfile/test_runfile_edges.py tests/protocols/runfile/test_runfile.py tests/protocols/runfile/test_lost_files.py tests/protocols/test_verdict.py",
+        "protocols/runfile/reader.py": "tests/protocols/runfile/test_runfile_edges.py tests/protocols/runfile/test_runfile.py tests/protocols/runfile/test_hostile_files.py tests/protocols/test_continuation.py tests/protocols/test_verdict.py",
+        "protocols/runfile/open.py": "tests/protocols/runfile/test_runfile_edges.py tests/protocols/runfile/test_runfile.py tests/protocols/runfile/test_hostile_files.py",
     },
     "signals": {
         "protocols/signals/sine.py": "tests/protocols/signals/test_exact_numbers.py tests/protocols/signals/test_sine_and_settling.py",
@@ -142,7 +142,7 @@ EQUIVALENT: Mapping[tuple[str, str, str], str] = {
     ): "where the time of the mains begins turns their phase, which is fitted",
     (
         "protocols/runfile/reader.py",
-        "known.add(earlier.resolve())",
+        "visited.add(earlier.resolve())",
         "pass",
     ): "a ring of runs is then ended by the limit of earlier runs, with the same sentence",
     (

@@ -63,7 +63,7 @@ def test_the_product_keeps_every_contract(contracts: dict[str, Any], graph: grim
         ("protocols.base.steps", "sim_hardware.plant.plant", "Product layers"),
         ("app.common.exit_codes", "app.session.session", "App layers"),
         ("app.archive.transfer", "app.cli.main", "App layers"),
-        ("app.gui.widgets.form", "app.gui.plots.base", "GUI layers"),
+        ("app.gui.widgets.form", "app.gui.plots.chart", "GUI layers"),
         ("app.gui.runs.page", "app.gui.explore.page", "Pages are independent"),
         ("app.gui.shell.tabs", "app.gui.shell.menus", "Main window layers"),
         ("app.cli.output", "app.gui.widgets.form", "Front ends do not"),

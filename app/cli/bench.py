@@ -233,7 +233,7 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
         print_message(error)
     slowest = "".join(f" ({each['command']})" for each in record["commands"][:1])
     for name, sentence in TIMES.items():
-        if (time_s := record["times"][name]) is not None:
+        if (time_s := record["times"].get(name)) is not None:
             console.print(sentence.format(s=time_s, ms=1e3 * time_s, slowest=slowest))
     exempt = ". The simulated bench needs no commissioning" if record["simulated"] else ""
     console.print(f"Record and traces: {path}{exempt}", soft_wrap=True)

@@ -168,6 +168,7 @@ def test_a_pipe_or_device_in_the_place_of_a_file_is_not_read(
     path = Path("/dev/zero") if kind == "device" else tmp_path / "pipe"
     if kind == "pipe":
         os.mkfifo(path)
+    Path("runs").mkdir()
     assert main(command.format(path).split()) in (ExitCode.USAGE, ExitCode.FAILED)
     assert "pipe" in capsys.readouterr().err
 

@@ -28,6 +28,7 @@ TITLES = {
     ("supply",): "DC supply",
     ("sensor",): "Displacement sensor",
     ("card",): "Card",
+    ("interlock",): "Interlock",
 }
 
 

@@ -42,7 +42,7 @@ def stable_range(low: float, high: float, current: tuple[float, float] | None) -
     return math.floor((low - 0.08 * span) / step) * step, math.ceil((high + 0.08 * span) / step) * step
 
 
-class Axis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
+class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
     """The horizontal axis has its line, ticks and title; the vertical one labels only, and the panel's grid lines at them."""
 
     def __init__(self, side: str) -> None:

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui.face import LABEL_PX, MEDIUM, SEMIBOLD, px, text_font
-from app.gui.plots.axes import TITLE_PX, Axis
+from app.gui.plots.axes import TITLE_PX, PlotAxis
 from app.gui.plots.labels import Label, Placer, along, beside, fitting_text
 from app.gui.plots.picture import MODEL_WIDTH, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
 from app.gui.plots.zoom import ZoomBox
@@ -148,7 +148,7 @@ class DrawnPanel:
     """A plot item with own axes; the items that are no data lie in pixels over and under them."""
 
     def __init__(self, canvas: Any, row: int, zooms: bool) -> None:
-        self.axes = {side: Axis(side) for side in ("left", "bottom")}
+        self.axes = {side: PlotAxis(side) for side in ("left", "bottom")}
         self.box = ZoomBox(zooms)
         self.plot = canvas.addPlot(row=row, col=0, viewBox=self.box, axisItems=dict(self.axes), enableMenu=False)
         self.plot.hideButtons()

@@ -3,11 +3,10 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.archive import MeasuredResponse
 from app.common import format_point
 from app.gui.plots.curve_layers import NOTHING, PHASE, RESIDUAL
 from app.gui.plots.picture import (
@@ -32,6 +31,9 @@ from app.gui.plots.series import SERIES, AmplitudeSeries
 from app.live import COVERAGE, ModelCurves, ResponseCurves
 from model import THRESHOLD_M, UNCOMFORTABLE_HZ, Array
 from protocols.base import Quality
+
+if TYPE_CHECKING:
+    from app.archive import MeasuredResponse
 
 DISPLACEMENT, FREQUENCY = "Peak-to-peak displacement, µm", "Frequency, Hz"
 FELT = f"Felt from {1e6 * THRESHOLD_M:g} µm (abdomen)"
@@ -105,7 +107,7 @@ def model_layers(
     return layers
 
 
-def run_layers(run: MeasuredResponse, at: int, shown: Sequence[AmplitudeSeries] = SERIES[:1]) -> list[Layer]:
+def run_layers(run: "MeasuredResponse", at: int, shown: Sequence[AmplitudeSeries] = SERIES[:1]) -> list[Layer]:
     """Return the layers of a recorded run, the n-th of several; each in its colour and with its symbol."""
     return [
         layer(
@@ -121,7 +123,7 @@ def run_layers(run: MeasuredResponse, at: int, shown: Sequence[AmplitudeSeries] 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseView:
-    """What is known of a response while it is measured, and afterwards.
+    """Points, model curves and marks of a response, during a run and after it.
 
     Attributes:
         points: of the run.
@@ -139,7 +141,6 @@ class ResponseView:
     curves: ModelCurves | None = None
     preview: ModelCurves | None = None
     earlier: Sequence[tuple[str, Sequence[Any]]] = ()
-    runs: Sequence[MeasuredResponse] = ()
     natural_hz: float = math.nan
     present_hz: float = math.nan
     present_text: str = ""
@@ -173,8 +174,6 @@ class ResponseView:
                     label=label, group=EARLIER if len(self.earlier) > 3 else label,
                 )
             )  # fmt: skip
-        for at, run in enumerate(self.runs, len(self.earlier)):
-            layers += run_layers(run, at)
         layers += [layer for series in reversed(SERIES) for layer in self._measured(series)]
         panels, lower = self._lower()
         top = 0.0 if self.curves is None else self.curves.request.max_hz

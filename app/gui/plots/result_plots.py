@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QPushButton, QStackedWidget
 
-from app.archive import MeasuredResponse
 from app.gui.plots.chart import Chart
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL, layers_of
 from app.gui.plots.picture import Picture
 from app.gui.plots.response import LOWER, ResponseView, Threshold
-from app.gui.plots.results import CurvesView, PointsView
 from app.gui.widgets import Menu, configure, make_choice
 from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
@@ -24,6 +22,7 @@ from protocols.runfile import is_response, point_columns
 
 if TYPE_CHECKING:
     from app.gui.plots.check_table import CheckTable
+    from app.gui.plots.results import CurvesView
 
 NATURAL = "natural_frequency"
 RESPONSE = "points over frequency"
@@ -93,7 +92,6 @@ class ResultPlots(QStackedWidget):
         """Chosen contents of the lower panel by the kind of the plot."""
         self.earlier: Sequence[tuple[str, Sequence[Any]]] = ()
         """Points of runs before, with their labels; drawn with the next picture."""
-        self.runs: Sequence[MeasuredResponse] = ()
         self.present = math.nan, ""
         """Frequency that is being measured, and its state; NaN without one."""
         self.selection = EntrySelection(self.draw, self.repeat_requested.emit)
@@ -182,19 +180,26 @@ class ResultPlots(QStackedWidget):
         estimates = () if self._outcome is None else self._outcome.estimates
         if self.shows_curves:
             bare = "mass" not in point_columns(self.kind.point_type)
-            return CurvesView(self._curves, self._model if bare else None, self.lower_panel, self._simulated).picture()
+            return self._curves_view(self._model if bare else None, self.lower_panel).picture()
         if is_response(self.kind.point_type):
             # Points of other protocols, such as the wiring check, appear in the log only.
             at = [i for i, p in enumerate(self._points) if is_response(p)]
             natural = next((float(e.value) for e in estimates if e.name == NATURAL), math.nan)
             return ResponseView(
-                [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, self.runs, natural,
+                [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, natural,
                 *self.present, self.lower_panel, self._threshold, self._simulated,
             ).picture()  # fmt: skip
+        from app.gui.plots.results import PointsView
+
         is_over = self._outcome is not None
         return PointsView(
             self.kind, self._points, chosen, self._model, self.lower_panel, "", self._simulated, is_over
         ).picture()
+
+    def _curves_view(self, model: ModelCurves | None = None, lower: str = NOTHING) -> CurvesView:
+        from app.gui.plots.results import CurvesView
+
+        return CurvesView(self._curves, model, lower, self._simulated)
 
     # -- lower panel -------------------------------------------------------------------------------------------------
 
@@ -207,7 +212,7 @@ class ResultPlots(QStackedWidget):
     def _offered(self) -> tuple[str, ...]:
         """Return the contents that the lower panel can have, the most useful first."""
         if self.shows_curves:
-            return layers_of(CurvesView(self._curves).visible)
+            return layers_of(self._curves_view().visible)
         return (*LOWER[1:], NOTHING) if self._family == RESPONSE else (RESIDUAL, NOTHING)
 
     @property

@@ -10,7 +10,7 @@ HEAVY = ("numpy", "pydantic", "scipy", "h5py", "pint", "rich", "matplotlib", "py
 LATER = (
     "app.archive.notes",
     "app.identification.sheet_file",
-    "app.gui.plots.curves_plot",
+    "app.gui.plots.results",
     "protocols.commissioning.verdict",
     "protocols.measurements.wiring_check",
     "protocols.runfile.reader",

@@ -233,7 +233,7 @@ def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
     stage.press(Qt.Key.Key_F5)
     settle(shown)
     assert stage.session.runs == []
-    assert "there is no bench" in find(shown, "campaign.message").text()
+    assert "the bench is still being connected" in find(shown, "campaign.message").text()
     stage.happen(OPENED)
     for name in ("wiring", "dwell"):
         shown.controller.modify(lambda campaign, name=name: campaign.skip(name))

@@ -29,7 +29,7 @@ from tests.helpers.killed_writers import check, kill_one
 from tests.helpers.messages import assert_names
 from tests.helpers.run_files import crashed_run, finished_run
 
-OLD_RUNS = Path(__file__).parents[1] / "data" / "format-2" / "runs"
+OLD_RUNS = Path(__file__).parents[2] / "data" / "format-2" / "runs"
 
 
 @pytest.fixture(scope="module")

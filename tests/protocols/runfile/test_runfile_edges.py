@@ -17,7 +17,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.schema import REPAIRED
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.writer import RunFileWriter
-from tests.protocols.test_runfile import RECORD, Spot, new
+from tests.protocols.runfile.test_runfile import RECORD, Spot, new
 
 pytestmark = pytest.mark.deep
 
