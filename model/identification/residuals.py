@@ -52,9 +52,8 @@ class LeastSquaresProblem:
         for name, (value, sigma) in options.priors.items():
             at = self.names.index(name)
             low, high = value - PRIOR_REACH * sigma, value + PRIOR_REACH * sigma
-            inside = name not in self.normal_priors  # the normal distribution keeps the limit
-            self.lower_bounds[at] = max(self.lower_bounds[at], low) if inside else low
-            self.upper_bounds[at] = min(self.upper_bounds[at], high) if inside else high
+            self.lower_bounds[at] = max(self.lower_bounds[at], low)
+            self.upper_bounds[at] = min(self.upper_bounds[at], high)
 
     def residuals(self, theta: Array) -> Array:
         """Residuals (rows,) alone."""

@@ -82,6 +82,20 @@ def test_readings_against_the_sign_of_an_effect_leave_it_positive_and_small() ->
     assert 0.5 < creep.value / creep.standard_error < 1.5
 
 
+@pytest.mark.parametrize("share", [0.99, 0.9, 0.5])
+def test_a_stiffness_that_contradicts_the_loads_takes_no_effect_beyond_its_limit(share: float) -> None:
+    prior = (share * Tactor().k2, 1e-6)
+    found = joint_fit(
+        ObservationSet((loading("a", Tactor(), None),)),
+        FitOptions(
+            free=("k2",),
+            also=("creep", "clamp_flexibility"),
+            priors={"k2": prior, "creep": (0.0, 0.02), "clamp_flexibility": (0.0, 0.02)},
+        ),
+    )
+    assert min(e.value for e in found.estimates()) >= 0
+
+
 def test_a_parameter_that_neither_sheet_nor_runs_determine_has_a_wide_prior() -> None:
     steps_only = assumed_parameters(ObservationSet((replace(loading("a", Tactor(), None)),)))
     assert "k2" not in steps_only  # loads determine it
