@@ -259,13 +259,13 @@ class MassResonance(Protocol):
         with contextlib.suppress(ValueError):
             if self.method != SWEEP:
                 raise ValueError("single frequencies make no spectrum")
-            peak = joined_spectrum_peak(
+            of_spectrum = joined_spectrum_peak(
                 [recording.displacement_m for recording in recordings],
                 recordings[0].rate_hz,
                 self._shares_hz(recordings),
                 (self.low_hz, self.high_hz),
             )
-            spectrum = peak.frequency_hz, peak.standard_error_hz
+            spectrum = of_spectrum.frequency_hz, of_spectrum.standard_error_hz
         return MassPoint(
             mass=float(key[0]),
             frequency=float(peak.frequency_hz),

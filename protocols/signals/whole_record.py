@@ -25,7 +25,7 @@ from protocols.signals.extremes import smallest_step
 from protocols.signals.interference import SEPARATION_BINS, remove_lines
 from protocols.signals.sine import NYQUIST_SHARE, fit_frequency, fit_sine, fitted_samples
 
-FALSE_ALARM = 1e-4
+FALSE_ALARM = 1e-5
 """Probability that one test flags a sound recording with normal noise; three to four tests are made of each."""
 
 STUCK_FALSE_ALARM = 1e-9
@@ -114,7 +114,7 @@ def _is_disturbed(moved: Array, drive_v: Array, recording: Recording) -> bool:
     return (
         _sticks(errors, max(noise, recording.rest_noise_m), smallest_step(moved))
         or noise > largest
-        or any(_exceeds(values, max(scale, floor), allowed) for values, scale, allowed in tests)
+        or any(_exceeds(values, math.hypot(scale, floor), allowed) for values, scale, allowed in tests)
     )
 
 

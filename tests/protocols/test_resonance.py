@@ -1,6 +1,7 @@
 """Resonance and damping from the points of a dwell: not biased by noise or higher modes."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 
 from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
+from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, fit_resonance
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 AMPLITUDE_V = 2.5
 
@@ -65,3 +68,16 @@ def test_a_tactor_that_moves_away_from_the_sensor_has_the_same_resonance() -> No
         point.phase = float(np.angle(-np.exp(1j * point.phase)))
     frequency, _, damping = (e.value for e in fit_resonance(points))
     assert (frequency, damping) == (pytest.approx(158.31, abs=0.01), pytest.approx(0.2110, abs=1e-4))
+
+
+def test_the_frequency_of_a_mass_is_the_largest_response_and_the_spectrum_stands_beside_it(tmp_path: Path) -> None:
+    mass = 9.75e-3
+    with laboratory(simulated(seed=4)) as lab:
+        ran = run(MassResonance(masses_kg=(mass,), sweep_s=10, piece_s=10), tmp_path, lab)
+    (point,) = ran.points
+    fine = np.linspace(100, 200, 100_001)
+    form = tactor_modal_form(replace(Tactor(), m_add=mass), None, 7)
+    response = np.sum(form.residues[:, None] / (2j * np.pi * fine - form.poles[:, None]), axis=0)
+    peak = fine[np.abs(response).argmax()]
+    assert abs(point.frequency - peak) < 5 * point.frequency_errors < 0.2
+    assert (point.spectrum_peak, point.spectrum_peak_errors) != (point.frequency, point.frequency_errors)
