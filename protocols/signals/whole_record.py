@@ -18,7 +18,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from drivers import Hold, Sine, SquareWave
+from drivers import Hold, PeriodicSweep, Sine, SquareWave
 from model import Array
 from protocols.base import Quality, Recording
 from protocols.signals.extremes import smallest_step
@@ -39,6 +39,9 @@ RESPONSE_SHARE = 0.02
 
 MISFIT_SHARE = RESPONSE_SHARE / 40
 """Errors of a prediction as a share of max - min that no linear prediction of a real specimen is without."""
+
+SWEPT_MISFIT_SHARE = RESPONSE_SHARE / 12
+"""The same under a periodic sweep, whose frequency jumps where it begins anew; the simulated tactor then has errors up to 0.65 %."""
 
 DRIVE_TOLERANCE, DRIVE_NOISE_V = 0.05, 0.01
 """Largest deviation of the recorded swing from the commanded one, as a share of it, and the noise of the extremes."""
@@ -96,7 +99,8 @@ def prediction_noise(displacement_m: Array) -> float:
 def _is_disturbed(moved: Array, drive_v: Array, recording: Recording) -> bool:
     if not (np.isfinite(moved).all() and np.isfinite(drive_v).all()):
         return True
-    floor = max(smallest_step(moved) / math.sqrt(12), MISFIT_SHARE * float(np.ptp(moved)))
+    misfit = SWEPT_MISFIT_SHARE if isinstance(recording.drive, PeriodicSweep) else MISFIT_SHARE
+    floor = max(smallest_step(moved) / math.sqrt(12), misfit * float(np.ptp(moved)))
     steady = _beside_harmonics(moved, drive_v, recording)
     left = moved if steady is None else steady[0]
     errors = _prediction_errors(left, drive_v)
