@@ -160,7 +160,7 @@ def figures_of_merit(
 ) -> Mapping[str, EstimatedQuantity]:
     """Return the figures of merit that these runs determine, by name."""
     figures: list[EstimatedQuantity | None] = [
-        figure_of_merit(e.name, e.value, e.standard_error) for e in specimen.estimates if e.name in FIGURES_OF_MERIT
+        figure_of_merit(e.name, e.value, e.standard_error) for e in specimen.identified if e.name in FIGURES_OF_MERIT
     ]
     figures += measured_modes(runs)
     if observations is not None:

@@ -110,6 +110,11 @@ class SpecimenModel:
         return () if self.identification is None else tuple(self.identification.estimates)
 
     @property
+    def identified(self) -> tuple[EstimatedQuantity, ...]:
+        """Estimates that the runs determine: neither values known beforehand nor assumed ones."""
+        return () if self.identification is None else self.identification.identified
+
+    @property
     def identified_names(self) -> frozenset[str]:
         """Names of the identified parameters."""
         return frozenset(e.name for e in self.estimates)
