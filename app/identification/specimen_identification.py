@@ -134,6 +134,12 @@ class IdentificationResult:
         return tuple(e for e in self.estimates if e.name not in own)
 
     @property
+    def budget_rows(self) -> Mapping[str, int]:
+        """Row of each identified parameter in the budget; empty for the chain."""
+        names = () if self.budget is None else self.budget.names
+        return {e.name: names.index(e.name) for e in self.identified if e.name in names}
+
+    @property
     def statistical_errors(self) -> Mapping[str, float]:
         """Standard uncertainty of each estimate by the scatter of the points alone; empty for the chain."""
         budget = self.budget

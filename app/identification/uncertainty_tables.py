@@ -87,7 +87,7 @@ def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
     budget = identification.budget
     if budget is None or len(budget.sources) < 2:
         return ()
-    values = {e.name: e.value for e in identification.estimates}
+    values = {e.name: e.value for e in identification.identified}
     return tuple(
         BudgetBar(
             name,
@@ -95,8 +95,7 @@ def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
             abs(float(budget.statistical[i]) / values[name]) if values[name] else None,
             _named_shares(budget, i, 0.0),
         )
-        for i, name in enumerate(budget.names)
-        if name not in identification.priors
+        for name, i in identification.budget_rows.items()
     )
 
 
@@ -110,9 +109,9 @@ def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the sources of the uncertainty of each identified parameter, and the prior values."""
-    budget, priors, dimensions = identification.budget, identification.priors, identification.dimensions
+    budget, dimensions = identification.budget, identification.dimensions
     if budget is not None and len(budget.sources) > 1:
-        at = [i for i, name in enumerate(budget.names) if name not in priors]
+        at = [*identification.budget_rows.values()]
         yield Table(
             "uncertainties",
             "Where the uncertainties come from: shares of the squared total",

@@ -357,9 +357,7 @@ def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     """Yield the shares of every uncertainty by source, as a table and as bars."""
     identification = specimen.identification
     if identification is not None and (budget := identification.budget) is not None:
-        shares = [
-            (name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in identification.priors
-        ]
+        shares = [(name, format_shares(budget, i)) for name, i in identification.budget_rows.items()]
         note = "Shares of the squared total; noise is the statistical part."
         yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
         if bars := budget_bars(identification):

@@ -64,9 +64,10 @@ def test_the_mass_fraction_is_proposed_first_and_the_fit_with_it_is_accepted(
     assert page.verdict_label.text() == ADEQUACY_TEXT[False]
     assert "act as 7" in page.finding_label.text()
     lines = page.text_label.text().split("\n")
-    assert lines[0].casefold().startswith(SpecimenSheet().description.casefold())
-    assert lines[1].startswith("Held as exact: ")
-    assert "c0 159 kg/(m s)" in lines[1]
+    assert lines[0].startswith("Assumed, because neither sheet nor runs determine it: c0 ")
+    assert lines[1].casefold().startswith(SpecimenSheet().description.casefold())
+    assert lines[2].startswith("Held as exact")
+    assert "m_add 7.73 g" in lines[2]
     page.accept_button.click()
     assert "write why the result is to be used all the same" in page.accept_message.text()
     assert calibrations.read_calibrations(folder, "T7").versions == ()

@@ -124,7 +124,7 @@ def test_the_command_accepts_shows_and_tells_apart(
     assert main(["identify", *here[::2], "--accept", "--by", "K. Tanaka", "--note", "first", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["simulated"] is True
-    assert set(result["parameters"]["name"]) == {"mu", "m_add", "c0"}
+    assert set(result["parameters"]["name"]) == {"mu", "m_add", "c0", "k2"}
     assert main(["calibration", "accept", *here]) == 0
     capsys.readouterr()
     assert main(["calibration", "show", "T1", "--folder", str(tmp_path), "--version", "1"]) == 0

@@ -167,7 +167,7 @@ def test_profiles_and_the_next_best_run_on_the_command_line(made: Made, capsys: 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--profile", "E_m"], "--profile E_m: it was not free in this fit; choose from mu"),
+        (["--profile", "E_m"], "--profile E_m: this parameter was not free in the fit; choose from mu"),
         (["--next", "E_m"], "E_m was not free in this fit"),
         (["--profile", "mu", "--coverage", "95"], "--coverage 95: it must lie between 0 and 1"),
         (["--method", "chain", "--next"], "are for the joint fit"),
