@@ -262,6 +262,10 @@ class RunPanel(QWidget):
 
     def _build(self) -> None:
         self._editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
+        for editor in self._editors:
+            editor.setMinimumWidth(
+                1
+            )  # the column has its width from the window's class, and the buttons beside them keep theirs
         where = make_labelled_grid({editor.accessibleName(): editor for editor in self._editors}, (8, 4))
         where.addWidget(self.sheet_button, 0, 2)
         where.addWidget(self._browse, 1, 2)

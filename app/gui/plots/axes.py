@@ -129,7 +129,8 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
             ticks.append((self.pen(), QPointF(x, bounds.top()), QPointF(x, bounds.top() + px(TICK_PX))))
             rect = QRectF(x - width / 2, bounds.top() + px(TICK_PX) + 1, width, metrics.height())
             title = self.heading.mapRectToParent(self.heading.boundingRect()).adjusted(-px(6), 0, 0, 0)
-            if self.labelled and not (self.heading.text() and rect.intersects(title)):
+            reaches_out = self.has_dates and rect.left() < bounds.left()  # onto the lowest label of the vertical axis
+            if self.labelled and not reaches_out and not (self.heading.text() and rect.intersects(title)):
                 texts.append((rect, flags | Qt.AlignmentFlag.AlignHCenter, text))
         none = pg.mkPen(None)
         pen = self.pen() if self._side == "bottom" and self.labelled else none
