@@ -128,7 +128,7 @@ class CallThread(AbandonableThread):
         meanwhile: Callable[[], object] = lambda: None,
         every_s: float = math.inf,
     ) -> T:
-        """Return what `action` returns in this thread, or raise what it raises; call `meanwhile` every so often.
+        """Return the result of `action`, or raise its exception, in this thread; call `meanwhile` at short intervals.
 
         Raises:
             OverdueError: it did not return within `seconds`, or an earlier call did not.

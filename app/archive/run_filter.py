@@ -21,7 +21,7 @@ class RunFilter:
     """A word of the verdict: `good`, `not judged`, `crashed`."""
     operator: str = ""
     checked_by: str = ""
-    """The person who checked the run; `nobody` selects runs without a check."""
+    """Name of the person who checked the run; `nobody` selects runs without a check."""
     instrument: str = ""
     """Part of the identity of an instrument, such as a serial number."""
 

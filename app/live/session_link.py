@@ -139,7 +139,7 @@ class SessionAdapter:
 
     @property
     def observation(self) -> Observation:
-        """What the instruments answered last, also those of a session before this one."""
+        """The last answers of the instruments, including answers from an earlier session."""
         seen = self.session.observation
         if seen.card is not None:
             self._seen = seen

@@ -1,4 +1,4 @@
-"""State of the bench: its words, the lamps of its instruments, and what the instruments answered last."""
+"""State of the bench: its words, the lamps of its instruments, and the instruments' last answers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

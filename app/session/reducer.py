@@ -106,7 +106,7 @@ def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:
 
 
 FOLLOW_S = 0.05
-"""Least real time between two looks at what the card measures: a virtual clock has thousands of blocks in a second."""
+"""Shortest real time between two evaluations of the card's reading: a virtual clock has thousands of blocks in a second."""
 
 
 class BenchFollower:
@@ -119,7 +119,7 @@ class BenchFollower:
     def __init__(self, amplifier: AmplifierMap | None = None) -> None:
         self.state = WindowState(amplifier or AmplifierMap(), "", True, ())
         self.observe: Callable[[], Observation] = Observation
-        """Returns what the instruments answered last."""
+        """Returns the last answers of the instruments."""
         self._looked_s = -math.inf
 
     def follow(self, event: SessionEvent) -> tuple[LogLine, ...]:
@@ -134,7 +134,7 @@ class BenchFollower:
         return self.state.messages[-added:] if added else ()
 
     def strip(self) -> StripView:
-        """Return what is shown of the bench now."""
+        """Return the present contents of the strip."""
         seen, now_s = self.observe(), monotonic()
         return strip_view(observe(self.state, seen, now_s, datetime.now().astimezone()), seen, now_s)
 
@@ -159,7 +159,7 @@ def _describe_window_event(before: WindowState, view: WindowState, event: Window
 
 
 def _describe_aim(view: WindowState, aim: str, volts: tuple[float, float]) -> tuple[Severity, str]:
-    """Return severity and log message of a change of what the card sees."""
+    """Return severity and log message of a change in the card's reading."""
     if not view.off_aim:
         return Severity.INFO, f"The card sees {aim} again"
     severity = Severity.WARNING if view.phase is BenchState.IDLE else Severity.ERROR
@@ -179,7 +179,7 @@ def _transition(view: WindowState, timed: TimedEvent) -> WindowState:
 
 
 def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) -> WindowState:
-    """Return the state after a look at what the instruments answered last; the same object if nothing has changed.
+    """Return the state with the instruments' last answers taken into account; the same object if nothing has changed.
 
     Args:
         view: the state.

@@ -322,7 +322,7 @@ class Session:
             self._reject_requests()
 
     def _reject_requests(self) -> None:
-        """Reject the runs that were requested of a bench that is closed; one that failed has said why."""
+        """Reject the runs that were requested of a closed bench; a failed bench has already reported the reason."""
         with suppress(queue.Empty):
             while True:
                 if isinstance(self._requests.get_nowait(), partial) and self.state is SessionState.CLOSED:
@@ -425,7 +425,7 @@ class Session:
                 self._events.publish(self._control.external_events.get_nowait())
 
     def signs(self) -> Signs:
-        """Return what another thread can see of this session's."""
+        """Return the signs of life of the session's thread, from another thread."""
         now_s, bench, runner, ended = time.monotonic(), self.bench, self.runner, self.outcome
         return Signs(
             connecting=self.state is SessionState.CONNECTING,

@@ -100,7 +100,7 @@ class WindowState:
     suspects: frozenset[str] = frozenset()
     """Roles of the instruments at which a message has pointed, until the bench is armed again."""
     remarks: Mapping[str, str] = field(default_factory=dict)
-    """By role: what the card sees of an instrument that is not as it should be."""
+    """Faults of instruments in the card's reading, by role."""
     unread: bool = False
     """Whether the card has not been read for a while although high voltage may be on."""
     warned: bool = False
@@ -156,7 +156,7 @@ class WindowState:
 
     @property
     def bench_state(self) -> BenchState:
-        """State of the bench: that of the program's events, unless the card sees otherwise."""
+        """State of the bench: the phase by the program's events, unless the card's reading contradicts it."""
         if self.off_aim and self.phase in (*ENERGIZED, BenchState.GOING_TO_REST, BenchState.AT_REST):
             return BenchState.DRIVE_LOST
         if self.phase is BenchState.LIVE and self.pause_requested:
@@ -165,7 +165,7 @@ class WindowState:
 
     @property
     def instruments(self) -> tuple[InstrumentStatus, ...]:
-        """The instruments; one that is connected, and at which a message or what the card sees points, is suspect."""
+        """The instruments; a connected one is suspect where a message or the card's reading indicates a fault in it."""
         remarks = {**self.remarks, **({"generator": "the card sees another voltage"} if self.off_aim else {})}
         return tuple(
             InstrumentStatus(each.role, each.identity, Lamp.SUSPECT, remarks.get(each.role, ""))

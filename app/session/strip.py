@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivers import Bench
 
 PRESENT_S, KNOWN_S = 0.5, 2.0
-"""Largest age of volts that are shown as present, and of volts that are shown at all: older ones are told as the last."""
+"""Largest age of volts shown as present, and of volts shown as a value; older volts are reported as the last reading."""
 
 STEP_V = 5.0
 """Volts at the specimen: least difference that is shown as a range, and the steps in which its ends are shown."""
@@ -48,7 +48,7 @@ AIMS = {
 
 @dataclass(frozen=True, slots=True)
 class RunLine:
-    """The run in two lines, with the share that is done, 0 to 1; `outcome` is that of the last run, None during one."""
+    """The run in two lines, with the completed share, 0 to 1; `outcome` of the last run, None during a run."""
 
     title: str
     note: str
@@ -100,7 +100,7 @@ def strip_view(
     streamed_s: float = 0.0,
     bench: "Bench | None" = None,
 ) -> StripView:
-    """Return what is shown of a state.
+    """Return the contents of the strip for a state.
 
     Args:
         view: the state.
@@ -145,7 +145,7 @@ def is_off_rest(volts: tuple[float, float], amplifier: AmplifierMap) -> bool:
 
 
 def describe_seen(volts: tuple[float, float], amplifier: AmplifierMap) -> str:
-    """Return what the card sees at the amplifier's input, and the volts at the specimen that follow from it."""
+    """Return the volts that the card measures at the amplifier's input, and the resulting volts at the specimen, as text."""
     seen = " … ".join(dict.fromkeys(f"{round(v, 3) + 0.0:.3f}" for v in volts))
     means = format_measured_volts(*amplifier.specimen_v(volts))
     return f"the card sees {seen} V at the amplifier's input: about {means} on the specimen if the high voltage is on"
@@ -203,7 +203,7 @@ def _measured(view: WindowState, reading: CardReading | None, now_s: float) -> t
 
 
 def _aim(view: WindowState) -> str:
-    """Return what the program wants."""
+    """Return the program's aim."""
     if view.phase is BenchState.LIVE and view.drive is not None:
         volts = view.amplifier.specimen_v([view.drive.low_v, view.drive.high_v])
         return f"{describe_drive(view.drive)}, {format_voltage_range(*volts)}"
@@ -213,7 +213,7 @@ def _aim(view: WindowState) -> str:
 
 
 def _act(view: WindowState) -> str:
-    """Return what the operator has to do about the voltage."""
+    """Return the operator's next action concerning the voltage; empty if none is needed."""
     if view.danger:
         when = "before you touch the specimen" if view.phase is BenchState.IDLE else "now"
         why = "; the card sees another voltage than is wanted" if view.off_aim else ""

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 POLL_S = 0.1
 WARNING_S = 0.3
-"""Silence of the run's thread, beyond what is allowed, after which it is said that the specimen may be live."""
+"""Silence of the run's thread, beyond the allowed silence, after which the warning *may be live* is given."""
 
 WAITING = "The stop waits for an answer of an instrument or of the disk; after its deadline the run ends all the same"
 
 
 @dataclass(frozen=True, slots=True)
 class Signs:
-    """What is seen of a session's thread from outside; times in seconds, negative where nothing is to be waited for.
+    """Signs of life of a session's thread; times in seconds, negative where there is nothing to wait for.
 
     Attributes:
         at_end: whether the run has left its drive behind and computes or stores its result.
@@ -98,7 +98,7 @@ class Supervisor(threading.Thread):
                 return
 
     def look(self, signs: Signs) -> bool:
-        """Do what the signs ask for; return whether the session was given up."""
+        """Act on the signs of life; return whether the session was given up."""
         live = signs.running and signs.may_be_live
         warns = live and signs.silent_s > WARNING_S and signs.watchdog_acts
         if warns and not self._warned and (runner := self._session.runner):
@@ -140,7 +140,7 @@ class Rescue:
         self._to_end.end()
 
     def _bring_to_rest(self, bench: Bench, hangs: str) -> str:
-        """Ask the watchdog, then command the source over a new connection; return what they report."""
+        """Ask the watchdog, then command the source over a new connection; return both reports."""
         watchdog = bench.watchdog
         said = watchdog.takeover_outcome or watchdog.request_rest(hangs)
         if said:

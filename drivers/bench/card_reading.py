@@ -1,4 +1,4 @@
-"""Card reading: what the card measured last, and when; and the thread that reads the card whatever the program waits for."""
+"""Card reading: the card's last measured values with their time, and the thread that reads the card while the program waits."""
 
 import contextlib
 import math
@@ -74,7 +74,7 @@ class CardReading:
 
 
 class WatchedStream(Closeable):
-    """A stream that tells what it measured last. Where time runs by itself its blocks are read in a thread of its own.
+    """A stream with its last measured values. In real time its blocks are read in a separate thread.
 
     So the card is read while the program waits for a reply, a ramp or the disk; `read` returns its blocks in order. After
     lost scans it acquires again, and `read` raises once; after any other error the next `read` tries again.

@@ -58,7 +58,7 @@ PRESENT_S = 0.3
 
 
 def live_warning(reason: object, reading: CardReading | None, amplifier_map: AmplifierMap) -> LiveWarning:
-    """Return the warning for a reason, an error or a text, and what the card measured last."""
+    """Return the warning for a reason, an error or a text, with the card's last reading."""
     part = (
         "card" if isinstance(reason, AcquisitionError) else "generator" if isinstance(reason, InstrumentError) else ""
     )
@@ -168,7 +168,7 @@ class SafeShutdown:
         )
 
     def _retry_until_s(self) -> float:
-        """Return the bench time until which what fails from now on is repeated."""
+        """Return the bench time until which an operation that fails from now on is repeated."""
         return self.clock.now() + Deadline.WAY_TO_REST.seconds * max(getattr(self.clock, "speed", 1.0), 1.0)
 
     def _pause_before(self, until_s: float) -> bool:

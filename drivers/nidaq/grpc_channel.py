@@ -41,6 +41,6 @@ class DeadlineInterceptor(grpc.UnaryUnaryClientInterceptor):  # type: ignore[mis
 
 
 def open_channel(server: str) -> tuple[Any, DeadlineInterceptor]:
-    """Return a channel to a server, `host:port`, and what knows whether it answers. Nothing is sent yet."""
+    """Return a channel to a server, `host:port`, and the monitor of its answers. Nothing is sent yet."""
     interceptor = DeadlineInterceptor()
     return grpc.intercept_channel(grpc.insecure_channel(server, options=OPTIONS), interceptor), interceptor

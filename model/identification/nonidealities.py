@@ -245,7 +245,7 @@ def _loop_share(run: observed.FrequencyResponseObservation, amplifier: Amplifier
 
 @lru_cache(maxsize=64)
 def _memory(history: DriveHistory, amplifier: AmplifierMap) -> Array:
-    """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (3, F).
+    """Return the contribution of hysteresis to the volts of each reading per unit of it, and of earlier drives by creep, per decade, (3, F).
 
     The factor of the creep includes the step's own. The last factor is the creep of the hysteresis.
     """

@@ -355,7 +355,7 @@ class ObservationSet:
 
     @cached_property
     def reference_c(self) -> float | None:
-        """Temperature that the results of a fit are for, degrees Celsius: the mean of the runs'; None where none is known."""
+        """Temperature to which the results of a fit refer, degrees Celsius: the mean over the runs; None if no run states one."""
         known = [run.temperature_c for run in self.runs if run.temperature_c is not None]
         return sum(known) / len(known) if known else None
 

@@ -72,7 +72,7 @@ class Posterior:
 
     @property
     def ratios(self) -> Array:
-        """(P,): standard uncertainties of the linear fit over those of the posterior."""
+        """Ratios of the standard uncertainties of linear fit and posterior, (P,)."""
         return np.asarray(self.errors / self.deviations)
 
     @property
@@ -101,7 +101,7 @@ def sample_posterior(
     cancelled: Callable[[], bool] | None = None,
     seed: int = 1,
 ) -> Posterior:
-    """Sample the posterior of a fit; `progress` is told the share that is done.
+    """Sample the posterior of a fit; `progress` receives the completed share.
 
     Raises:
         ParameterError: the fit is a robust one, or a parameter is not identified.

@@ -58,7 +58,7 @@ class FilePresence:
         raise FileLostError(f"the run file {self._path} {self.problem}")
 
     def _read_head(self) -> bytes:
-        """Return the beginning of the file without what the library changes: flags, length and checksum of the superblock."""
+        """Return the beginning of the file without the parts that the library changes: flags, length and checksum of the superblock."""
         if self._descriptor is None:
             return b""
         head = os.pread(self._descriptor, HEAD_BYTES, 0)

@@ -45,7 +45,7 @@ class BufferedFile(io.RawIOBase):
         return self._size
 
     def changes(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the written bytes as offset and bytes, in order; what was only read is not written back."""
+        """Yield the written bytes as offset and bytes, in order; bytes that were only read are not written back."""
         for number in sorted(self._pages):
             start = number * PAGE_BYTES
             for run in _RUN.finditer(self._written[number]):

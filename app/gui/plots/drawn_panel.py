@@ -175,7 +175,7 @@ class DrawnPanel:
         self._grid.setPen(QPen(color_of("line"), FRAME_PX))
 
     def show(self, panel: Panel, picture: Picture, index: int, log: tuple[bool, bool], hidden: set[str]) -> None:
-        """Draw what a picture has in this panel, apart from the hidden groups."""
+        """Draw the contents of a picture in this panel, apart from the hidden groups."""
         self.panel, self.picture, self.log = panel, picture, log
         for side, axis in self.axes.items():
             axis.is_log, axis.has_dates = log[side == "left"], picture.dates and side == "bottom"

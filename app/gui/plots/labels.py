@@ -46,7 +46,7 @@ class Label(QGraphicsSimpleTextItem):
 
 
 class Placer:
-    """Places texts in an area, in pixels; `obstacles` are points (N, 2) of what is drawn there."""
+    """Places texts in an area, in pixels; `obstacles` are the points (N, 2) of the drawn curves and symbols."""
 
     def __init__(self, area: QRectF, obstacles: Array) -> None:
         self._area, self._obstacles = area, obstacles

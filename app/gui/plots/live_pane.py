@@ -43,7 +43,7 @@ class LivePane(QSplitter):
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
         self._curve: ModelCurves | None = None
-        """Of the displayed run; of the next one while there is none."""
+        """Model curves of the displayed run; before the first run, of the run that is being set up."""
         self._newest: ModelCurves | None = None
         self._span = 0
         self._outdated = False
@@ -106,7 +106,7 @@ class LivePane(QSplitter):
             self._draw(view, otherwise)
 
     def _keep_earlier(self, view: WindowState) -> None:
-        """Keep the points of the run before as a layer of the next one's plot."""
+        """Keep the points of the present run as a layer in the plot of the next run."""
         points = tuple(filter(is_response, view.points))
         if len(points) > 1:
             volts = f"{2 * float(points[0].drive_amplitude):.3g} V"

@@ -13,7 +13,7 @@ from app.gui.face import tokens
 from model import Array, Band, Mask, Series
 
 FURTHER_COLORS = ("#8e44ad", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32")
-"""Colours of curves after those of the tokens, in the light theme."""
+"""Colours of further curves, when the colours of the tokens are in use; light theme."""
 
 CURVE_SYMBOLS = ("t1", "d", "p", "s", "t", "star", "h", "o")
 """Symbols of the n-th of several curves: shapes are distinguishable without colours."""
@@ -40,7 +40,7 @@ def curve_symbol(index: int) -> str:
 
 
 def color_of(tone: str) -> QColor:
-    """Return the colour of a tone: the name of a token, or that of `curve_tone`."""
+    """Return the colour of a tone: the name of a token, or a name from `curve_tone`."""
     name, _, index = tone.partition(":")
     if name != "curve":
         return QColor(getattr(tokens(), name))

@@ -85,7 +85,7 @@ class Threshold:
 def model_layers(
     curves: ModelCurves, shown: Sequence[AmplitudeSeries] = SERIES, label: str = MODEL, band: bool = True
 ) -> list[Layer]:
-    """Return the layers of the model: the free tactor's, and those of each elongation of the membrane in a colour of its own."""
+    """Return the model's layers for the free tactor and, each in its own colour, for the elongations of the membrane."""
     layers = []
     several = bool(curves.on_membrane)
     for at, each in enumerate((curves.free, *curves.on_membrane.values())):

@@ -77,7 +77,7 @@ class SessionController(QObject):
                 start()
 
     def strip(self) -> StripView:
-        """Return what is shown of the bench now."""
+        """Return the present contents of the strip."""
         adapter = self.adapter
         return strip_view(
             self.state, adapter.observation, time.monotonic(), adapter.feed.streamed_s, adapter.session.bench

@@ -27,7 +27,7 @@ PLAUSIBLE_SIZES = {
     "mass_offset": 3e-4, "load_offset": 2e-2, "load_gain": 0.03, "sensor_gain": 0.03, "zero_drift": 1e-5, "stiffening": 0.1,
     "delay": 5e-5, "gain_drift": 0.03, "gain_below_rest": 0.05, "clamp_flexibility": 0.05, "elongation_offset": 5e-4, "contact_length": 1e-3, "asymmetry": 0.05,
 }  # fmt: skip
-"""Standard deviation of what a parameter that is held may really be, SI; of others `PLAUSIBLE_SHARE` of their value."""
+"""Standard deviation of the plausible values of a held parameter, SI; for others `PLAUSIBLE_SHARE` of their value."""
 PLAUSIBLE_SHARE = 0.1
 WIDENED = 5.0
 """Times as far as its standard uncertainty a stated value may be off by a mistake."""

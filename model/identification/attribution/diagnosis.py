@@ -17,7 +17,7 @@ from model.identification.joint_least_squares import joint_fit
 REFITTED_CAUSES = 6
 """Causes with the best linearized fit that are fitted."""
 REFITTED_OF_A_KIND = 2
-"""Of them those of one kind: neighbours of a resonance, or points, are much alike."""
+"""Largest number of candidates of one kind: neighbouring resonances, or points, are much alike."""
 WORTH_FITTING = 0.2
 """Share of the largest improvement in the linearized fit from which on a cause is fitted."""
 CLEARLY_LESS = 8.0
@@ -25,7 +25,7 @@ CLEARLY_LESS = 8.0
 REFIT_EVALUATIONS = 60
 """Largest number of evaluations of such a fit; it begins where the linearized fit has its minimum."""
 PLAUSIBLE_SIGMAS = 4.0
-"""Distance from what is known beforehand, in its standard uncertainties, up to which a fit is a place to linearize about."""
+"""Largest distance from the prior values, in their standard uncertainties, at which a fit is linearized."""
 ENLARGED_ERRORS = (3.0, 10.0, 30.0, 100.0, 300.0)
 """Factors on the errors of the runs with which such a place is sought: a wrong model bends lengths and masses beyond all reason."""
 MIN_LOG_ODDS = 1.0
@@ -62,7 +62,7 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
 
 
 def _plausible(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Evidence:
-    """Return the evidence linearized where no value known beforehand is far from what was known."""
+    """Return the evidence, linearized at a fit whose parameters are near their prior values."""
     fit = evidence.fit
     for factor in ENLARGED_ERRORS:
         rows = evidence.fit.weighted_residuals[list(evidence.fit.prior_rows.values())]

@@ -79,7 +79,7 @@ class Evidence:
         return tuple(sorted(found, key=lambda e: -e.log_odds))
 
     def outside_fit(self, effect: Array) -> Array:
-        """Return what of effects (rows, ...) the fit cannot follow."""
+        """Return the part of effects (rows, ...) that the fit cannot follow."""
         return np.asarray(effect - self.subspace @ (self.subspace.T @ effect))
 
     def chance(self, probabilities: Sequence[float]) -> float:

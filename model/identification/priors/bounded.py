@@ -25,7 +25,7 @@ Prior = tuple[float, float]
 
 
 def truncated_moments(mean: float, deviation: float, limit: float, side: int) -> Prior:
-    """Return mean and standard deviation of a normal distribution cut off at a limit; `side` 1 keeps what is above, -1 what is below."""
+    """Return mean and standard deviation of a truncated normal distribution; `side` 1 keeps values above the limit, -1 below."""
     a = min(side * (limit - mean) / deviation, FARTHEST_SIGMAS)
     hazard = float(np.exp(-0.5 * a * a - 0.5 * np.log(2 * np.pi) - log_ndtr(-a)))
     if a < 30:

@@ -48,7 +48,7 @@ ASSUMED_PARAMETERS: Mapping[str, UsualEffect] = {
     "c0": UsualEffect(0.25, "damping differs more between tactors than stiffness; unproven"),
     "E_m": UsualEffect(0.15, "rubber of one hardness, 6 to 8.5 MPa; unproven"),
 }
-"""Relative standard deviation around Table I of what the kinds of runs do not determine; values that were identified from runs."""
+"""Relative standard deviations around Table I of parameters that some kinds of runs do not determine."""
 
 
 TEMPERATURE_COEFFICIENTS: Mapping[str, UsualEffect] = {
