@@ -1,4 +1,4 @@
-"""Writes docs/attribution-matrix.md from the lines of benchmarks/laboratories.py.
+"""Writes docs/attribution-matrix.md from the lines of benchmarks/coverage/laboratories.py.
 
     python docs/make_attribution_matrix.py COVERAGE DEVELOPED WITHHELD
 
@@ -15,14 +15,14 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
-from benchmarks.laboratories import IDENTIFIED, covered  # noqa: E402
+from benchmarks.coverage.laboratories import IDENTIFIED, covered  # noqa: E402
 from tests.helpers.model.departures import DEVELOPED  # noqa: E402
 from tests.helpers.model.laboratories import Departure  # noqa: E402
 from tests.helpers.model.withheld_departures import WITHHELD  # noqa: E402
 
 HEAD = """# Coverage and the attribution matrix
 
-Written by `python docs/make_attribution_matrix.py` from identifications of `benchmarks/laboratories.py`: default `identify` with the sheet, in laboratories of
+Written by `python docs/make_attribution_matrix.py` from identifications of `benchmarks/coverage/laboratories.py`: default `identify` with the sheet, in laboratories of
 `tests/helpers/model/laboratories.py`. These have finite elements for the beam, their own membrane, amplifier, plays for hysteresis and lags for creep; specimen, sheet and instruments are drawn for each,
 nonidealities from distributions that are not the fit's priors (uniform, exponential, lognormal, shifted, heavy-tailed).
 """

@@ -170,7 +170,7 @@ def test_what_no_run_can_decide_is_named_with_the_measurement_that_would() -> No
 
 
 def test_the_published_matrix_has_every_departure() -> None:
-    """Its cells are made by docs/make_attribution_matrix.py from the lines of benchmarks/laboratories.py."""
+    """Its cells are made by docs/make_attribution_matrix.py from the lines of benchmarks/coverage/laboratories.py."""
     text = (Path(__file__).parents[3] / "docs" / "attribution-matrix.md").read_text("utf-8")
     for departure in (*DEVELOPED, *WITHHELD):
         (row,) = (line for line in text.splitlines() if line.startswith(f"| {departure.name} | {departure.size} |"))

@@ -1,4 +1,4 @@
-"""Coverage of the standard errors; a small version of benchmarks/fit_coverage.py, without mass resonances."""
+"""Coverage of the standard errors; a small version of benchmarks/coverage/fit.py, without mass resonances."""
 
 import numpy as np
 import pytest

@@ -1,9 +1,9 @@
-"""Coverage of total uncertainties and attribution in laboratories whose truth the fit does not expect: a sample of benchmarks/laboratories.py."""
+"""Coverage of total uncertainties and attribution in laboratories whose truth the fit does not expect: a sample of benchmarks/coverage/laboratories.py."""
 
 import numpy as np
 import pytest
 
-from benchmarks.laboratories import IDENTIFIED, coverage, covered, departed
+from benchmarks.coverage.laboratories import IDENTIFIED, coverage, covered, departed
 from tests.helpers.model.departures import DEVELOPED
 
 LABORATORIES = 16

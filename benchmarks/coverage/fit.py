@@ -1,4 +1,4 @@
-"""Do the fit's errors mean what they say? python benchmarks/fit_coverage.py [--campaigns 500] [--json]
+"""Do the fit's errors mean what they say? python benchmarks/coverage/fit.py [--campaigns 500] [--json]
 
 Seeded campaigns of the paper's specimen, solved in closed form (a share of them by finite elements), with realistic noise and
 shared instrument errors. For every parameter of the joint fit: bias in standard errors, how often the 95 % interval holds the
@@ -8,12 +8,16 @@ chain's spread beside it. Then how often the verdict is a false alarm, and how l
 
 import argparse
 import json
+import sys
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from campaigns import SHARED, Noise, World, perfect
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model import COVERAGE_FACTOR_95
 from model.identification.adequacy import assess_adequacy
 from model.identification.fit_options import FitOptions

@@ -1,4 +1,4 @@
-"""Do total uncertainties cover, and is the right cause named? python benchmarks/laboratories.py [--kind KIND] [--laboratories N] [--file FILE]
+"""Do total uncertainties cover, and is the right cause named? python benchmarks/coverage/laboratories.py [--kind KIND] [--laboratories N] [--file FILE]
 
 Every laboratory of `tests/helpers/model/laboratories.py` has a specimen, a sheet and instruments of its own; its nonidealities are not drawn
 from the fit's priors. The fit is the default one, with the sheet. Kinds: `coverage` (full campaigns, and of every fourth laboratory every
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from app.identification.specimen_identification import identify_observations
 from model.identification import FitOptions, ObservationSet

@@ -1,8 +1,8 @@
 """Coverage of the protocol `latency`: runs over seeds on a simulated bench against the plant's own latency under ideal drives.
 
-    python benchmarks/latency_coverage.py ideal 12
-    python benchmarks/latency_coverage.py realistic 12
-    python benchmarks/latency_coverage.py ideal 4 --skin       on a skin of 30 kN/m² and 600 kg/(m s)
+    python benchmarks/coverage/latency.py ideal 12
+    python benchmarks/coverage/latency.py realistic 12
+    python benchmarks/coverage/latency.py ideal 4 --skin       on a skin of 30 kN/m² and 600 kg/(m s)
 
 Prints for each quantity the bias, the mean total standard uncertainty, the rms of (measured - true) / uncertainty, and the share within two.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from app.archive.figures import run_figures
 from app.config.bench_file import load_bench
