@@ -152,8 +152,9 @@ def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -
     bad = replace(points[3], quality=int(Quality.CLIPPED))
     *_, without = live.fit_new_points(((*points[:3], bad, *points[4:]), PAPER_MODEL))
     assert (all_of_them.points, without.points) == (8, 7)
+    # The points have no noise; the priors of the effects with one sign shift the values by less than a thousandth.
     assert {e.name: e.value for e in without.estimates} == pytest.approx(
-        {"m_add": TRUTH.m_add, "c0": TRUTH.c0, "mu": TRUTH.mu}, rel=1e-4
+        {"m_add": TRUTH.m_add, "c0": TRUTH.c0, "mu": TRUTH.mu}, rel=1e-3
     )
 
 

@@ -240,7 +240,9 @@ def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> Non
     (dots,) = next(p for p in blocks_of(report, ReportPlot) if "Fig. 9" in p.title).panels[0].points
     assert dots.usable.tolist() == [True, True, True, True, False]
     mu = next(m for m in report.record["merits"] if m["name"] == "mu")  # type: ignore[attr-defined]
-    assert abs(mu["value"] - TRUTH.mu) < 3 * mu["standard_error"] < 0.15 * abs(TRUTH.mu)
+    assert mu["value"] == pytest.approx(TRUTH.mu, rel=0.01)
+    # Steps and a dwell determine the ratio of moment and stiffness: the wide prior of the stiffness is in the error.
+    assert 0.05 < mu["standard_error"] / abs(TRUTH.mu) < 0.15
 
 
 def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy: Path) -> None:
