@@ -1,6 +1,6 @@
 """Single faults: every system call and every message of a run, campaign, accept, backup and report fails once; writes docs/single-faults.md.
 
-    python docs/make_single_faults.py LOG [--only OPERATION] [--alike N] [--at-most N] [--seed N] [--page]
+    python docs/make_single_faults.py LOG [--only OPERATION] [--kind KIND] [--alike N] [--at-most N] [--seed N] [--page]
 
 LOG is a file of JSON lines, one for each point; points that it has without a violation are not run again. `--alike N` runs at most N
 points of each operation whose calls have the same name, kind of file and fault, `--at-most N` at most N points of each operation, drawn by the seed.
@@ -42,7 +42,7 @@ voltage at the simulated amplifier's input and from the files:
 - every point that was shown is in a run file, which opens after the repair of the next start, and no other run file was changed;
 - a command that failed succeeds when it is repeated without the fault.
 
-[Deadlines](reference/deadlines.md) are shortened to 0.4 to 2 s here; a delay of the disk on a busy computer can exceed them, and the run then fails.
+[Deadlines](reference/deadlines.md) are shortened to 0.4 to 2 s here, but for *stop*; a delay of the disk on a busy computer can exceed them, and the run then fails.
 """
 
 OUTCOMES = {0: "done", 1: "failed", 2: "refused", 3: "unsafe", 4: "no result", None: "hung"}
@@ -53,6 +53,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("log", type=Path)
     parser.add_argument("--only", choices=list(OPERATIONS))
+    parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--alike", type=int, default=sys.maxsize)
     parser.add_argument("--at-most", type=int, default=sys.maxsize)
     parser.add_argument("--seed", type=int, default=1)
@@ -75,7 +76,7 @@ def run_points(options: argparse.Namespace, found: dict[tuple[str, int, str], di
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, log.open("a", buffering=1) as file:
         laboratory = Laboratory(Path(folder))
         for name in [options.only] if options.only else OPERATIONS:
-            every = list(points_of(name, calls := laboratory.count(name)))
+            every = list(points_of(name, calls := laboratory.count(name), [options.kind] if options.kind else KINDS))
             chosen = list(drawn(every, calls, options.alike, random.Random(options.seed)))[: options.at_most]
             print(f"{name}: {len(calls)} calls, {len(every)} points, of which {len(chosen)} are run", flush=True)
             for point in chosen:
@@ -126,7 +127,7 @@ def page(found: list[dict[str, Any]]) -> str:
             title = f"{name} ({operation.boundary})"
             lines.append(f"| {title} | {kind} | {len(here)} | {cells} | {longest:g} | {violations or '-'} |")
     lines += ["", "## The faults", "", "| boundary | fault | what it is |", "|---|---|---|"]
-    lines += [f"| {where} | {kind} | {ways[kind]} |" for where, ways in WAYS.items() for kind in KINDS]
+    lines += [f"| {where} | {kind} | {way} |" for where, ways in WAYS.items() for kind, way in ways.items()]
     if bad:
         lines += ["", "## Violations", "", "| operation | call | fault | violated |", "|---|---|---|---|"]
         lines += [

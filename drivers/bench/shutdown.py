@@ -105,19 +105,19 @@ class SafeShutdown:
     ) -> tuple[RestMeasurement, BaseException | None]:
         """Go to rest and measure it; return also the error of `block_sink`. Errors are returned, not raised, and do not stop it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
-            until_s = self._retry_until_s()
+            is_over = self._retry_time()
             trouble = self.command_rest(self.amplifier.return_to_rest)
-            until_s = until_s if trouble else self._retry_until_s()
+            is_over = is_over if trouble else self._retry_time()
             remaining_s = self.amplifier.remaining_s
             # Waiting for a held level that lasts longer, or does not end by itself, would only delay the report.
             lasts = math.isfinite(self.amplifier.level_remaining_s) and remaining_s > MAX_DRIVE_WAIT_S
             waits = trouble and math.isfinite(remaining_s) and not lasts
             left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if waits else 0.0
-            rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest, until_s)
+            rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest, is_over)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
                 # The source obeyed, or had nothing to do, but the card measures another level: the assumed state is wrong.
                 trouble = self.command_rest(self.amplifier.force_rest)
-                rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest, until_s)
+                rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest, is_over)
                 lost = lost or again
         if trouble or not rest.confirmed:
             rest = replace(rest, message=f"{rest.message}.{trouble}")
@@ -127,7 +127,7 @@ class SafeShutdown:
 
     def command_rest(self, first_attempt: Callable[[], None]) -> str:
         """Command rest over the link, over new links, then by the watchdog; return the failure as text, empty if the source obeyed."""
-        attempt, until_s = first_attempt, self._retry_until_s()
+        attempt, is_over = first_attempt, self._retry_time()
         while True:
             try:
                 attempt()
@@ -137,7 +137,7 @@ class SafeShutdown:
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
-            if attempt != first_attempt and not self._pause_before(until_s):
+            if attempt != first_attempt and not self._pause_before(is_over):
                 break
             attempt = self.amplifier.reconnect_and_force_rest
         outcome = self.watchdog.request_rest(trouble.strip(" ."))
@@ -167,13 +167,18 @@ class SafeShutdown:
             initial_rest,
         )
 
-    def _retry_until_s(self) -> float:
-        """Return the bench time until which an operation that fails from now on is repeated."""
-        return self.clock.now() + Deadline.WAY_TO_REST.seconds * max(getattr(self.clock, "speed", 1.0), 1.0)
+    def _retry_time(self) -> Callable[[], bool]:
+        """Return whether the time in which an operation that fails from now on is repeated is over, of the bench or of the computer.
 
-    def _pause_before(self, until_s: float) -> bool:
+        A virtual clock stands still while an instrument does not answer.
+        """
+        seconds, clock = Deadline.WAY_TO_REST.seconds, self.clock
+        bench_s, real_s = clock.now() + seconds * max(getattr(clock, "speed", 1.0), 1.0), time.monotonic() + seconds
+        return lambda: clock.now() > bench_s or time.monotonic() > real_s
+
+    def _pause_before(self, is_over: Callable[[], bool]) -> bool:
         """Wait before the next attempt; return whether there is one."""
-        if self.clock.now() > until_s:
+        if is_over():
             return False
         with contextlib.suppress(BenchError):  # the watchdog took over meanwhile
             self.clock.sleep(RETRY_INTERVAL_S)
@@ -185,9 +190,9 @@ class SafeShutdown:
         block_sink: BlockSink,
         timeout_s: float,
         initial_rest: RestMeasurement | None,
-        until_s: float,
+        is_over: Callable[[], bool],
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Verify rest, on new streams until `until_s` if the first one is broken; return also the error of a failing sink."""
+        """Verify rest, on new streams until `is_over` if the first one is broken; return also the error of a failing sink."""
         lost: list[BaseException] = []
 
         def read() -> Block:
@@ -205,13 +210,13 @@ class SafeShutdown:
             raise
         except BaseException:  # noqa: BLE001 - make-safe: the stream is broken; a new one may still measure the drive
             stream.__exit__(None, None, None)
-            rest = self._measure_anew(stream.rate_hz, timeout_s, initial_rest, until_s)
+            rest = self._measure_anew(stream.rate_hz, timeout_s, initial_rest, is_over)
         return rest, (lost[0] if lost else None)
 
     def _measure_anew(
-        self, rate_hz: float, timeout_s: float, initial_rest: RestMeasurement | None, until_s: float
+        self, rate_hz: float, timeout_s: float, initial_rest: RestMeasurement | None, is_over: Callable[[], bool]
     ) -> RestMeasurement:
-        """Verify rest on a fresh stream, or on a fresher one until `until_s`."""
+        """Verify rest on a fresh stream, or on a fresher one until `is_over`."""
         while True:
             try:
                 with self.open_stream(rate_hz) as second:
@@ -220,7 +225,7 @@ class SafeShutdown:
                 raise
             except BaseException as again:  # noqa: BLE001 - make-safe: the card may answer again
                 rest = RestMeasurement(False, math.nan, f"the card cannot see the drive: {again}")
-            if not self._pause_before(until_s):
+            if not self._pause_before(is_over):
                 return rest
 
 

@@ -22,16 +22,14 @@ from app.session.reducer import observe, reduce
 from app.session.session import BenchFailed, BenchOpened, Session, SessionEvent
 from app.session.state import TimedEvent, initial_window_state
 from app.session.strip import StripView, strip_view
-from drivers.errors import AcquisitionError, InstrumentError
-from drivers.interfaces import Block
 from model.amplifier_map import AmplifierMap
 from protocols.base import PointMeasured, Prompt, RunEnded
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runner.request import RunRequest
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, INTERLOCK_FAULTS, SPECIMEN_FAULTS
+from tests.helpers.faults_seen import PARTS, SLACK_V, Witness
 from tests.helpers.level_protocol import Levels
 from tests.helpers.simulated_bench import simulated
 
@@ -40,16 +38,6 @@ WITHIN_S = 0.3
 BLOCK_S = 0.05
 WATCHED_S = 3.0
 """Bench time for which a state is watched under a fault."""
-SLACK_V = 12.0
-"""Volts at the specimen: rounding of the view, noise, and a ramp between two blocks."""
-
-PARTS = {
-    **dict.fromkeys(("drive-cable-off", "generator-power-off", "output-tripped"), "generator"),
-    **dict.fromkeys((name for name in FAULT_DESCRIPTIONS if name.startswith("scpi")), "generator"),
-    **dict.fromkeys(("card-unplugged", "card-overrun", "grpc-gone"), "card"),
-    **dict.fromkeys(("sensor-out-of-range", "sensor-stuck"), "sensor"),
-}
-"""The part at fault; faults of the specimen, the amplifier's limit and a drift of 50 ppm show in results only."""
 
 
 class WatchedClock(VirtualClock):
@@ -76,29 +64,16 @@ class SlowOperator(SimulatedOperator):
             self._answers[ask_id] = self._bench.now() + WATCHED_S, prompt.choices[0]
 
 
-class Watch:
+class Watch(Witness):
     """Looks at the view of a session, and notes what the card and the instruments show."""
 
     def __init__(self) -> None:
-        self.lab: BenchConnection | None = None
+        super().__init__()
         self.view = initial_window_state(AmplifierMap(), "bench", True, {"generator": "g", "card": "c", "sensor": "s"})
-        self.blocks: list[tuple[float, float, float]] = []
-        """Bench time of the last sample, and lowest and highest volts at the specimen, of each block that was read."""
         self.seen = Observation()
-        self.fault, self.injected_s, self.shown_s = "", math.inf, math.inf
         self.looks = 0
         self.complaints: list[str] = []
         self.thread = 0
-
-    def now(self) -> float:
-        assert self.lab is not None
-        return self.lab.bench.clock.now()
-
-    def inject(self, fault: str) -> None:
-        assert self.lab is not None
-        assert self.lab.control is not None
-        self.fault, self.injected_s = fault, self.now()
-        self.lab.control.inject(fault)
 
     def event(self, event: SessionEvent) -> None:
         self.view = reduce(
@@ -107,33 +82,6 @@ class Watch:
         if isinstance(event, BenchOpened):
             self.thread = threading.get_ident()
         self.look()
-
-    def block(self, block: Block, stream: SimulatedStream) -> None:
-        volts = stream.scales[0].to_volts(block.raw[0])
-        low, high = AmplifierMap().specimen_v([volts.min(), volts.max()])
-        first_s, last_s = (stream.start_time_s + scan / stream.rate_hz for scan in (block.start, block.stop))
-        self.blocks.append((last_s, float(low), float(high)))
-        part, sensor = PARTS.get(self.fault), stream.scales[1].to_volts(block.raw[1])
-        if first_s < self.injected_s:
-            return
-        # Before it was set up a source may be anywhere.
-        strays = self.view.phase is not BenchState.ARMING and max(abs(low), abs(high)) > SLACK_V
-        playing = self.view.phase is BenchState.LIVE and self.view.drive is not None
-        if (
-            part == "generator" and not self.fault.startswith("scpi") and (high - low < 1.0 if playing else strays)
-        ) or (self.fault == "sensor-out-of-range" and sensor.min() > 10.0):
-            self.show()
-        if self.fault == "sensor-stuck" and playing and high - low > 500.0 and first_s > self.injected_s + 0.2:
-            self.show()
-
-    def error(self, error: InstrumentError) -> None:
-        part = "card" if isinstance(error, AcquisitionError) else "generator"
-        if self.fault and PARTS.get(self.fault) == part:
-            self.show()
-
-    def show(self) -> None:
-        """Note that the fault shows now."""
-        self.shown_s = min(self.shown_s, self.now())
 
     def strip(self) -> StripView:
         assert self.lab is not None
@@ -171,23 +119,12 @@ class Watch:
 
 
 @pytest.fixture
-def watch(monkeypatch: pytest.MonkeyPatch) -> Watch:
-    watch, read = Watch(), SimulatedStream.read
-
-    def noted(stream: SimulatedStream) -> Block:
-        block = read(stream)
-        watch.block(block, stream)
-        return block
-
-    def made(error: InstrumentError, *arguments: object) -> None:
-        Exception.__init__(error, *arguments)
-        watch.error(error)
-
-    monkeypatch.setattr(SimulatedStream, "read", noted)
-    monkeypatch.setattr(InstrumentError, "__init__", made, raising=False)
+def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
+    watch = Watch()
     monkeypatch.setattr("sim_hardware.VirtualClock", WatchedClock)
     monkeypatch.setattr(WatchedClock, "look", watch.look)
-    return watch
+    with watch.noting():
+        yield watch
 
 
 @contextmanager

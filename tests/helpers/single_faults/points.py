@@ -26,7 +26,7 @@ from unittest import mock
 from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers.single_faults.system_calls import READS, WRITES, Call, TracedChild
 
-KINDS = ("error", "end", "silence", "delay", "garbage", "no memory")
+KINDS = ("error", "end", "silence", "delay", "garbage", "no memory", "stop")
 
 WAYS = {
     "file": {
@@ -44,6 +44,7 @@ WAYS = {
         "delay": "the reply comes 4 s later",
         "garbage": "the reply is not text; a message without a reply arrives as other bytes",
         "no memory": "MemoryError in the driver's call",
+        "stop": "no message passes from here on, on no connection; the program's own deadlines",
     },
     "card": {
         "error": "NI's error -50808: the transfer failed",
@@ -52,6 +53,7 @@ WAYS = {
         "delay": "the reply comes 0.2 s later",
         "garbage": "the reply has other numbers",
         "no memory": "the server has no memory: RESOURCE_EXHAUSTED",
+        "stop": "no call is answered from here on, on no connection; the program's own deadlines",
     },
     "serial": {
         "error": "the line is closed",
@@ -336,8 +338,10 @@ def points_of(name: str, calls: Sequence[str], kinds: Sequence[str] = KINDS) -> 
         for kind in kinds:
             if OPERATIONS[name].boundary == "file":
                 word = call.partition(" ")[0]
-                if (kind == "garbage" and word not in READS) or (
-                    kind == "end" and word not in (*READS, *WRITES, "openat", "mkdir")
+                if (
+                    kind not in WAYS["file"]
+                    or (kind == "garbage" and word not in READS)
+                    or (kind == "end" and word not in (*READS, *WRITES, "openat", "mkdir"))
                 ):
                     continue
             yield Point(name, number, kind)
@@ -377,7 +381,7 @@ def _work(main: Any, arguments: list[str], operation: Operation, point: Point, s
     from drivers import Deadline
     from tests.helpers.single_faults.wire_faults import tap
 
-    for name, seconds in SHORT.items():
+    for name, seconds in SHORT.items() if point.kind != "stop" else ():
         Deadline[name].seconds = seconds
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     facts: dict[str, Any] = {"acknowledged": 0, "warned": False, "rest": None}

@@ -38,7 +38,7 @@ class Counter:
             self._facts["calls"].append(call)
         if number == self._number:
             self._facts["call"] = call
-        return number == self._number
+        return number == self._number or (self.kind == "stop" and 0 <= self._number < number)
 
 
 @contextlib.contextmanager
@@ -66,7 +66,11 @@ def _scpi(counter: Counter) -> Iterator[None]:
         if not due:
             return handle(port, message)
         asks = "?" in message
-        if (counter.kind == "silence" and counter._count % 2) or (counter.kind == "end" and not asks):
+        if (
+            counter.kind == "stop"
+            or (counter.kind == "silence" and counter._count % 2)
+            or (counter.kind == "end" and not asks)
+        ):
             return None
         if counter.kind == "garbage" and not asks:
             return handle(port, GARBAGE)
@@ -109,7 +113,7 @@ def _card(counter: Counter, stack: contextlib.ExitStack) -> Iterator[None]:
             match counter.kind:
                 case "error":
                     raise NiError(-50808)
-                case "silence":
+                case "silence" | "stop":
                     server.device.server_stopping.wait(60.0)
                 case "delay":
                     time.sleep(0.2)
