@@ -22,10 +22,10 @@ from model.identification.observations import FrequencyResponseObservation
 from model.identification.paper_chain import PaperChainOptions, identify_by_paper_chain
 from model.identification.paper_chain_errors import linearized_errors
 from model.identification.profile_likelihood import profile_interval
+from model.membrane import skin
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import amplifier_response
-from model.skin_model import skin
 from tests.helpers.model.redrawn import resample
 
 

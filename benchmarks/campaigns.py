@@ -23,10 +23,9 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
-from model.membrane import sag
-from model.parameters import Membrane, Tactor
+from model.membrane import sag, skin
+from model.parameters import Membrane, Skin, Tactor
 from model.response.closed_form import exact_response
-from model.skin_model import Skin, skin
 
 G = 9.80665
 LOADS_N = G * np.array([0.02, 0.05, 0.1, 0.2, 0.5])

@@ -1,4 +1,4 @@
-"""Sag of the membrane under its own weight: bending, with the tension of its own deflection (von Karman).
+"""Membrane as skin: its stiffness at a pre-stretch (Sec. III-A), and its sag under its own weight, with the tension of its own deflection (von Karman).
 
 Clamped at both ends, E I w'''' - T w'' = q with T = E A (delta + integral of w'^2 / (2 L)). Linear theory predicts a sag of
 thirteen thicknesses, far outside its own validity; stretching carries most of the weight.
@@ -8,14 +8,52 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from annotated_types import Interval
+from numpy.typing import ArrayLike
 
-from model.arrays import Array, gauss_legendre
+from model.arrays import Array
 from model.parameter_spec import ParameterError, ParameterSpec
-from model.parameters import GRAVITY, Membrane
-from model.skin_model import PRE_STRETCH, point_stiffness
+from model.parameters import CONTACT_LENGTH, GRAVITY, PRE_STRETCH, Membrane, Skin, Tactor
 
 RUBBER_KG_M3 = 1000.0
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 LOAD_SPEC = ParameterSpec("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)
+
+
+def skin(membrane: Membrane, delta: float, contact_length: float | None = None, tactor: Tactor | None = None) -> Skin:
+    """Skin of `membrane` at pre-stretch `delta`.
+
+    `contact_length` (m) divides the point stiffness. Default: L - L2 of `tactor` (Table I if None), which reproduces the paper's
+    8.5e4 N/m^2; the symmetric reading, both halves of the beam carrying the membrane, is `2 * (tactor.L - tactor.L2)`.
+
+    Raises:
+        ParameterError: delta < 0, contact_length <= 0, or a c_s that would be negative.
+    """
+    tactor = tactor or Tactor()
+    length = tactor.L - tactor.L2 if contact_length is None else contact_length
+    k_point = point_stiffness(membrane.L_m, membrane.b_m, membrane.h_m, membrane.E_m, delta)
+    c_s = membrane.c_s_delta * delta + membrane.c_s_0
+    return Skin(float(k_point / CONTACT_LENGTH.check(length)), float(c_s))
+
+
+def point_stiffness(L_m: ArrayLike, b_m: ArrayLike, h_m: ArrayLike, E_m: ArrayLike, delta: ArrayLike) -> Array:
+    """Centre stiffness (N/m) of a fixed-fixed beam under axial tension T = E_m A delta; arrays broadcast.
+
+    k = (4 T / L_m) / (1 - tanh(u) / u) with u = (L_m / 4) sqrt(T / (E_m I_m)); 192 E_m I_m / L_m^3 at delta = 0.
+    Written with g(u) = 3 (1 - tanh(u) / u) / u^2, which is 1 at u = 0 and smooth, it has no branch that jumps.
+
+    Raises:
+        ParameterError: delta < 0 or not finite.
+    """
+    L_m, b_m, h_m, E_m = (np.asarray(a, float) for a in (L_m, b_m, h_m, E_m))
+    u2 = L_m**2 / 16 * 12 * PRE_STRETCH.check(delta) / h_m**2  # u^2, with A / I_m = 12 / h_m^2
+    return np.asarray(192 * E_m * b_m * h_m**3 / 12 / L_m**3 / _g(u2))
+
+
+def _g(u2: Array) -> Array:
+    """3 (1 - tanh(u) / u) / u^2 as a function of u^2; series below u = 0.1, where the difference loses digits."""
+    u = np.sqrt(np.maximum(u2, 1e-2))
+    series = 1 - u2 * (2 / 5 - u2 * (17 / 105 - u2 * (62 / 945 - u2 * (1382 / 51975))))
+    return np.where(u2 < 1e-2, series, 3 * (1 - np.tanh(u) / u) / u**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +133,9 @@ def _stretch(m: Membrane, q: float, total: float) -> float:
 
     With a = (L / 2) sqrt(T / E I) and s from the centre (-1..1), w' = q L^3 / (8 E I) [s - sinh(a s) / sinh a] / a^2.
     """
-    nodes, weights = gauss_legendre(64)
     a2 = 3 * m.L_m**2 * total / m.h_m**2
-    slope = q * m.L_m**3 / (8 * m.E_m * m.b_m * m.h_m**3 / 12) * _slope(a2, nodes)
-    return float(weights @ slope**2 / 4)
+    slope = q * m.L_m**3 / (8 * m.E_m * m.b_m * m.h_m**3 / 12) * _slope(a2, _NODES)
+    return float(_WEIGHTS @ slope**2 / 4)
 
 
 def _slope(a2: float, s: Array) -> Array:

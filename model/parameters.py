@@ -1,4 +1,4 @@
-"""The paper's Table I as validated values, and the derived letters of Eqs. (1)-(6).
+"""The paper's Table I and the skin as validated values, and the derived letters of Eqs. (1)-(6).
 
 `Tactor` and `Membrane` are one specimen, validated on construction. `Beam` carries the same letters as floats or
 as arrays of one shape; the numerics underneath take a `Beam`, so that a study of ten thousand specimens is one call.
@@ -13,10 +13,14 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike
 
-from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
+from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs, validate_parameters
+from model.quantities import QUANTITIES
 
 GRAVITY = 9.80665
 """Standard gravity, m/s^2."""
+
+PRE_STRETCH = ParameterSpec("delta", "", Interval(ge=0), QUANTITIES["delta"].definition, 0.0)
+CONTACT_LENGTH = ParameterSpec.listed("contact_length", Interval(gt=0), None)
 
 FloatOrArray = Any
 """A float or an array of floats; the formulas of this module take both."""
@@ -110,6 +114,25 @@ class Membrane:
 
     def __post_init__(self) -> None:
         validate_parameters(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Skin:
+    """A bed of springs and dampers under the third segment, Eq. (2).
+
+    Raises:
+        ParameterError: a value is negative or not finite.
+    """
+
+    k_s: Annotated[float, Interval(ge=0)] = 0.0
+    c_s: Annotated[float, Interval(ge=0)] = 0.0
+
+    def __post_init__(self) -> None:
+        validate_parameters(self)
+
+
+NO_SKIN = Skin()
+"""No skin: the tactor vibrates freely."""
 
 
 def check_segment_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:

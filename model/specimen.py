@@ -9,9 +9,9 @@ from annotated_types import Interval
 from numpy.typing import ArrayLike
 
 from model.arrays import Array
+from model.membrane import point_stiffness
 from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
-from model.parameters import Beam, Membrane, Tactor, beams
-from model.skin_model import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
+from model.parameters import CONTACT_LENGTH, PRE_STRETCH, Beam, Membrane, Skin, Tactor, beams
 
 K_S = parameter_specs(Skin)[0]
 C_S = parameter_specs(Skin)[1]
@@ -54,7 +54,7 @@ def flexible_clamp_lengths(lengths: Mapping[str, Any], clamp_flexibility: Any) -
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if `membrane` is None.
 
-    `k_s` and `c_s`, where given, replace the membrane's; None: values of `model.skin_model`. `hysteresis` and `creep` belong to
+    `k_s` and `c_s`, where given, replace the membrane's; None: values of `model.skin`. `hysteresis` and `creep` belong to
     its MFC, `clamp_flexibility` to its clamp.
 
     Raises:

@@ -27,25 +27,42 @@ DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class ResumeState:
-    """Start of a resumed run: points by entry, the entry for the drift check, and entries to repeat."""
+class ResumableRun:
+    """A run that can be resumed.
 
+    Attributes:
+        points: carried-over points, with their entries.
+        drift_check_entry: the last good entry, which is measured again first; None where entries are repeated.
+        repeat_entries: entries to repeat.
+        message: what is continued, as a sentence.
+        series: curves of the carried-over entries.
+    """
+
+    path: Path
+    protocol: Protocol
+    record: "RunRecord"
     points: tuple[tuple[int, Any], ...] = ()
     drift_check_entry: int | None = None
     repeat_entries: frozenset[int] = frozenset()
     message: str = ""
     series: tuple[Series, ...] = ()
-    """Curves of the carried-over entries."""
 
-
-@dataclass(frozen=True, slots=True)
-class ResumableRun:
-    """A run that can be resumed."""
-
-    path: Path
-    protocol: Protocol
-    record: "RunRecord"
-    resume_state: ResumeState
+    def assess_drift(self, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
+        """Compare two measurements of an entry; return a message, and a prompt if the drift is too large."""
+        column = self.protocol.axes[1]
+        old, new = float(getattr(first, column)), float(getattr(second, column))
+        error = math.hypot(
+            float(getattr(first, f"{column}_errors", 0.0)), float(getattr(second, f"{column}_errors", 0.0))
+        )
+        change = new - old
+        relative = abs(change / old) if old else math.inf
+        sigmas = abs(change) / error if error > 0 else math.inf
+        note = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
+        note += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
+        if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
+            return note, None
+        question = f"{note}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
+        return note, Prompt("drifted", question, choices=("go on", "stop"))
 
 
 def protocol_of_run(run: "Run", run_name: str) -> Protocol:
@@ -95,8 +112,8 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         check = max(points) if points and not repeat_entries else None
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
-        continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), note, kept)
-        return ResumableRun(path, protocol, run.record, continuation)
+        carried, repeated = tuple(sorted(points.items())), frozenset(repeat_entries)
+        return ResumableRun(path, protocol, run.record, carried, check, repeated, note, kept)
 
 
 def _check_measured(path: Path, run: "Run") -> None:
@@ -166,22 +183,6 @@ def _label_matches(label: str, text: str) -> bool:
             if math.isclose(float(part.split()[0]), number, rel_tol=1e-9, abs_tol=1e-12):
                 return True
     return False
-
-
-def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
-    """Compare two measurements of an entry; return a message, and a prompt if the drift is too large."""
-    column = protocol.axes[1]
-    old, new = float(getattr(first, column)), float(getattr(second, column))
-    error = math.hypot(float(getattr(first, f"{column}_errors", 0.0)), float(getattr(second, f"{column}_errors", 0.0)))
-    change = new - old
-    relative = abs(change / old) if old else math.inf
-    sigmas = abs(change) / error if error > 0 else math.inf
-    note = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
-    note += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
-    if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
-        return note, None
-    question = f"{note}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
-    return note, Prompt("drifted", question, choices=("go on", "stop"))
 
 
 def _recompute_series(run: "Run", protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.archive.importing import ImportedPoints, ImportOptions, import_files, read_time
-from app.cli.options import JSON_OBJECT, argument, command, option, split_setting
+from app.cli.options import JSON_OBJECT, argument, command, option, specimen_argument, split_setting
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
     Table,
     UnitError,
     UsageError,
-    specimen_argument,
     terminal_progress,
     to_number,
     usage_errors,

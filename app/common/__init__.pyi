@@ -20,10 +20,6 @@ from .formatting import format_series as format_series
 from .formatting import pluralize as pluralize
 from .formatting import typeset as typeset
 from .formatting import typeset_unit as typeset_unit
-from .inputs import path_argument as path_argument
-from .inputs import seed_argument as seed_argument
-from .inputs import specimen_argument as specimen_argument
-from .inputs import truncate_text as truncate_text
 from .minmax import minmax_decimate as minmax_decimate
 from .minmax import minmax_pairs as minmax_pairs
 from .outcomes import OUTCOME_SYMBOLS as OUTCOME_SYMBOLS
@@ -53,9 +49,7 @@ from .result_summary import ResultSummary as ResultSummary
 from .result_summary import summarize_result as summarize_result
 from .terminal import print_line as print_line
 from .terminal import print_message as print_message
-from .text_files import MAX_TOML_BYTES as MAX_TOML_BYTES
-from .text_files import parse_toml as parse_toml
-from .text_files import read_toml_text as read_toml_text
+from .terminal import truncate_text as truncate_text
 from .text_table import CellValue as CellValue
 from .text_table import Column as Column
 from .text_table import Table as Table

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.common.exit_codes import UsageError
-from app.common.inputs import truncate_text
+from app.common.terminal import truncate_text
 from drivers import BenchError
 from protocols.base import RunConditions, read_json_file, write_atomic
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from app.common import read_toml_text, truncate_text
+from app.common import truncate_text
 from app.config.bench_tables import (
     AmplifierTable,
     BackupTable,
@@ -29,6 +29,7 @@ from app.config.bench_tables import (
     check_channels,
 )
 from app.config.validation import ConfigTable, read_toml
+from protocols.base import read_toml_text
 from sim_hardware.plant import SimulationParameters
 
 SIMULATED_BENCHES = {"sim": "realistic.toml", "ideal": "ideal.toml", "realistic": "realistic.toml"}

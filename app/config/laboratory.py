@@ -7,8 +7,9 @@ from typing import Annotated
 
 from pydantic import Field, create_model
 
-from app.common import UsageError, read_toml_text
+from app.common import UsageError
 from app.config.validation import ConfigTable, read_toml
+from protocols.base import read_toml_text
 
 LABORATORY_FILE_NAME = "laboratory.toml"
 """Name of the file in the folder of the runs."""

@@ -6,7 +6,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
-from app.common import parse_toml, read_value, truncate_text
+from app.common import read_value, truncate_text
+from protocols.base import parse_toml
 
 Model = TypeVar("Model", bound=BaseModel)
 

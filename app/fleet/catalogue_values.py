@@ -11,11 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import Catalogue, RunSummary
-from app.common import MAX_TOML_BYTES, parse_toml
 from app.identification import FORMAT, SUFFIX
-from model import THRESHOLD_M, Array, current_name, quantity_label, shown_unit
-from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.base import RunFigure, open_regular, read_json_file, visible_text, visible_values
+from model import Array, current_name, quantity_label, shown_unit
+from model.response import ABDOMEN_THRESHOLD, THRESHOLD_M, PerceptionThreshold
+from protocols.base import (
+    MAX_TOML_BYTES,
+    RunFigure,
+    open_regular,
+    parse_toml,
+    read_json_file,
+    visible_text,
+    visible_values,
+)
 from protocols.runfile import SHEET_SUFFIX
 
 CALIBRATION = "calibration"

@@ -7,12 +7,12 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from app.common import UnitError, parse_toml, read_toml_text, record_audit, to_number, truncate_text
+from app.common import UnitError, record_audit, to_number, truncate_text
 from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
 from model.identification import parameter_spec
-from protocols.base import write_atomic
+from protocols.base import parse_toml, read_toml_text, write_atomic
 from protocols.runfile import SHEET_SUFFIX, other_specimen_message, sheet_path
 
 TEXTS = ("serial", "batch", "photograph", "notes")

@@ -10,11 +10,12 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common import parse_toml, read_toml_text, typeset_unit
+from app.common import typeset_unit
 from app.config import ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
 from app.report.rounding import MINUS, typeset_measurement, typeset_number
 from model import COVERAGE_FACTOR_95, QUANTITIES, EstimatedQuantity, Quantity, format_with_uncertainty
+from protocols.base import parse_toml, read_toml_text
 
 AMBIGUOUS_RESONANCE = (
     "'resonance' has three meanings; name the limit peak_frequency (of the largest response: its meaning in reports until now), "

@@ -8,7 +8,6 @@ from datetime import datetime
 from time import monotonic
 
 from app.common import Severity
-from app.session.bench_state import BenchState, InstrumentStatus, Lamp, Observation
 from app.session.messages import LogLine, describe_event, describe_verdict, protocol_title
 from app.session.session import (
     NO_LIVE_VALUES,
@@ -16,12 +15,16 @@ from app.session.session import (
     BenchOpened,
     MonitorFailed,
     MonitorStarted,
+    Observation,
     RunRejected,
     SessionEvent,
 )
 from app.session.state import (
     ENERGIZED,
+    BenchState,
     CommissioningEnded,
+    InstrumentStatus,
+    Lamp,
     OperatorAction,
     RunProgress,
     RunRequested,

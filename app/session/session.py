@@ -8,16 +8,15 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from app.common import current_conditions, record_audit, with_sensor
-from app.session.bench_state import UNSEEN, Observation
 from app.session.supervisor import Rescue, Signs, Supervisor
 from drivers import (
     MEMORY_SHORT,
@@ -25,6 +24,7 @@ from drivers import (
     Bench,
     BenchError,
     Block,
+    CardReading,
     Deadline,
     Scale,
     ScansLostError,
@@ -63,6 +63,18 @@ MONITOR_RETRY_S = 2.0
 """Real seconds until a card that could not be watched is tried again."""
 
 NO_LIVE_VALUES = "There are no live values"
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What the instruments answered last: the card's reading, and by role the time (time.monotonic) of the last reply."""
+
+    card: CardReading | None = None
+    answered_s: Mapping[str, float] = field(default_factory=dict)
+
+
+UNSEEN = Observation()
+"""Before anything was answered."""
 
 
 class SessionState(StrEnum):

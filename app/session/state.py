@@ -1,4 +1,4 @@
-"""Window state as one frozen value, and the commands that change it."""
+"""State of the bench and of the window as frozen values, and the commands that change it."""
 
 import math
 from collections.abc import Mapping
@@ -7,7 +7,6 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from app.session.bench_state import BenchState, InstrumentStatus, Lamp
 from app.session.messages import LogLine
 from app.session.session import SessionEvent
 from drivers import Drive
@@ -15,6 +14,48 @@ from model import AmplifierMap
 from protocols.base import PromptShown, Quality, RestMeasured, RunEnded, RunStatus, Series
 
 UNSAFE_EXIT = 3
+
+
+class BenchState(StrEnum):
+    """State of the bench in a word that can be read from two metres."""
+
+    CONNECTING = "connecting"
+    IDLE = "not armed"
+    """The instruments answer; rest has not been measured yet."""
+    ARMING = "arming"
+    LIVE = "live"
+    PAUSING = "pausing"
+    """Live until the pause begins."""
+    DRIVE_LOST = "drive lost"
+    """The card sees another voltage at the amplifier's input than the drive, or than rest where rest is wanted."""
+    PAUSED = "paused"
+    """At measured rest, high voltage still on."""
+    HV_OFF = "hv off"
+    """Rest is measured and the operator has switched high voltage off: the specimen may be touched."""
+    GOING_TO_REST = "going to rest"
+    AT_REST = "at rest"
+    UNSAFE = "unsafe"
+    NO_BENCH = "no bench"
+
+
+class Lamp(StrEnum):
+    """Status of an instrument."""
+
+    WAITING = "connecting"
+    READY = "ready"
+    SUSPECT = "see the message"
+    MISSING = "not connected"
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentStatus:
+    """One instrument of the status bar; `remark` is why it is suspect, empty where a message says it."""
+
+    role: str
+    identity: str
+    lamp: Lamp
+    remark: str = ""
+
 
 ENERGIZED = (BenchState.LIVE, BenchState.PAUSED)
 """Phases of a run with high voltage on."""

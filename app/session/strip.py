@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from app.common import OUTCOME_SYMBOLS, format_duration, pluralize
-from app.session.bench_state import UNSEEN, BenchState, Observation
+from app.session.session import UNSEEN, Observation
 from app.session.simulation import real_duration_s
-from app.session.state import WindowState
+from app.session.state import BenchState, WindowState
 from drivers import (
     REST_TOLERANCE_V,
     CardReading,

@@ -23,9 +23,8 @@ from drivers.clock import Clock
 from drivers.drive_shapes import Drive, Hold, LevelPulse, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S, PlayableDrives
-from drivers.generators.dialect import Dialect, Levels
+from drivers.generators.dialect import LEVEL_TOLERANCE_V, Dialect, Levels, mismatches
 from drivers.generators.output import HASTENED_END_S, BurstOutput
-from drivers.generators.settings import LEVEL_TOLERANCE_V, mismatches
 from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
 from drivers.transport import Link, ScpiSession

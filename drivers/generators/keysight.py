@@ -16,12 +16,19 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from drivers.generators import settings
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import ConfirmedCommand, Levels
+from drivers.generators.dialect import (
+    ConfirmedCommand,
+    ExpectedSetting,
+    Levels,
+    NeutralSetting,
+    expect_keyword,
+    expect_value,
+)
 from drivers.generators.scpi import ScpiDialect
-from drivers.generators.waveform import Points, definite_length_block
+from drivers.generators.waveform import Points
+from drivers.transport import definite_length_block
 
 USB_POINTS = 200_000
 """Longest waveform over USB: above 1 MB a 33622A hung with pyvisa-py (its issue 286), and a point is four bytes."""
@@ -29,14 +36,14 @@ USB_POINTS = 200_000
 FULL_SCALES = {"33250": 2047}
 """Largest converter value by model, if different from 8191: a 33250A has 12 bits and rejects larger values."""
 
-NORMAL_POLARITY = settings.NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"))
-NORMAL_GATE = settings.NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
+NORMAL_POLARITY = NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"))
+NORMAL_GATE = NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
 TWO_CHANNEL_SETTINGS = (
-    settings.NeutralSetting("SOUR1:COMB:FEED", "NONE", ("NONE",)),
-    settings.NeutralSetting("SOUR1:VOLT:COUP", "OFF", ("0", "OFF")),
-    settings.NeutralSetting("SOUR1:FREQ:COUP", "OFF", ("0", "OFF")),
-    settings.NeutralSetting("SOUR1:TRAC", "OFF", ("OFF", "0")),
-    settings.NeutralSetting("SOUR2:TRAC", "OFF", ("OFF", "0")),
+    NeutralSetting("SOUR1:COMB:FEED", "NONE", ("NONE",)),
+    NeutralSetting("SOUR1:VOLT:COUP", "OFF", ("0", "OFF")),
+    NeutralSetting("SOUR1:FREQ:COUP", "OFF", ("0", "OFF")),
+    NeutralSetting("SOUR1:TRAC", "OFF", ("OFF", "0")),
+    NeutralSetting("SOUR2:TRAC", "OFF", ("OFF", "0")),
 )
 """Settings that add the second channel to the first, or couple both."""
 
@@ -61,26 +68,26 @@ class TrueformDialect(ScpiDialect):
         return USB_POINTS if self.scpi.link.name.upper().startswith("USB") else 1_000_000
 
     @property
-    def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
+    def neutral_settings(self) -> Sequence[NeutralSetting]:
         has_two_channels = re.search(r"33\d\d2", self.model)
         return (NORMAL_POLARITY, NORMAL_GATE, *(TWO_CHANNEL_SETTINGS if has_two_channels else ()))
 
-    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         low_v, high_v = self._limits_v(levels)
         yield self.expected_load
         yield from self.common_settings(levels)
         yield from (
-            settings.expect_keyword("FUNC", "ARB"),
-            settings.expect_keyword("FUNC:ARB:FILT", "STEP"),
-            settings.expect_keyword("UNIT:ANGL", "DEG"),
-            settings.expect_keyword("FORM:BORD", "SWAP"),
-            settings.expect_value("BURS:PHAS", 0.0, 1e-3),
-            settings.expect_keyword("TRIG:SOUR", "BUS"),
+            expect_keyword("FUNC", "ARB"),
+            expect_keyword("FUNC:ARB:FILT", "STEP"),
+            expect_keyword("UNIT:ANGL", "DEG"),
+            expect_keyword("FORM:BORD", "SWAP"),
+            expect_value("BURS:PHAS", 0.0, 1e-3),
+            expect_keyword("TRIG:SOUR", "BUS"),
             self.expected_idle_amplitude,
-            settings.expect_keyword("VOLT:RANG:AUTO", "0"),
-            settings.expect_value("VOLT:LIM:LOW", low_v, settings.LEVEL_TOLERANCE_V),
-            settings.expect_value("VOLT:LIM:HIGH", high_v, settings.LEVEL_TOLERANCE_V),
-            settings.expect_keyword("VOLT:LIM:STAT", "1"),
+            expect_keyword("VOLT:RANG:AUTO", "0"),
+            expect_value("VOLT:LIM:LOW", low_v),
+            expect_value("VOLT:LIM:HIGH", high_v),
+            expect_keyword("VOLT:LIM:STAT", "1"),
         )
 
     def _limits_v(self, levels: Levels) -> tuple[float, float]:
@@ -138,19 +145,19 @@ class Keysight33200Dialect(ScpiDialect):
     def max_points(self) -> int:
         return 8192 if self.model.startswith("33210") else 65_536
 
-    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield self.expected_load
         yield from self.common_settings(levels)
         yield from (
-            settings.expect_keyword("FUNC", "USER"),
-            settings.expect_keyword("FUNC:USER", "VOLATILE"),
-            settings.expect_keyword("UNIT:ANGL", "DEG"),
-            settings.expect_keyword("FORM:BORD", "NORM"),
-            settings.expect_keyword("SWE:STAT", "0"),
-            settings.expect_value("BURS:PHAS", 0.0, 1e-3),
-            settings.expect_keyword("TRIG:SOUR", "BUS"),
+            expect_keyword("FUNC", "USER"),
+            expect_keyword("FUNC:USER", "VOLATILE"),
+            expect_keyword("UNIT:ANGL", "DEG"),
+            expect_keyword("FORM:BORD", "NORM"),
+            expect_keyword("SWE:STAT", "0"),
+            expect_value("BURS:PHAS", 0.0, 1e-3),
+            expect_keyword("TRIG:SOUR", "BUS"),
             self.expected_idle_amplitude,
-            settings.expect_keyword("VOLT:RANG:AUTO", "0"),
+            expect_keyword("VOLT:RANG:AUTO", "0"),
         )
 
     def set_up(self, levels: Levels) -> None:

@@ -9,8 +9,7 @@ from drivers.clock import Clock
 from drivers.drive_shapes import LevelPulse
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S
-from drivers.generators.dialect import Dialect
-from drivers.generators.settings import LEVEL_TOLERANCE_V, check_readback
+from drivers.generators.dialect import LEVEL_TOLERANCE_V, Dialect, check_readback
 from drivers.generators.waveform import SINE_CYCLE, Points
 from drivers.transport import RampDown, ScpiSession, join_commands
 

@@ -24,24 +24,30 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators import settings
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import Levels
+from drivers.generators.dialect import (
+    ExpectedSetting,
+    Levels,
+    NeutralSetting,
+    expect_keyword,
+    expect_value,
+)
 from drivers.generators.scpi import ScpiDialect
-from drivers.generators.waveform import Points, definite_length_block
+from drivers.generators.waveform import Points
+from drivers.transport import definite_length_block
 
 FULL_SCALE = 16383
 PACKET_POINTS, DG4000_POINTS = 8192, 16_384
 
 PANEL_LOCK = ":SYST:KLOC ON", ":SYST:KLOC OFF"
-NORMAL_POLARITY = settings.NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
-NORMAL_GATE = settings.NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
-NO_COUPLING = settings.NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True)
+NORMAL_POLARITY = NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
+NORMAL_GATE = NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
+NO_COUPLING = NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True)
 OTHER_CHANNEL_OFF = (
     NO_COUPLING,
     *(
-        settings.NeutralSetting(header, "OFF", ("OFF", "0"), optional=True)
+        NeutralSetting(header, "OFF", ("OFF", "0"), optional=True)
         for header in (":SOUR1:TRACK", ":SOUR2:TRACK", ":SOUR1:SUM")
     ),
 )
@@ -92,18 +98,18 @@ class Dg1000zDialect(RigolDialect):
     neutral_settings = (NORMAL_POLARITY, NORMAL_GATE, *OTHER_CHANNEL_OFF)
     max_points = 1_000_000
 
-    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield self.expected_load
         yield from self.common_settings(levels)
         yield from (
-            settings.expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
-            settings.expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
-            settings.expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
-            settings.expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
-            settings.expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
-            settings.expect_keyword(":SOUR1:BURS:IDLE", "FPT"),
+            expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
+            expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
+            expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
+            expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
+            expect_keyword(":SOUR1:BURS:IDLE", "FPT"),
             self.expected_idle_amplitude,
-            settings.expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
+            expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
         )
 
     def set_up(self, levels: Levels) -> None:
@@ -128,8 +134,8 @@ class Dg1000zDialect(RigolDialect):
 
 NEUTRAL_DG4000 = (
     NORMAL_POLARITY,
-    settings.NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
-    settings.NeutralSetting(":SOUR1:MOD:STAT", "OFF", ("OFF", "0"), optional=True),
+    NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
+    NeutralSetting(":SOUR1:MOD:STAT", "OFF", ("OFF", "0"), optional=True),
     NO_COUPLING,
 )
 
@@ -158,28 +164,28 @@ class Dg800Dialect(RigolDialect):
         return DG4000_POINTS if self._is_dg4000 else PACKET_POINTS
 
     @property
-    def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
+    def neutral_settings(self) -> Sequence[NeutralSetting]:
         return NEUTRAL_DG4000 if self._is_dg4000 else (NORMAL_POLARITY, *OTHER_CHANNEL_OFF)
 
-    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         room_v = levels.span_v / 2
         yield self.expected_load
         yield from self.common_settings(levels)
         yield from (
-            settings.expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
-            settings.expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
-            settings.expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
-            settings.expect_value(":SOUR1:BURS:TDEL", 0.0, 1e-6),
-            settings.expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
-            settings.expect_value(":SOUR1:VOLT", levels.span_v, settings.LEVEL_TOLERANCE_V),
+            expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
+            expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
+            expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            expect_value(":SOUR1:BURS:TDEL", 0.0, 1e-6),
+            expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
+            expect_value(":SOUR1:VOLT", levels.span_v),
         )
         if self._is_dg4000:
-            yield settings.expect_keyword(":SOUR2:FUNC", "SIN")
+            yield expect_keyword(":SOUR2:FUNC", "SIN")
         else:
-            yield settings.expect_keyword(":SOUR1:BURS:IDLE", "FPT")
-            yield settings.expect_value(":OUTP1:VOLL:LOW", levels.low_v - room_v, settings.LEVEL_TOLERANCE_V)
-            yield settings.expect_value(":OUTP1:VOLL:HIGH", levels.high_v + room_v, settings.LEVEL_TOLERANCE_V)
-            yield settings.expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
+            yield expect_keyword(":SOUR1:BURS:IDLE", "FPT")
+            yield expect_value(":OUTP1:VOLL:LOW", levels.low_v - room_v)
+            yield expect_value(":OUTP1:VOLL:HIGH", levels.high_v + room_v)
+            yield expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
 
     def set_up(self, levels: Levels) -> None:
         if not self._is_dg4000:

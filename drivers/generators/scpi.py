@@ -7,9 +7,17 @@ from typing import ClassVar
 
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators import settings
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import ConfirmedCommand, Levels
+from drivers.generators.dialect import (
+    ConfirmedCommand,
+    ExpectedSetting,
+    Levels,
+    NeutralSetting,
+    check_readback,
+    expect_keyword,
+    expect_range,
+    expect_value,
+)
 from drivers.transport import ScpiSession
 
 
@@ -36,9 +44,9 @@ class ScpiDialect:
         self._unknown_headers: set[str] = set()  # optional settings that this instrument has rejected as unknown
 
     @property
-    def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
+    def neutral_settings(self) -> Sequence[NeutralSetting]:
         """Persistent settings of other users; by default the polarity, if the instrument has it."""
-        return (settings.NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
+        return (NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
 
     def write_checked(self, *commands: str) -> None:
         """Send commands one by one, each confirmed by the error queue."""
@@ -94,7 +102,7 @@ class ScpiDialect:
         self.write_checked(f"{header} {setpoint:.10g}")
         quantity = "the sample rate" if self.RATE_IS_SAMPLE_RATE else "the frequency"
         seen = self.scpi.query_float(f"{header}?")
-        settings.check_readback(self.scpi.instrument, seen, setpoint, 1e-6 * setpoint + 1e-6, quantity)
+        check_readback(self.scpi.instrument, seen, setpoint, 1e-6 * setpoint + 1e-6, quantity)
 
     def set_cycles(self, cycles: int) -> None:
         self.write_checked(f"{self.SOURCE_PREFIX}BURS:NCYC {cycles:d}")
@@ -112,27 +120,27 @@ class ScpiDialect:
         # Burst mode waits for its trigger after it is switched on again; in between a few millivolts are played.
         return [self._command(f"{self.SOURCE_PREFIX}BURS:STAT {state}") for state in ("OFF", "ON")]
 
-    def common_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def common_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         """Return the expected settings with common headers."""
         source = self.SOURCE_PREFIX
         yield from (
-            settings.expect_keyword(f"{source}VOLT:UNIT", "VPP"),
-            settings.expect_value(f"{source}VOLT:OFFS", levels.rest_v, settings.LEVEL_TOLERANCE_V),
-            settings.expect_keyword(f"{source}BURS:STAT", "1", "ON"),
-            settings.expect_keyword(f"{source}BURS:MODE", "TRIG", "TRIGGERED"),
-            settings.expect_range(f"{source}BURS:NCYC", 1, self.capabilities.max_burst_cycles),
+            expect_keyword(f"{source}VOLT:UNIT", "VPP"),
+            expect_value(f"{source}VOLT:OFFS", levels.rest_v),
+            expect_keyword(f"{source}BURS:STAT", "1", "ON"),
+            expect_keyword(f"{source}BURS:MODE", "TRIG", "TRIGGERED"),
+            expect_range(f"{source}BURS:NCYC", 1, self.capabilities.max_burst_cycles),
         )
         yield from (setting.expected for setting in self.neutral_settings)
 
     @property
-    def expected_load(self) -> settings.ExpectedSetting:
+    def expected_load(self) -> ExpectedSetting:
         """The high-impedance load."""
-        return settings.expect_range(self.LOAD_HEADER, 1e9, math.inf)
+        return expect_range(self.LOAD_HEADER, 1e9, math.inf)
 
     @property
-    def expected_idle_amplitude(self) -> settings.ExpectedSetting:
+    def expected_idle_amplitude(self) -> ExpectedSetting:
         """The amplitude between drives with a held range."""
-        return settings.expect_range(f"{self.SOURCE_PREFIX}VOLT", 0.0, 2 * self.capabilities.idle_amplitude_vpp)
+        return expect_range(f"{self.SOURCE_PREFIX}VOLT", 0.0, 2 * self.capabilities.idle_amplitude_vpp)
 
     def set_high_impedance_load(self) -> None:
         """Declare a high-impedance load: with 50 ohm declared, the amplifier would get twice the voltage."""

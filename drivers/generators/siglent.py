@@ -25,10 +25,18 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators import settings
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import ConfirmedCommand, Levels
+from drivers.generators.dialect import (
+    LEVEL_TOLERANCE_V,
+    ConfirmedCommand,
+    ExpectedSetting,
+    Levels,
+    check_readback,
+    expect_keyword,
+    expect_range,
+    expect_value,
+)
 from drivers.generators.waveform import Points
 from drivers.transport import ScpiSession
 
@@ -117,7 +125,7 @@ class SiglentSession:
     def set_number(self, name: str, value: float, tolerance: float) -> None:
         """Set a number and read it back."""
         self.scpi.link.write(number_command(name, value))
-        settings.check_readback(self.scpi.instrument, self.number(name), value, tolerance, name)
+        check_readback(self.scpi.instrument, self.number(name), value, tolerance, name)
 
     def set_keywords(self, command: str, **values: str) -> None:
         """Set keywords and read them back."""
@@ -166,7 +174,7 @@ class WaveformStore:
         self._select(name)
         for setting, level in zip(("BSWV AMP", "BSWV OFST"), levels[1:], strict=True):
             seen = self._session.number(setting)
-            settings.check_readback(self._session.scpi.instrument, seen, level, settings.LEVEL_TOLERANCE_V, setting)
+            check_readback(self._session.scpi.instrument, seen, level, LEVEL_TOLERANCE_V, setting)
 
     def _name_to_overwrite(self) -> str:
         """Return a name that is not on the output: a free one, or the least recently used one."""
@@ -257,20 +265,20 @@ class SiglentDialect:
     def forget_waveforms(self) -> None:
         self._waveforms.forget()
 
-    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield from (
-            settings.expect_keyword("OUTP LOAD", "HZ"),
-            settings.expect_keyword("OUTP PLRT", "NOR"),
-            *(settings.expect_keyword(name, *values, optional=True) for name, values, _ in self._foreign_settings()),
-            settings.expect_keyword("BSWV WVTP", "ARB"),
-            settings.expect_value("BSWV OFST", levels.rest_v, settings.LEVEL_TOLERANCE_V),
-            settings.expect_value("BSWV AMP", levels.span_v, settings.LEVEL_TOLERANCE_V),
-            settings.expect_keyword("BTWV STATE", "ON"),
-            settings.expect_keyword("BTWV GATE_NCYC", "NCYC"),
-            settings.expect_keyword("BTWV TRSR", "MAN"),
-            settings.expect_value("BTWV STPS", 0.0, 1e-3),
-            settings.expect_range("BTWV TIME", 1, self.capabilities.max_burst_cycles),
-            settings.ExpectedSetting("BTWV DLAY", low=0.0, high=1e-6, optional=True),
+            expect_keyword("OUTP LOAD", "HZ"),
+            expect_keyword("OUTP PLRT", "NOR"),
+            *(expect_keyword(name, *values, optional=True) for name, values, _ in self._foreign_settings()),
+            expect_keyword("BSWV WVTP", "ARB"),
+            expect_value("BSWV OFST", levels.rest_v),
+            expect_value("BSWV AMP", levels.span_v),
+            expect_keyword("BTWV STATE", "ON"),
+            expect_keyword("BTWV GATE_NCYC", "NCYC"),
+            expect_keyword("BTWV TRSR", "MAN"),
+            expect_value("BTWV STPS", 0.0, 1e-3),
+            expect_range("BTWV TIME", 1, self.capabilities.max_burst_cycles),
+            ExpectedSetting("BTWV DLAY", low=0.0, high=1e-6, optional=True),
         )
 
     def _foreign_settings(self) -> Iterable[tuple[str, tuple[str, ...], Sequence[str]]]:

@@ -15,23 +15,29 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from drivers.generators import settings
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import Levels
+from drivers.generators.dialect import (
+    ExpectedSetting,
+    Levels,
+    NeutralSetting,
+    expect_keyword,
+    expect_value,
+)
 from drivers.generators.scpi import ScpiDialect
-from drivers.generators.waveform import Points, definite_length_block
+from drivers.generators.waveform import Points
+from drivers.transport import definite_length_block
 
 FULL_SCALE = 16382
 
-NORMAL_POLARITY = settings.NeutralSetting("OUTP1:POL", "NORM", ("NORM", "NORMAL"), optional=True)
-NO_ADDED_SIGNAL = settings.NeutralSetting("SOUR1:COMB:FEED", '""', ('""', "''", ""), optional=True)
+NORMAL_POLARITY = NeutralSetting("OUTP1:POL", "NORM", ("NORM", "NORMAL"), optional=True)
+NO_ADDED_SIGNAL = NeutralSetting("SOUR1:COMB:FEED", '""', ('""', "''", ""), optional=True)
 NO_CONCURRENT_CHANNELS = tuple(
-    settings.NeutralSetting(f"{source}:{quantity}:CONC:STAT", "OFF", ("0", "OFF"), optional=True)
+    NeutralSetting(f"{source}:{quantity}:CONC:STAT", "OFF", ("0", "OFF"), optional=True)
     for source in ("SOUR1", "SOUR2")
     for quantity in ("VOLT", "FREQ")
 )
-NO_SEQUENCER = settings.NeutralSetting("SEQC:STAT", "OFF", ("0", "OFF"), optional=True)
+NO_SEQUENCER = NeutralSetting("SEQC:STAT", "OFF", ("0", "OFF"), optional=True)
 
 
 class AfgDialect(ScpiDialect):
@@ -60,28 +66,28 @@ class AfgDialect(ScpiDialect):
         return 8192 if self._is_afg1000 else 65_536
 
     @property
-    def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
+    def neutral_settings(self) -> Sequence[NeutralSetting]:
         if self._is_afg1000:
             return (NORMAL_POLARITY,)
         sequencer = (NO_SEQUENCER,) if self._is_afg31000 else ()
         return (NORMAL_POLARITY, NO_ADDED_SIGNAL, *NO_CONCURRENT_CHANNELS, *sequencer)
 
-    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield from self.common_settings(levels)
         yield from (
-            settings.expect_keyword("SOUR1:FUNC:SHAP", "EMEM", "EMEMORY", "EMEM1"),
-            settings.expect_keyword("SOUR1:FREQ:MODE", "CW", "FIX", "FIXED"),
-            settings.expect_value("SOUR1:BURS:TDEL", 0.0, 1e-9),
-            settings.expect_keyword("TRIG:SOUR", "EXT"),
-            settings.expect_value("SOUR1:VOLT", levels.span_v, settings.LEVEL_TOLERANCE_V),
+            expect_keyword("SOUR1:FUNC:SHAP", "EMEM", "EMEMORY", "EMEM1"),
+            expect_keyword("SOUR1:FREQ:MODE", "CW", "FIX", "FIXED"),
+            expect_value("SOUR1:BURS:TDEL", 0.0, 1e-9),
+            expect_keyword("TRIG:SOUR", "EXT"),
+            expect_value("SOUR1:VOLT", levels.span_v),
         )
         if self._is_afg31000:
-            yield settings.expect_keyword("SOUR1:BURS:IDLE", "START", "STAR")
+            yield expect_keyword("SOUR1:BURS:IDLE", "START", "STAR")
         if not self._is_afg1000:
             room_v = levels.span_v / 2
             yield self.expected_load
-            yield settings.expect_value("SOUR1:VOLT:LIM:LOW", levels.low_v - room_v, settings.LEVEL_TOLERANCE_V)
-            yield settings.expect_value("SOUR1:VOLT:LIM:HIGH", levels.high_v + room_v, settings.LEVEL_TOLERANCE_V)
+            yield expect_value("SOUR1:VOLT:LIM:LOW", levels.low_v - room_v)
+            yield expect_value("SOUR1:VOLT:LIM:HIGH", levels.high_v + room_v)
 
     def set_up(self, levels: Levels) -> None:
         if not self._is_afg1000:

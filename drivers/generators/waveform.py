@@ -75,9 +75,3 @@ def repetition(drive: ArbitraryDrive) -> tuple[float, int]:
 
 def _period_s(drive: ArbitraryDrive) -> float:
     return drive.period_s if isinstance(drive, PeriodicSweep | SquareWave) else drive.duration_s
-
-
-def definite_length_block(data: bytes) -> str:
-    """Return an IEEE 488.2 definite-length block, its bytes as Latin-1 text."""
-    length = str(len(data))
-    return f"#{len(length)}{length}{data.decode('latin-1')}"

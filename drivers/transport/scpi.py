@@ -201,3 +201,9 @@ class ScpiSession:
                 f"{self.instrument}: '*IDN?' was answered by '{','.join(parts)[:60]}'; is this the instrument?"
             )
         return Identity(*[*parts, "", ""][:4])
+
+
+def definite_length_block(data: bytes) -> str:
+    """Return an IEEE 488.2 definite-length block, its bytes as Latin-1 text."""
+    length = str(len(data))
+    return f"#{len(length)}{length}{data.decode('latin-1')}"

@@ -1,13 +1,13 @@
 """M, C, K and B of Eqs. (13)-(14): linear in the physical parameters over Gram integrals of the geometry alone."""
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model import Array, Beam, gauss_legendre
+from model import Array, Beam
 from model.beam.basis import check_shape_count, shape_functions, wavenumbers
 
 
@@ -58,8 +58,12 @@ def _one_gram(l1: float, l2: float, n: int) -> Gram:
     return g
 
 
+_gauss_legendre = cache(np.polynomial.legendre.leggauss)
+"""Nodes and weights of Gauss-Legendre quadrature on -1..1, of a number of nodes."""
+
+
 def _integrate(l1: Array, l2: Array, n: int) -> Gram:
-    nodes, weights = gauss_legendre(16 + 2 * n)
+    nodes, weights = _gauss_legendre(16 + 2 * n)
     t, weight = (nodes + 1) / 2, weights / 2
     ends = np.stack((np.zeros_like(l1), l1, l2, np.ones_like(l1)), axis=-1)
     length = np.diff(ends, axis=-1)

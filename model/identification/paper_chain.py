@@ -72,7 +72,7 @@ class PaperChainOptions:
 
     Attributes:
         tactor, membrane: values of parameters that are not identified.
-        contact_length: as in `model.skin_model.skin`.
+        contact_length: as in `model.skin`.
         static_weight: weight of static loading in step 1; mass resonance has 1 minus this weight. Each of the two distances is
             the sum of squares over the sum of squares of the measured values; the paper does not state its weights, and these are
             independent of units and numbers of points. One half by default.

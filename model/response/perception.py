@@ -7,10 +7,14 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike
 
-from model import THRESHOLD_M as THRESHOLD_M
-from model import UNCOMFORTABLE_HZ as UNCOMFORTABLE_HZ
 from model import Array, ParameterError, ParameterSpec
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC as PERIODIC_FREQUENCY_SPEC
+
+THRESHOLD_M = 50e-6
+"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
+
+UNCOMFORTABLE_HZ = 200.0, 250.0
+"""Range of the frequency above which vibration tends to be uncomfortable (paper, Sec. I, ref. [22])."""
 
 THRESHOLD_SPEC = ParameterSpec("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
 

@@ -1,6 +1,5 @@
 from .aspects import Aspects as Aspects
 from .channels import ChannelCalibration as ChannelCalibration
-from .conditions import RunConditions as RunConditions
 from .events import EVENTS as EVENTS
 from .events import INTERFERENCE_AT_REST as INTERFERENCE_AT_REST
 from .events import BenchArmed as BenchArmed
@@ -58,6 +57,7 @@ from .records import InterferenceLine as InterferenceLine
 from .records import PlanEntry as PlanEntry
 from .records import Recording as Recording
 from .records import Role as Role
+from .records import RunConditions as RunConditions
 from .records import Series as Series
 from .records import SeriesAxis as SeriesAxis
 from .records import StreamedRecording as StreamedRecording
@@ -82,10 +82,11 @@ from .steps import SettlingResult as SettlingResult
 from .steps import Step as Step
 from .steps import StepResult as StepResult
 from .steps import WaitForDetection as WaitForDetection
-from .text import MAX_NESTING as MAX_NESTING
-from .text import check_values as check_values
+from .text import MAX_TOML_BYTES as MAX_TOML_BYTES
 from .text import parse_json_object as parse_json_object
+from .text import parse_toml as parse_toml
 from .text import read_json_file as read_json_file
+from .text import read_toml_text as read_toml_text
 from .text import to_jsonable as to_jsonable
 from .text import visible_text as visible_text
 from .text import visible_values as visible_values

@@ -1,9 +1,11 @@
-"""Text from files: control characters made visible, JSON objects of bounded depth and numbers; values as JSON types."""
+"""Text from files: control characters made visible, JSON and TOML of bounded length, depth and numbers; values as JSON types."""
 
 import json
 import math
 import os
 import re
+import tomllib
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -15,6 +17,10 @@ MAX_NESTING = 40
 """Largest depth of lists and objects in a JSON or TOML text; the program's own texts have six levels."""
 MAX_JSON_BYTES = 20_000_000
 """Longest JSON file; a campaign, notes or calibrations have some kilobytes."""
+MAX_TOML_BYTES = 1_000_000
+"""Most characters of a TOML file; a longer file is something else."""
+TOML_KEY = re.compile(r"^[^,=\n]*(?:=|\])", re.MULTILINE)
+"""Beginning of a line with a dotted key; the time to parse one grows with the square of its parts."""
 MAX_INTEGER_BITS = 64
 """Longest integer of a JSON or TOML text."""
 
@@ -48,7 +54,7 @@ def parse_json_object(text: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError("it is not a JSON object")
     if text.count("[") + text.count("{") > MAX_NESTING:
-        check_values(value)
+        _check_values(value)
     return value
 
 
@@ -70,6 +76,47 @@ def read_json_file(path: Path) -> dict[str, Any]:
         raise ValueError("it is not UTF-8 text") from None
 
 
+def read_toml_text(
+    path: Path, name: str, kind: str, error_of: Callable[[str], Exception], missing: str | None = None
+) -> str:
+    """Return the text of a TOML file.
+
+    Args:
+        path: of the file.
+        name: of the file in messages.
+        kind: kind of file, in messages.
+        error_of: function that makes the exception of a message, raised for an unreadable or too long file.
+        missing: text in place of a file that does not exist; None: its absence is an error.
+    """
+    try:
+        with open_regular(path, "r", encoding="utf-8") as file:
+            text: str = file.read(MAX_TOML_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if missing is not None and isinstance(error, FileNotFoundError):
+            return missing
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise error_of(f"{name} cannot be read: {reason}") from error
+    if len(text) > MAX_TOML_BYTES:
+        raise error_of(f"{path} is longer than {MAX_TOML_BYTES / 1e6:g} MB and no {kind}")
+    return text
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text.
+
+    Raises:
+        ValueError: it is not TOML, is nested too deeply, or has integers beyond 64 bits.
+    """
+    if any(key[0].count(".") > MAX_NESTING for key in TOML_KEY.finditer(text)):
+        raise ValueError("it is nested too deeply")
+    try:
+        tables = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    _check_values(tables)
+    return tables
+
+
 def visible_values(value: Any) -> Any:
     """Return lists and dicts with control characters as escapes in every text; line feeds and tabs are kept."""
     if isinstance(value, str):
@@ -79,14 +126,14 @@ def visible_values(value: Any) -> Any:
     return [*map(visible_values, value)] if isinstance(value, list) else value
 
 
-def check_values(value: Any, depth: int = 0) -> None:
+def _check_values(value: Any, depth: int = 0) -> None:
     """Raise ValueError for values nested too deeply, and for integers beyond 64 bits."""
     if depth > MAX_NESTING:
         raise ValueError("it is nested too deeply")
     if isinstance(value, int) and value.bit_length() >= MAX_INTEGER_BITS:
         raise ValueError(f"a number has {len(str(value))} digits")
     for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        check_values(inner, depth + 1)
+        _check_values(inner, depth + 1)
 
 
 def _parse_integer(digits: str) -> int:

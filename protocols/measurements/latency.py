@@ -15,7 +15,8 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Sine, Steps
-from model import THRESHOLD_M, Array, format_quantity
+from model import Array, format_quantity
+from model.response import THRESHOLD_M
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers import ArmedBench, ScansLostError
 from protocols.base import (
@@ -22,13 +22,15 @@ from protocols.base import (
     SeriesReady,
     point_quality,
 )
-from protocols.resume import ResumeState, assess_drift
 from protocols.runner.abort_levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.executor import StepExecutor
 from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import InterruptCheck, PauseInterrupt, RunCancelled, RunRecorder
+
+if TYPE_CHECKING:
+    from protocols.resume import ResumableRun
 
 
 class EntryRunner:
@@ -57,14 +59,15 @@ class EntryRunner:
         self._lost_scans: set[int] = set()
         """Entries measured again because of lost scans."""
 
-    def run(self, armed: ArmedBench, preparation: Sequence[Prompt], resumed: ResumeState) -> None:
+    def run(self, armed: ArmedBench, preparation: Sequence[Prompt], resumed: "ResumableRun | None") -> None:
         """Measure every entry without a point, and the entries to repeat."""
-        self._progress.queue_remaining(resumed.repeat_entries)
+        self._progress.queue_remaining(resumed.repeat_entries if resumed else ())
         self._recorder.publish(self._progress.progress_event())
         self._operator_actions.prepare(armed, preparation)
         if self._protocol.rest_record_s:
             self._executor.measure_interference(armed, self._protocol.rest_record_s)
-        self._check_drift(armed, resumed)
+        if resumed is not None:
+            self._check_drift(armed, resumed)
         while (index := self._progress.next_entry()) is not None:
             self._progress.complete(index, self._measure_entry(armed, index))
             self._recorder.publish(self._progress.progress_event())
@@ -138,15 +141,15 @@ class EntryRunner:
             self._recorder.publish(LogMessage(f"{entry.label} gives no series: {error}"))
             return ()
 
-    def _check_drift(self, armed: ArmedBench, resumed: ResumeState) -> None:
-        """In a resumed run, measure the last good entry again to check for drift."""
+    def _check_drift(self, armed: ArmedBench, resumed: "ResumableRun") -> None:
+        """Measure the last good entry again to check for drift."""
         last = resumed.drift_check_entry
         if last is None or last in resumed.repeat_entries:
             return
         _, before = self._progress.measured[last]
         self._measure_entry(armed, last)
-        message, question = assess_drift(
-            self._protocol, self._progress.plan[last].label, before, self._progress.measured[last][1]
+        message, question = resumed.assess_drift(
+            self._progress.plan[last].label, before, self._progress.measured[last][1]
         )
         self._recorder.publish(LogMessage(message))
         if question is not None and self._prompts.ask(question) != question.choices[0]:

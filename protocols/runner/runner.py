@@ -41,7 +41,6 @@ from protocols.base import (
     StreamStarted,
 )
 from protocols.rehearsal import AdaptedProtocol, adapt_to_source, rehearse
-from protocols.resume import ResumeState
 from protocols.runfile import RunFileWriter, RunRecord, StorageError
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.conclusion import RunConclusion, describe_end
@@ -121,7 +120,7 @@ class Runner:
             AdaptedProtocol(request.protocol) if request.resume else adapt_to_source(request.protocol, bench.amplifier)
         )
         self._protocol, self._bench, self._preparation = self._adapted.protocol, bench, request.prepare
-        self._resume_state = request.resume.resume_state if request.resume else ResumeState()
+        self._resumed = request.resume
         # The model of the free specimen, behind this bench's amplifier.
         reference = replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
         record = initial_record(request, bench, reference, self._adapted)
@@ -212,7 +211,7 @@ class Runner:
                     )
                 )
                 try:
-                    self._entries.run(armed, self._preparation, self._resume_state)
+                    self._entries.run(armed, self._preparation, self._resumed)
                 finally:
                     with contextlib.suppress(StorageError):
                         self._recorder.publish_external()
@@ -277,16 +276,17 @@ class Runner:
             self._calibration_warning,
             *self._notes,
             self._adapted.message,
-            self._resume_state.message,
+            self._resumed.message if self._resumed else "",
             self._unattended_message(),
         ):
             if message:
                 self._recorder.publish(LogMessage(message))
         for numerics in PRELOADED_MODULES:
             importlib.import_module(numerics)
-        for entry, point in self._resume_state.points:
-            self._recorder.publish(self._plan_progress.add_point(entry, point))
-        self._entries.add_series(self._resume_state.series)
+        if self._resumed is not None:
+            for entry, point in self._resumed.points:
+                self._recorder.publish(self._plan_progress.add_point(entry, point))
+            self._entries.add_series(self._resumed.series)
 
     def _unattended_message(self) -> str:
         """Return the consequence of an unreachable operator as text; empty if the operator can be asked, or no abort level asks."""

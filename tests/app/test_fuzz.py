@@ -12,9 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.common import parse_toml
 from app.common.text_table import FORMULA_STARTS, sheet_text
-from protocols.base import parse_json_object, visible_text
+from protocols.base import parse_json_object, parse_toml, visible_text
 from tests.helpers.fuzz_runner import fuzz_apart, kind_of, problem_of
 from tests.helpers.fuzz_targets import TARGETS, Originals
 from tests.helpers.texts import CONTROLS, LETTERS, SIGNS, SURROGATES, texts

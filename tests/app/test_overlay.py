@@ -12,11 +12,11 @@ from app.identification.active_model import PAPER_MODEL
 from app.identification.calibrations import Calibrations, calibrations_path, write_calibrations
 from app.live.model_overlay import CurveRequest, ModelCurves, Overlay, ResponseCurves, curve_request_for
 from model.arrays import Array, Complex
+from model.membrane import skin
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
 from model.series import Role
-from model.skin_model import skin
 from protocols.measurements.membrane_series import MembraneSeries
 from tests.helpers.calibrations import calibration
 

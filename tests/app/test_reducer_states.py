@@ -2,8 +2,7 @@
 
 import pytest
 
-from app.session.bench_state import BenchState
-from app.session.state import OperatorAction, RunRequested, WindowEvent
+from app.session.state import BenchState, OperatorAction, RunRequested, WindowEvent
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,

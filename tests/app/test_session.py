@@ -14,7 +14,7 @@ from protocols.base import PointMeasured, PromptAnswered, PromptShown, RunEnded,
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
-from protocols.resume import ResumableRun, ResumeState
+from protocols.resume import ResumableRun
 from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from sim_hardware.plant.setup_state import initial_state
@@ -156,7 +156,7 @@ def test_stop_while_the_earlier_run_is_read_begins_none(tmp_path: Path, monkeypa
     one, _ = session(events)
     monkeypatch.setattr(
         "protocols.resume.load_resumable",
-        lambda *_: one.stop() or ResumableRun(tmp_path, SHORT, RunRecord(specimen="T1"), ResumeState()),
+        lambda *_: one.stop() or ResumableRun(tmp_path, SHORT, RunRecord(specimen="T1")),
     )
     one.start()
     one.repeat_entries(tmp_path / "run.h5", (0,), tmp_path)

@@ -5,10 +5,11 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.session.bench_state import BenchState, Lamp
 from app.session.reducer import reduce
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
+    BenchState,
+    Lamp,
     OperatorAction,
     RunProgress,
     RunRequested,

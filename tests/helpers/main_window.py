@@ -20,8 +20,7 @@ from app.gui.widgets import Told, collect_garbage_here
 from app.live.session_link import SessionAdapter
 from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect
-from app.session.bench_state import Observation
-from app.session.session import SessionEvent
+from app.session.session import Observation, SessionEvent
 from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest
 

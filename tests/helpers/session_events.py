@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from app.session.bench_state import Observation
-from app.session.session import BenchOpened
+from app.session.session import BenchOpened, Observation
 from drivers.bench.card_reading import CardReading
 from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale

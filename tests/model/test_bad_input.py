@@ -9,16 +9,15 @@ import pytest
 from annotated_types import Interval, Unit
 
 from model.amplifier_map import AmplifierMap
-from model.membrane import sag
+from model.membrane import sag, skin
 from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
-from model.parameters import Membrane, Tactor, beams
+from model.parameters import Membrane, Skin, Tactor, beams
 from model.response.closed_form import exact_response
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import amplifier_response, frequency_response, poles, tactor_modal_form
 from model.response.latency import sine_latency, step_latency, step_response
 from model.response.perception import PerceptionThreshold, usable_bands
 from model.response.statics import deflection
-from model.skin_model import Skin, skin
 from model.specimen import Specimen
 from model.studies.parameter_study import Study
 from model.studies.sensitivity import sobol_indices_of

@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from model.membrane import skin
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response, frequency_response
 from model.response.perception import ABDOMEN_THRESHOLD, SITES, PerceptionThreshold, perception_margin, usable_bands
-from model.skin_model import skin
 from model.studies.figures_of_the_paper import PaperFigure, paper_figures
 
 F = np.arange(1.0, 251.0)

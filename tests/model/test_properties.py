@@ -10,12 +10,11 @@ from numpy.polynomial.legendre import leggauss
 from model.beam.galerkin import gram, matrices
 from model.beam.hermite import hermite_gram
 from model.beam.poles import modal_form, receptance
-from model.parameters import Tactor
+from model.parameters import NO_SKIN, Skin, Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import frequency_response, system_matrices, tactor_modal_form
 from model.response.modes import natural_frequencies
 from model.response.statics import deflection, load_compliance, voltage_gain
-from model.skin_model import NO_SKIN, Skin
 from tests.helpers.model.strategies import pairs, tactors
 
 few = settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no failure of physics

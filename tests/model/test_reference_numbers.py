@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from model.amplifier_map import AmplifierMap
-from model.membrane import sag, weight_per_length
-from model.parameters import Membrane, Tactor
+from model.membrane import point_stiffness, sag, skin, weight_per_length
+from model.parameters import NO_SKIN, Membrane, Skin, Tactor
 from model.response.closed_form import exact_response
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import amplifier_response, frequency_response, poles
 from model.response.latency import step_latency
 from model.response.modes import damping_ratios, natural_frequencies
 from model.response.statics import load_compliance, voltage_gain
-from model.skin_model import NO_SKIN, Skin, point_stiffness, skin
 
 TABLE = np.array(
     [

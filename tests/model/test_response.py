@@ -5,7 +5,8 @@ import pytest
 
 from model.amplifier_map import AmplifierMap
 from model.beam.poles import modal_form, receptance
-from model.parameters import Membrane, Tactor
+from model.membrane import skin
+from model.parameters import Membrane, Skin, Tactor
 from model.response.closed_form import exact_response
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import (
@@ -18,7 +19,6 @@ from model.response.harmonic_response import (
     tactor_modal_form,
 )
 from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
-from model.skin_model import Skin, skin
 from tests.helpers.sampled import march, sampled_series
 
 ON = skin(Membrane(), 0.01)

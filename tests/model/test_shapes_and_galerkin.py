@@ -6,12 +6,12 @@ import pytest
 from model.beam.basis import load_shape, moment_shape, shape_functions, symmetric_modes, wavenumbers
 from model.beam.galerkin import gram
 from model.beam.hermite import hermite_gram
+from model.membrane import skin
 from model.parameter_spec import ParameterError
-from model.parameters import Membrane, Tactor
+from model.parameters import Membrane, Skin, Tactor
 from model.response.harmonic_response import frequency_response
 from model.response.modes import natural_frequencies
 from model.response.shape_choice import choose_shapes
-from model.skin_model import Skin, skin
 from model.studies.shape_function_convergence import convergence
 
 XI = np.linspace(0, 1, 41)
@@ -77,7 +77,7 @@ def test_gram_integrals_do_not_depend_on_the_rule(monkeypatch: pytest.MonkeyPatc
 
     coarse = {n: gram(0.3601, 0.6802, n) for n in (3, 7, 20)}
     nodes, weights = np.polynomial.legendre.leggauss(300)
-    monkeypatch.setattr(galerkin, "gauss_legendre", lambda count: (nodes, weights))
+    monkeypatch.setattr(galerkin, "_gauss_legendre", lambda count: (nodes, weights))
     for n, g in coarse.items():
         fine = galerkin._integrate(np.asarray(0.3601), np.asarray(0.6802), n)
         assert g.parts == pytest.approx(fine.parts, abs=1e-8 * abs(fine.parts).max())

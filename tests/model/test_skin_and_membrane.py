@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from model.membrane import sag
+from model.membrane import _g, point_stiffness, sag, skin
 from model.parameters import Membrane, Tactor
-from model.skin_model import _g, point_stiffness, skin
 
 M = Membrane()
 

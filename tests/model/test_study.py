@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from model.membrane import skin
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response, frequency_response
-from model.skin_model import skin
 from model.specimen import Specimen
 from model.studies.parameter_study import STUDY_PRESETS, Study
 from model.studies.sensitivity import sobol_indices_of

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from model.amplifier_map import AmplifierMap
-from model.parameters import Membrane, Tactor
+from model.membrane import skin
+from model.parameters import Membrane, Skin, Tactor
 from model.response.harmonic_response import frequency_response, tactor_modal_form
 from model.response.latency import sine_latency, step_latency, step_response
 from model.response.statics import voltage_gain
-from model.skin_model import Skin, skin
 from tests.helpers.model.sweep_response import chirp_response, sweep_response
 from tests.helpers.sampled import march
 

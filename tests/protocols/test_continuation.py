@@ -10,8 +10,9 @@ import pytest
 
 from protocols import registry
 from protocols.base import EntryStarted, LogMessage, PointMeasured, Quality, RunStatus
-from protocols.resume import assess_drift, load_resumable
+from protocols.resume import ResumableRun, load_resumable
 from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.record import RunRecord
 from tests.helpers.level_protocol import LEVELS, Handy, Levels, resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -89,6 +90,6 @@ def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) 
 def test_a_change_of_more_than_four_standard_errors_is_asked_about(sigmas: float, asks: bool) -> None:
     error = 0.1 / sigmas / math.sqrt(2)
     first, second = (SimpleNamespace(displacement=value, displacement_errors=error) for value in (1.0, 1.1))
-    message, question = assess_drift(LEVELS, "2.2 V", first, second)
+    message, question = ResumableRun(Path(), LEVELS, RunRecord(specimen="T1")).assess_drift("2.2 V", first, second)
     assert "+10.00 %" in message
     assert (question is not None) is asks

@@ -163,7 +163,7 @@ def test_the_operator_may_ignore_a_level_for_the_rest_of_the_run(tmp_path: Path)
 class Unreachable(Answering):
     """An operator who cannot answer."""
 
-    unreachable_reason = "standard input is not a terminal"
+    unreachable_reason = "nobody is there"
 
 
 def test_where_nobody_can_be_asked_the_run_says_so_at_its_start_and_ends_at_rest(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_where_nobody_can_be_asked_the_run_says_so_at_its_start_and_ends_at_rest
         ran = run(SHORT, tmp_path, lab, operator=operator)
     first = next(event.text for event in ran.events if isinstance(event, LogMessage))
     assert first.startswith(
-        "Nobody can answer: standard input is not a terminal. An abort level with the action 'ask' (stroke, "
+        f"Nobody can answer: {Unreachable.unreachable_reason}. An abort level with the action 'ask' (stroke, "
     )
     assert "rate" not in first
     assert (ran.status, ran.verdict.outcome) == (RunStatus.FAILED, Outcome.FAILED)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.parameters import Tactor
+from model.membrane import skin
+from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
-from model.skin_model import Membrane, skin
 from protocols.base import LogMessage, PromptShown, Quality
 from protocols.measurements.membrane_series import MembraneSeries
 from protocols.runfile.reader import Run

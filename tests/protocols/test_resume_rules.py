@@ -11,7 +11,7 @@ import pytest
 
 from protocols import resume, runfile
 from protocols.base import Quality, RunStatus
-from protocols.resume import assess_drift, find_entries, load_resumable, measured_points
+from protocols.resume import ResumableRun, find_entries, load_resumable, measured_points
 from protocols.runfile.errors import RunReadError
 from protocols.runfile.record import RunRecord
 
@@ -80,7 +80,7 @@ def earlier(monkeypatch: pytest.MonkeyPatch) -> Earlier:
 
 def test_the_last_point_of_every_entry_is_carried_over_and_the_last_entry_checked(earlier: Earlier) -> None:
     earlier()
-    state = load_resumable(FILE).resume_state
+    state = load_resumable(FILE)
     assert state.points == ((0, Point(150.0, (0.0, 1.0))), (1, Point(152.0, (4.0, 5.0))))
     assert state.drift_check_entry == 1
     assert state.message == "Continues earlier.h5 (stopped), 2 points carried over"
@@ -90,7 +90,7 @@ def test_the_last_point_of_every_entry_is_carried_over_and_the_last_entry_checke
 def test_a_point_whose_entry_the_plan_has_no_more_is_left_behind(earlier: Earlier) -> None:
     for plan in (("150 Hz", "160 Hz"), ("150 Hz",)):
         earlier(plan)
-        state = load_resumable(FILE).resume_state
+        state = load_resumable(FILE)
         assert [entry for entry, _ in state.points] == [0]
         assert state.drift_check_entry == 0
         assert state.message.endswith("1 points carried over, 1 dropped: the plan has other entries in their place now")
@@ -98,7 +98,7 @@ def test_a_point_whose_entry_the_plan_has_no_more_is_left_behind(earlier: Earlie
 
 def test_an_entry_that_is_measured_again_needs_no_drift_check(earlier: Earlier) -> None:
     earlier()
-    state = load_resumable(FILE, [1]).resume_state
+    state = load_resumable(FILE, [1])
     assert state.drift_check_entry is None
     assert state.repeat_entries == {1}
     for unknown in (-1, 4):
@@ -181,7 +181,9 @@ def test_a_run_without_flagged_points_has_nothing_to_measure_again(earlier: Earl
 
 def drift(first: dict[str, float], second: dict[str, float]) -> tuple[str, bool]:
     protocol: Any = SimpleNamespace(axes=("frequency", "peak"))
-    message, prompt = assess_drift(protocol, "155 Hz", SimpleNamespace(**first), SimpleNamespace(**second))
+    message, prompt = ResumableRun(FILE, protocol, RunRecord(specimen="T1")).assess_drift(
+        "155 Hz", SimpleNamespace(**first), SimpleNamespace(**second)
+    )
     return message, prompt is not None
 
 

@@ -214,10 +214,10 @@ def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, m
     with laboratory() as lab:
         stop = Trigger(lambda e: isinstance(e, PointMeasured), cancel.set)
         first = run(protocol, tmp_path, lab, stop, cancel=cancel)
-        whole = load_resumable(first.path).resume_state.series
+        whole = load_resumable(first.path).series
         with h5py.File(first.path, "r+") as file:
             del file["entry/curves"]  # as a killed program leaves it
-        found = load_resumable(first.path).resume_state.series
+        found = load_resumable(first.path).series
         assert [c.entry for c in found] == [c.entry for c in whole] == [0]
         np.testing.assert_allclose(found[0].plotted, whole[0].plotted, rtol=1e-14)
         second = resumed(first.path, tmp_path, lab)

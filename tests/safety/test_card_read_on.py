@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from app.session.bench_connection import BenchConnection
-from app.session.bench_state import Lamp
 from app.session.reducer import BenchFollower
 from app.session.session import Session
+from app.session.state import Lamp
 from drivers.bench.card_reading import CardReading
 from drivers.errors import ScansLostError
 from protocols.base import BlockStored, DriveStarted, Event, EventBus, RunStatus

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.generators.waveform import definite_length_block
+from drivers.transport import definite_length_block
 from sim_hardware.wires.scpi_engine import extract_blocks, restore_block, split_received
 
 NASTY = b'\n;,"#15\n\x00\xff WAVEDATA,'

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from drivers.errors import BenchError
-from model.membrane import sag
+from model.membrane import sag, skin
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response, frequency_response, poles
 from model.response.modes import natural_frequencies
 from model.response.statics import load_compliance, voltage_gain
-from model.skin_model import skin
 from protocols.base import Prompt
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from model.skin_model import Skin
+from model.parameters import Skin
 from sim_hardware.plant.parameters import CardParameters, GeneratorParameters, SimulationParameters
 
 

@@ -21,8 +21,8 @@ from app.config import load_bench
 from app.services.console import STILL_ON
 from app.services.prompts import prompts_of_run
 from app.session.bench_connection import connect
-from app.session.fault_injection import FaultPlan, parse_planned_fault
 from app.session.session import SessionEvent
+from app.session.simulation import FaultPlan, parse_planned_fault
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.watchdog.log import LOG_NAME
 from protocols.base import PointMeasured

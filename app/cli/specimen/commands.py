@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option, specimen_argument
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -15,7 +15,6 @@ from app.common import (
     print_line,
     print_message,
     read_stated,
-    specimen_argument,
     usage_errors,
 )
 from app.identification import (

@@ -4,8 +4,8 @@ from argparse import ArgumentTypeError
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.cli.options import FOLDER, argument, command, option
-from app.common import ExitCode, UsageError, print_line, print_message, specimen_argument, usage_errors
+from app.cli.options import FOLDER, argument, command, option, specimen_argument
+from app.common import ExitCode, UsageError, print_line, print_message, usage_errors
 from app.identification import SheetError, make_label
 from protocols.base import open_regular
 from protocols.runfile import safe_name

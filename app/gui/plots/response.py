@@ -29,7 +29,8 @@ from app.gui.plots.picture import (
 )
 from app.gui.plots.series import SERIES, AmplitudeSeries
 from app.live import COVERAGE, ModelCurves, ResponseCurves
-from model import THRESHOLD_M, UNCOMFORTABLE_HZ, Array
+from model import Array
+from model.response import THRESHOLD_M, UNCOMFORTABLE_HZ
 from protocols.base import Quality
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from app.common.exit_codes import ExitCode, UsageError
 from app.config.bench_file import load_bench
 from app.config.discovery import find_devices
 from app.session.bench_connection import connect
-from app.session.fault_injection import FaultPlan
+from app.session.simulation import FaultPlan
 from drivers.clock import WallClock
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError
 from drivers.transport.visa import list_resources

@@ -16,7 +16,7 @@ from app.gui import application
 from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import STOPPED, CommissioningJob
-from app.session.bench_state import BenchState
+from app.session.state import BenchState
 from protocols.measurements.sine_dwell import SineDwell
 from tests.app.test_bench_editing import comment_of
 from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window

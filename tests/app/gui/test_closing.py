@@ -15,7 +15,7 @@ from app.gui.application import InitialForm, OpenedBench, open_window
 from app.gui.shell.main_window import MainWindow
 from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.bench_connection import connect
-from app.session.bench_state import BenchState
+from app.session.state import BenchState
 from drivers.deadlines import Deadline
 from drivers.generators.keysight import Keysight33500
 from protocols.base import RunStatus

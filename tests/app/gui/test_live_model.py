@@ -20,9 +20,9 @@ from app.live.estimates import LiveEstimator
 from drivers.sensors.laser_sensor import LaserSensor
 from model import quantity_label
 from model.amplifier_map import AmplifierMap
+from model.membrane import skin
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
-from model.skin_model import skin
 from protocols.base import PointMeasured, Quality, RunEnded, RunStatus
 from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell, SinePoint

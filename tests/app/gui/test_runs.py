@@ -15,7 +15,7 @@ from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
 from app.live.model_overlay import Overlay
-from app.session.bench_state import BenchState
+from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import MainWindow
-from app.session.bench_state import BenchState
+from app.session.state import BenchState
 from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.resume import ResumableRun, load_resumable

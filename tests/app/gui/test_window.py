@@ -15,8 +15,8 @@ from PySide6.QtTest import QTest
 from app.gui.face import DARK, LIGHT, tokens
 from app.gui.shell.main_window import MainWindow
 from app.gui.status.prompt_card import INPUT_GUARD_S
-from app.session.bench_state import BenchState, Observation
-from app.session.session import BenchFailed, RunRejected
+from app.session.session import BenchFailed, Observation, RunRejected
+from app.session.state import BenchState
 from drivers.bench.card_reading import CardReading
 from model import quantity_label
 from protocols.base import (

@@ -19,7 +19,7 @@ import pytest
 from app.remote.server import MAX_CONNECTIONS, MAX_PER_ADDRESS, MIN_TOKEN_LENGTH, RemoteView, RemoteViewError
 from app.remote.snapshot import Snapshot, snapshot_record
 from app.session import initial_window_state, reduce
-from app.session.bench_state import Observation
+from app.session.session import Observation
 from app.session.state import TimedEvent, WindowState
 from drivers import CardReading
 from model import AmplifierMap

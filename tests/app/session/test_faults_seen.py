@@ -17,10 +17,9 @@ from pathlib import Path
 import pytest
 
 from app.session.bench_connection import BenchConnection, connect
-from app.session.bench_state import BenchState, Lamp, Observation
 from app.session.reducer import observe, reduce
-from app.session.session import BenchFailed, BenchOpened, Session, SessionEvent
-from app.session.state import TimedEvent, initial_window_state
+from app.session.session import BenchFailed, BenchOpened, Observation, Session, SessionEvent
+from app.session.state import BenchState, Lamp, TimedEvent, initial_window_state
 from app.session.strip import StripView, strip_view
 from model.amplifier_map import AmplifierMap
 from protocols.base import PointMeasured, Prompt, RunEnded

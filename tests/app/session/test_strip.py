@@ -7,10 +7,9 @@ from typing import NamedTuple
 import pytest
 
 from app.common import Severity
-from app.session.bench_state import BenchState, Lamp, Observation
 from app.session.reducer import observe, reduce
-from app.session.session import BenchFailed, MonitorFailed, MonitorStarted
-from app.session.state import OperatorAction, RunRequested, TimedEvent, WindowEvent, WindowState
+from app.session.session import BenchFailed, MonitorFailed, MonitorStarted, Observation
+from app.session.state import BenchState, Lamp, OperatorAction, RunRequested, TimedEvent, WindowEvent, WindowState
 from app.session.strip import StripView, format_measured_volts, strip_view
 from drivers.bench.card_reading import CardReading
 from drivers.drive_shapes import Hold, LinearSweep, Sine

@@ -12,13 +12,13 @@ import pytest
 
 from app.gui.status.session_controller import SessionController
 from app.live.session_link import SessionAdapter
-from app.session.bench_state import BenchState, Observation
 from app.session.reducer import observe, reduce
 from app.session.session import (
     BenchFailed,
     BlockMonitored,
     MonitorFailed,
     MonitorStarted,
+    Observation,
     RunRejected,
     SessionEvent,
     SessionState,
@@ -26,6 +26,7 @@ from app.session.session import (
 from app.session.session import Session as RealSession
 from app.session.simulation import SimulationSettings
 from app.session.state import (
+    BenchState,
     CommissioningEnded,
     OperatorAction,
     RunRequested,

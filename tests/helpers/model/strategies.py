@@ -2,8 +2,7 @@
 
 from hypothesis import strategies as st
 
-from model.parameters import Tactor
-from model.skin_model import Skin
+from model.parameters import Skin, Tactor
 
 
 def logarithmic(low: float, high: float) -> st.SearchStrategy[float]:

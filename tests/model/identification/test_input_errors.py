@@ -23,10 +23,10 @@ from model.identification.observations import (
     over_errors,
 )
 from model.identification.residuals import LeastSquaresProblem
+from model.membrane import skin
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from model.skin_model import skin
 
 T = Tactor()
 PER_NEWTON = elements(T, np.zeros(1), None, np.inf, load=True)[0].real

@@ -23,11 +23,11 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 from model.identification.residuals import PRIOR_REACH, LeastSquaresProblem
+from model.membrane import skin
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
-from model.skin_model import skin
 from tests.helpers.model.redrawn import resample
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}

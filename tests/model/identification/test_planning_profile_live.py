@@ -25,11 +25,11 @@ from model.identification.observations import (
     StaticLoadingObservation,
 )
 from model.identification.profile_likelihood import profile_interval
+from model.membrane import skin
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance
-from model.skin_model import skin
 from tests.helpers.model.redrawn import resample
 
 PERFECT = perfect(World(), Noise(), SHARED)
