@@ -1,5 +1,3 @@
-from .bench.amplifier import DriveLimits as DriveLimits
-from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
 from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
 from .bench.armed_bench import longest_unmoved_s as longest_unmoved_s
@@ -10,6 +8,8 @@ from .bench.bench import LevelSettings as LevelSettings
 from .bench.card_reading import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.card_reading import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.card_reading import CardReading as CardReading
+from .bench.drive_limits import DriveLimits as DriveLimits
+from .bench.drive_limits import HvAmplifier as HvAmplifier
 from .bench.interlock import INTERLOCK_RECOMMENDED as INTERLOCK_RECOMMENDED
 from .bench.interlock import Interlock as Interlock
 from .bench.shutdown import REST_REPEATABILITY_V as REST_REPEATABILITY_V

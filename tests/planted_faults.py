@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 AREAS: Mapping[str, Mapping[str, str]] = {
     "safety": {
-        "drivers/bench/amplifier.py": "tests/drivers/test_amplifier_commands.py tests/drivers/test_amplifier.py tests/drivers/test_bench.py",
+        "drivers/bench/drive_limits.py": "tests/drivers/test_amplifier_commands.py tests/drivers/test_amplifier.py tests/drivers/test_bench.py",
         "drivers/bench/bench.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
         "drivers/bench/armed_bench.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
         "drivers/bench/shutdown.py": "tests/drivers/test_rest.py tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",

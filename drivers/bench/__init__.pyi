@@ -1,3 +1,3 @@
-from .amplifier import DriveLimits as DriveLimits
-from .amplifier import HvAmplifier as HvAmplifier
+from .drive_limits import DriveLimits as DriveLimits
+from .drive_limits import HvAmplifier as HvAmplifier
 from .watchdog_interface import HEARTBEAT_PERIOD_S as HEARTBEAT_PERIOD_S

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.card_reading import WatchedStream
+from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
 from drivers.bench.shutdown import RestMeasurement
 from drivers.bench.watchdog_interface import Watchdog

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.card_reading import CardReading, WatchedStream
+from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
 from drivers.bench.shutdown import REST_TIMEOUT_S, REST_TOLERANCE_V, LiveWarning, SafeShutdown, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog

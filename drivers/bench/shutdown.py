@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LEVEL_V, CardReading
+from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
 from drivers.deadlines import Deadline

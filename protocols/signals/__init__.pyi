@@ -1,6 +1,8 @@
 from .creep import fit_creep as fit_creep
 from .decay import DecayFit as DecayFit
 from .decay import fit_decay as fit_decay
+from .disturbance import judge_recording as judge_recording
+from .disturbance import prediction_noise as prediction_noise
 from .extremes import MaxMin as MaxMin
 from .extremes import estimate_max_min as estimate_max_min
 from .held_level import DetectedRamp as DetectedRamp
@@ -47,5 +49,3 @@ from .sine import fit_sine as fit_sine
 from .step_detection import WeightStepDetector as WeightStepDetector
 from .swept_response import MIN_BINS_PER_LINE as MIN_BINS_PER_LINE
 from .swept_response import estimate_swept_response as estimate_swept_response
-from .whole_record import judge_recording as judge_recording
-from .whole_record import prediction_noise as prediction_noise

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive_shapes import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError

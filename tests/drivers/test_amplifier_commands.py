@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive_shapes import Drive, Hold, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError

@@ -11,8 +11,8 @@ import pytest
 from app.session.bench_connection import BenchConnection, connect
 from app.session.commissioning_gate import commissioning_state
 from drivers import Identity, Sine
-from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import safety_statement
+from drivers.bench.drive_limits import HvAmplifier
 from drivers.drive_shapes import Hold, LevelPulse
 from drivers.errors import DriveRejectedError, InstrumentError
 from protocols.base import LevelExceeded, RunStatus

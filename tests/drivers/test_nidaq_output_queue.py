@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive_shapes import Hold, LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError

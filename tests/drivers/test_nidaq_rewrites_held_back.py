@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 import pytest
 
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.drive_shapes import Drive, Hold, LinearSweep, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer

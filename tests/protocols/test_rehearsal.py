@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.config.bench_file import BenchConfig
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive_shapes import Drive, Hold, LinearSweep, Sine, Steps
 from drivers.errors import DriveRejectedError

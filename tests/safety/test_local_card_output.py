@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock
 from drivers.clock import WallClock
 from drivers.drive_shapes import Drive, Hold, Sine

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.errors import InstrumentError

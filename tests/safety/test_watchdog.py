@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from app.common.exit_codes import ExitCode
-from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock, NoWatchdog
 from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.errors import BenchError

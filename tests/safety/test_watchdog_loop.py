@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from drivers.bench.amplifier import DriveLimits
+from drivers.bench.drive_limits import DriveLimits
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 from drivers.watchdog import process

@@ -1,4 +1,4 @@
-"""Whole record: whether a recording agrees with itself, with its drive and with the noise at rest from its begin to its end.
+"""Disturbance: whether a recording agrees with itself, with its drive and with the noise at rest from its begin to its end.
 
 Every scan is predicted from the scans before it, the drive and the drive's distance from rest, because the amplifier has two
 slopes: linear prediction with exogenous inputs (Ljung, System Identification, 2nd ed., sec. 4.2), fitted anew in each stretch, so
