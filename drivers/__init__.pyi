@@ -45,7 +45,6 @@ from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
 from .errors import MEMORY_SHORT as MEMORY_SHORT
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
-from .errors import CardInUseError as CardInUseError
 from .errors import DriveRejectedError as DriveRejectedError
 from .errors import InstrumentError as InstrumentError
 from .errors import LinkError as LinkError
