@@ -16,6 +16,7 @@ from .bench.shutdown import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.shutdown import REST_TOLERANCE_V as REST_TOLERANCE_V
 from .bench.shutdown import LiveWarning as LiveWarning
 from .bench.shutdown import channel_skew_s as channel_skew_s
+from .bench.shutdown import describe_volts as describe_volts
 from .bench.shutdown import live_warning as live_warning
 from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISABLED_WARNING
 from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
@@ -45,7 +46,6 @@ from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
 from .errors import MEMORY_SHORT as MEMORY_SHORT
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
-from .errors import CardInUseError as CardInUseError
 from .errors import DriveRejectedError as DriveRejectedError
 from .errors import InstrumentError as InstrumentError
 from .errors import LinkError as LinkError

@@ -34,7 +34,6 @@ from .quantities import Quantity as Quantity
 from .quantities import current_column as current_column
 from .quantities import current_name as current_name
 from .quantities import current_parameter as current_parameter
-from .quantities import find_quantity as find_quantity
 from .quantities import quantity_label as quantity_label
 from .quantities import shown_unit as shown_unit
 from .series import COHERENCE as COHERENCE

@@ -1,13 +1,8 @@
 from .bench import SimulatedBench as SimulatedBench
 from .clock import VirtualClock as VirtualClock
 from .clock import keep_freed_memory as keep_freed_memory
-from .generators.scpi_generator import SimulatedScpiGenerator as SimulatedScpiGenerator
 from .operator import BenchControls as BenchControls
 from .operator import SimulatedOperator as SimulatedOperator
-from .plant.parameters import AmplifierParameters as AmplifierParameters
-from .plant.parameters import CardParameters as CardParameters
 from .plant.parameters import GeneratorParameters as GeneratorParameters
-from .plant.parameters import SensorParameters as SensorParameters
 from .plant.parameters import SimulationParameters as SimulationParameters
-from .plant.parameters import SupplyParameters as SupplyParameters
 from .wires.scpi_engine import ScpiCommand as ScpiCommand

@@ -1,5 +1,4 @@
 from .campaign import Campaign as Campaign
-from .plan import PAPER_ITEMS as PAPER_ITEMS
 from .plan import CampaignError as CampaignError
 from .plan import CampaignItem as CampaignItem
 from .plan import campaign_path as campaign_path
@@ -18,9 +17,7 @@ from .queue import first_item as first_item
 from .queue import next_item_after as next_item_after
 from .queue import next_value as next_value
 from .queue import rehearse_campaign as rehearse_campaign
-from .review import QualityIndicator as QualityIndicator
 from .review import ResultReview as ResultReview
-from .review import ReviewRow as ReviewRow
 from .review import review_run as review_run
 from .series import read_series_values as read_series_values
 from .series import series_curves as series_curves

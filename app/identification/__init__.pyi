@@ -22,7 +22,6 @@ from .observations import points_of_run as points_of_run
 from .observations import run_observations as run_observations
 from .observations import shape_count_of_run as shape_count_of_run
 from .perception_threshold import chosen_threshold as chosen_threshold
-from .perception_threshold import read_threshold as read_threshold
 from .recalibration import Correction as Correction
 from .result_text import ADEQUACY_TEXT as ADEQUACY_TEXT
 from .result_text import assumed_line as assumed_line
@@ -46,7 +45,6 @@ from .sheet_file import edit_sheet as edit_sheet
 from .sheet_file import group_of as group_of
 from .sheet_file import load_sheet as load_sheet
 from .sheet_file import read_sheet as read_sheet
-from .sheet_file import sheet_template as sheet_template
 from .specimen_identification import IdentificationResult as IdentificationResult
 from .specimen_identification import Method as Method
 from .specimen_identification import SheetChoice as SheetChoice

@@ -9,7 +9,6 @@ from .fields import check_form as check_form
 from .fields import field_error as field_error
 from .fields import form_fields as form_fields
 from .fields import format_parameter as format_parameter
-from .fields import make_field as make_field
 from .fields import protocol_fields as protocol_fields
 from .fields import scaled as scaled
 from .prompts import KEY_HELP as KEY_HELP

@@ -16,7 +16,6 @@ from .session import BenchFailed as BenchFailed
 from .session import BenchOpened as BenchOpened
 from .session import BlockMonitored as BlockMonitored
 from .session import ConnectedBench as ConnectedBench
-from .session import MonitorFailed as MonitorFailed
 from .session import MonitorStarted as MonitorStarted
 from .session import Observation as Observation
 from .session import Observer as Observer

@@ -4,14 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
 
-from app.common import (
-    Severity,
-    format_duration,
-    format_point,
-    format_series,
-    outcome_severity,
-    pluralize,
-)
+from app.common import Severity, format_duration, format_point, format_series, outcome_severity, pluralize
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
 from model import format_estimate, format_quantity
 from protocols import PROTOCOLS

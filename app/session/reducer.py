@@ -32,8 +32,8 @@ from app.session.state import (
     WindowEvent,
     WindowState,
 )
-from app.session.strip import KNOWN_S, PRESENT_S, StripView, describe_seen, is_off_rest, monitor_disagrees, strip_view
-from drivers import CardReading
+from app.session.strip import KNOWN_S, PRESENT_S, StripView, is_off_rest, monitor_disagrees, strip_view
+from drivers import CardReading, describe_volts
 from model import AmplifierMap
 from protocols import PROTOCOLS
 from protocols.base import (
@@ -166,7 +166,7 @@ def _describe_aim(view: WindowState, aim: str, volts: tuple[float, float]) -> tu
     if not view.off_aim:
         return Severity.INFO, f"The card sees {aim} again"
     severity = Severity.WARNING if view.phase is BenchState.IDLE else Severity.ERROR
-    return severity, f"The card does not see {aim}, but {describe_seen(volts, view.amplifier)}"
+    return severity, f"The card does not see {aim}, but {describe_volts(volts, view.amplifier)}"
 
 
 def _transition(view: WindowState, timed: TimedEvent) -> WindowState:

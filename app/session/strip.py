@@ -144,13 +144,6 @@ def is_off_rest(volts: tuple[float, float], amplifier: AmplifierMap) -> bool:
     return max(abs(v - amplifier.rest_v) for v in volts) > REST_TOLERANCE_V
 
 
-def describe_seen(volts: tuple[float, float], amplifier: AmplifierMap) -> str:
-    """Return the volts that the card measures at the amplifier's input, and the resulting volts at the specimen, as text."""
-    seen = " … ".join(dict.fromkeys(f"{round(v, 3) + 0.0:.3f}" for v in volts))
-    means = format_measured_volts(*amplifier.specimen_v(volts))
-    return f"the card sees {seen} V at the amplifier's input: about {means} on the specimen if the high voltage is on"
-
-
 def format_voltage_range(low: float, high: float) -> str:
     """`−500 … +1500 V`, `0 V`."""
     figures = [("0" if abs(v) < 0.5 else f"{v:+.0f}").replace("-", "−") for v in (low, high)]

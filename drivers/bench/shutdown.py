@@ -88,19 +88,18 @@ def live_warning(reason: object, reading: CardReading | None, amplifier_map: Amp
     if age_s > PRESENT_S:
         unread = f"The card has not been read for {age_s:.1f} s: do not rely on volts that were shown before"
         return LiveWarning(f"{begin} {unread}. {SWITCH_OFF_NOW}", age_s=age_s, part=part)
-    low_v, high_v = reading.block_v
-    low, high = (float(volts) for volts in amplifier_map.specimen_v([low_v, high_v]))
-    one_level = high_v - low_v <= LEVEL_V
-    seen = f"{(low_v + high_v) / 2:z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
-    means = f"about {(low + high) / 2:z.0f} V" if one_level else f"about {low:z.0f} to {high:z.0f} V"
-    return LiveWarning(
-        f"{begin} The card last saw {seen} at the amplifier's input, {age_s:.1f} s before this warning; rest is "
-        f"{amplifier_map.rest_v:g} V: {means} on the specimen if the high voltage is on. {SWITCH_OFF_NOW}",
-        low_v,
-        high_v,
-        age_s,
-        part,
-    )
+    when = f", {age_s:.1f} s before this warning; rest is {amplifier_map.rest_v:g} V"
+    seen = f"The card last saw {describe_volts(reading.block_v, amplifier_map, when)}"
+    return LiveWarning(f"{begin} {seen}. {SWITCH_OFF_NOW}", *reading.block_v, age_s, part)
+
+
+def describe_volts(volts: tuple[float, float], amplifier_map: AmplifierMap, when: str = "") -> str:
+    """Return lowest and highest volts at the amplifier's input, when they were measured, and those at the specimen, as text."""
+    low_v, high_v = volts
+    ends = volts if high_v - low_v > LEVEL_V else ((low_v + high_v) / 2,)
+    seen = " to ".join(f"{v:z.3f}" for v in ends)
+    means = " to ".join(f"{v:z.0f}" for v in amplifier_map.specimen_v(ends))
+    return f"{seen} V at the amplifier's input{when}: about {means} V on the specimen if the high voltage is on"
 
 
 @dataclass(frozen=True, slots=True)

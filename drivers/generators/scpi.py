@@ -121,8 +121,14 @@ class ScpiDialect:
         return [self._command(f"{self.SOURCE_PREFIX}BURS:STAT {state}") for state in ("OFF", "ON")]
 
     def common_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
-        """Return the expected settings with common headers."""
-        source = self.SOURCE_PREFIX
+        """Return the expected settings with common headers; between drives the amplitude is small where the range is held."""
+        source, small_vpp = self.SOURCE_PREFIX, 2 * self.capabilities.idle_amplitude_vpp
+        amplitude = f"{source}VOLT"
+        yield (
+            expect_range(amplitude, 0.0, small_vpp)
+            if self.capabilities.holds_range
+            else expect_value(amplitude, levels.span_v)
+        )
         yield from (
             expect_keyword(f"{source}VOLT:UNIT", "VPP"),
             expect_value(f"{source}VOLT:OFFS", levels.rest_v),
@@ -136,11 +142,6 @@ class ScpiDialect:
     def expected_load(self) -> ExpectedSetting:
         """The high-impedance load."""
         return expect_range(self.LOAD_HEADER, 1e9, math.inf)
-
-    @property
-    def expected_idle_amplitude(self) -> ExpectedSetting:
-        """The amplitude between drives with a held range."""
-        return expect_range(f"{self.SOURCE_PREFIX}VOLT", 0.0, 2 * self.capabilities.idle_amplitude_vpp)
 
     def set_high_impedance_load(self) -> None:
         """Declare a high-impedance load: with 50 ohm declared, the amplifier would get twice the voltage."""

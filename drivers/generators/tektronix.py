@@ -79,7 +79,6 @@ class AfgDialect(ScpiDialect):
             expect_keyword("SOUR1:FREQ:MODE", "CW", "FIX", "FIXED"),
             expect_value("SOUR1:BURS:TDEL", 0.0, 1e-9),
             expect_keyword("TRIG:SOUR", "EXT"),
-            expect_value("SOUR1:VOLT", levels.span_v),
         )
         if self._is_afg31000:
             yield expect_keyword("SOUR1:BURS:IDLE", "START", "STAR")

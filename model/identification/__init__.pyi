@@ -61,6 +61,5 @@ from .priors.usual import assumed_parameters as assumed_parameters
 from .priors.usual import usual_effects as usual_effects
 from .profile_likelihood import ProfileInterval as ProfileInterval
 from .profile_likelihood import profile_interval as profile_interval
-from .uncertainty_budget import NOISE as NOISE
 from .uncertainty_budget import UncertaintyBudget as UncertaintyBudget
 from .uncertainty_budget import uncertainty_budget as uncertainty_budget

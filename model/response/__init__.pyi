@@ -4,7 +4,6 @@ from .drive_spectrum import fourier_series as fourier_series
 from .fast_response import operating_deflection_shape as operating_deflection_shape
 from .fast_response import response_curve as response_curve
 from .harmonic_response import FREQUENCY_SPEC as FREQUENCY_SPEC
-from .harmonic_response import Excitation as Excitation
 from .harmonic_response import amplifier_response as amplifier_response
 from .harmonic_response import check_frequency as check_frequency
 from .harmonic_response import driven_amplitudes as driven_amplitudes
@@ -26,7 +25,6 @@ from .lag import with_lag as with_lag
 from .latency import PUBLISHED_LATENCIES as PUBLISHED_LATENCIES
 from .latency import TOLERANCE_SPEC as TOLERANCE_SPEC
 from .latency import Latency as Latency
-from .latency import PublishedLatency as PublishedLatency
 from .latency import onset_response as onset_response
 from .latency import sine_latency as sine_latency
 from .latency import step_latency as step_latency
@@ -50,7 +48,6 @@ from .shape_choice import DEFAULT_ACCURACY as DEFAULT_ACCURACY
 from .shape_choice import ShapeChoice as ShapeChoice
 from .shape_choice import choose_shapes as choose_shapes
 from .square_wave import square_wave_response as square_wave_response
-from .square_wave import square_wave_series as square_wave_series
 from .statics import deflection as deflection
 from .statics import load_compliance as load_compliance
 from .statics import voltage_gain as voltage_gain

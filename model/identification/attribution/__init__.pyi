@@ -1,4 +1,3 @@
-from .causes import Cause as Cause
 from .diagnosis import diagnose as diagnose
 from .evidence import Evidence as Evidence
 from .explanation import Diagnosis as Diagnosis
