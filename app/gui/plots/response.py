@@ -225,7 +225,7 @@ class ResponseView:
         elif len(usable := self._usable()) > 2:
             top = max(usable, key=lambda p: p.peak_to_peak)
             um = 1e6 * float(top.peak_to_peak)
-            yield Spot(x=float(top.frequency), y=um, label=f"Largest {um:.0f} µm at {top.frequency:g} Hz")
+            yield Spot(x=float(top.frequency), y=um, label=f"Largest {um:.0f} µm at {top.frequency:.4g} Hz")
 
     def _rules(self) -> Iterable[Rule]:
         if math.isfinite(self.natural_hz):

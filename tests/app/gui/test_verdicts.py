@@ -107,6 +107,6 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
     assert [run.specimen for run in page.list.model.summaries] == ["no-result"]
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run")
-    assert find(page, "run.card.verdict").text() == f"○ {Outcome.NO_RESULT.upper()}"
+    assert find(page, "run.card.verdict").text() == f"○ {Outcome.NO_RESULT.capitalize()}"
     assert find(page, "run.card.reason").text() == "No result; a remedy"
     assert find(page, "run.card.simulated").isVisibleTo(page.viewer)
