@@ -111,7 +111,7 @@ class ResultCard(QFrame):
     ) -> None:
         super().__init__()
         configure(self, prefix, kind="" if compact else "panel")
-        self._compact, self._scrolls, self._actions = compact, scrolls, actions
+        self._compact, self._scrolls = compact, scrolls
         self._outcome: RunEnded | None = None
         self._fitted: tuple[object, ...] = ()
         self._room = 0
@@ -120,6 +120,18 @@ class ResultCard(QFrame):
         self.verdict_label = make_label(kind="pill", wrap=False, name=f"{prefix}.verdict")
         self.count_label = make_label(kind="note", wrap=False, name=f"{prefix}.count")
         self.simulated_label = make_label("SIMULATED", "simulated-mark", wrap=False, name=f"{prefix}.simulated")
+        self.buttons = {
+            name: make_button(text, partial(self._request, name), "choice", tip, f"{prefix}.{name}")
+            for name, (text, tip) in BUTTONS.items()
+            if name in actions
+        }
+        head = (self.verdict_label, self.count_label, self.simulated_label)
+        if compact:
+            row(*head, *self.buttons.values(), STRETCH, parent=self, spacing=12)
+        else:
+            self._build(prefix, *head)
+
+    def _build(self, prefix: str, *head: QWidget) -> None:
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
         self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
         self.name_label = make_label(kind="large", name=f"{prefix}.name")
@@ -136,15 +148,6 @@ class ResultCard(QFrame):
             label.setTextFormat(Qt.TextFormat.RichText)
         self.note_label = make_label(NOTE, "note")
         self.file_label = configure(ElidedLabel(), f"{prefix}.file", kind="note")
-        self.buttons = {
-            name: make_button(text, partial(self._request, name), "choice", tip, f"{prefix}.{name}")
-            for name, (text, tip) in BUTTONS.items()
-            if name in actions
-        }
-        head = (self.verdict_label, self.count_label, self.simulated_label)
-        if compact:
-            row(*head, *self.buttons.values(), STRETCH, parent=self, spacing=12)
-            return
         bottom = Qt.AlignmentFlag.AlignBottom
         self.key_figure = make_pane(
             self.name_label,
@@ -223,7 +226,6 @@ class ResultCard(QFrame):
         outcome = summary.verdict.outcome
         reasons = summary.verdict.describe(summary.reason)
         self._set_verdict(f"{OUTCOME_SYMBOLS[outcome]} {outcome.capitalize()}", outcome_severity(outcome), reasons)
-        self.note_label.setText(NOTE)
         written = bool(summary.path) and bool(summary.measured)
         for name, button in self.buttons.items():
             button.setVisible(written or name == "again")
@@ -231,7 +233,9 @@ class ResultCard(QFrame):
             resuming.setVisible(written and outcome in UNFINISHED)
             of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
             resuming.setText(f"Continue{of}")
-        self._fit()
+        if not self._compact:
+            self.note_label.setText(NOTE)
+            self._fit()
 
     def _show(self, summary: ResultSummary) -> None:
         self.summary = summary
