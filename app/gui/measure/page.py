@@ -1,6 +1,7 @@
 """Measure page: run panel on the left; response and live traces on the right."""
 
 import json
+import math
 import time
 
 from PySide6.QtCore import QObject, QSettings, QSize, Qt, QTimer
@@ -16,6 +17,7 @@ from app.gui.widgets import add_actions, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
+from drivers import Sine
 from model import AmplifierMap
 from protocols import PROTOCOLS
 from protocols.base import Protocol
@@ -75,10 +77,22 @@ class MeasurePage(QWidget):
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
         self.run_panel.set_state(view)
+        if view.busy and (self._state is None or self._state.protocol != view.protocol or not self._state.busy):
+            self.live_pane.planned = self._planned_frequencies(view)
         self.live_pane.set_state(view, self.run_panel.kind)
         if view.busy and (self._state is None or view.points is not self._state.points or not self._state.busy):
             self._estimator.submit(view.points, self._active_model, PROTOCOLS.get(view.protocol, self.run_panel.kind))
         self._state = view
+
+    def _planned_frequencies(self, view: WindowState) -> tuple[float, ...]:
+        """Return the frequency of each entry of the form's protocol, which cannot be changed during a run."""
+        protocol = self.run_panel.protocol
+        if protocol is None or protocol.name != view.protocol:
+            return ()
+        return tuple(
+            next((drive.frequency_hz for drive in entry.drives if isinstance(drive, Sine)), math.nan)
+            for entry in protocol.plan(view.amplifier.rest_v)
+        )
 
     def start_model_curve(self) -> None:
         """Compute the model curve from now on; its numerics take a while to import."""

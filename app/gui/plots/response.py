@@ -42,6 +42,7 @@ THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
 ENDLESS_HZ = 1e6
 LOWER = (NOTHING, RESIDUAL, PHASE)
 MODEL, BAND, EARLIER = "Model", f"{100 * COVERAGE:g} % band", "Earlier runs"
+COMING = "still to be measured"
 NOT_USABLE = "crossed: not usable"
 
 
@@ -133,6 +134,7 @@ class ResponseView:
         earlier: points of runs before, with their labels.
         natural_hz: identified natural frequency; NaN without one.
         present_hz: frequency that is being measured; NaN without one.
+        coming_hz: frequencies of the run that are still to be measured.
         lower: one of `LOWER`.
     """
 
@@ -144,6 +146,7 @@ class ResponseView:
     natural_hz: float = math.nan
     present_hz: float = math.nan
     present_text: str = ""
+    coming_hz: tuple[float, ...] = ()
     lower: str = NOTHING
     threshold: Threshold = Threshold()
     simulated: bool = False
@@ -172,6 +175,14 @@ class ResponseView:
                     name=label, x=x, y=SERIES[0].factor * np.array([p.peak_to_peak for p in points]),
                     tone=curve_tone(at), line=SOLID, width=1.0, symbol=curve_symbol(at), size=EMPTY_PX,
                     label=label, group=EARLIER if len(self.earlier) > 3 else label,
+                )
+            )  # fmt: skip
+        if self.coming_hz:
+            x = np.array(self.coming_hz)
+            layers.append(
+                layer(
+                    name=COMING, x=x, y=np.zeros(x.size), tone="text2", symbol="t", size=EMPTY_PX, hollow=True,
+                    copied=False,
                 )
             )  # fmt: skip
         layers += [layer for series in reversed(SERIES) for layer in self._measured(series)]
