@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from app.archive.run_summary import RunSummary
-from app.common import field_label, typeset, unit_of
-from model import LENGTH_UNITS, format_quantity, quantity_label, shown_unit
+from app.common import field_label, round_figure, typeset, unit_of
+from model import LENGTH_UNITS, quantity_label, shown_unit
 from protocols import PROTOCOLS
 from protocols.base import RunFigure
 from protocols.runfile import RunRecord
@@ -90,17 +90,18 @@ def _setting_text(value: object, unit: str) -> str:
 
 
 def _figure_text(figure: RunFigure) -> str:
-    return typeset(format_quantity(figure.value, figure.total, figure.unit, figure.name))
+    factor, unit = shown_unit(figure.unit, figure.name)
+    return f"{round_figure(factor * figure.value, factor * figure.total)} {typeset(unit)}".strip()
 
 
 def _difference(a: RunFigure, b: RunFigure) -> str:
     """Return b less a, and that in standard uncertainties of the difference: a gain that both share has no part in a ratio."""
     if a.unit in LENGTH_UNITS and a.value:
         relative = [each.statistical / each.value if each.value else math.inf for each in (a, b)]
-        change, error, text = b.value / a.value - 1, math.hypot(*relative), f"{100 * (b.value / a.value - 1):+.2g} %"
+        change, error, text = b.value / a.value - 1, math.hypot(*relative), f"{100 * (b.value / a.value - 1):+.3g} %"
     else:
         factor, unit = shown_unit(a.unit, a.name)
         change, error = b.value - a.value, math.hypot(a.statistical, b.statistical)
-        text = f"{factor * change:+.2g} {typeset(unit)}".strip()
-    of = f", {abs(change) / error:.1f} σ" if error > 0 and math.isfinite(error) else ""
+        text = f"{factor * change:+.3g} {typeset(unit)}".strip()
+    of = f", {abs(change) / error:.2g} σ" if error > 0 and math.isfinite(error) else ""
     return f"{text}{of}".replace("-", "−")

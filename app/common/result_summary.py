@@ -104,17 +104,23 @@ def summarize_result(
     )
 
 
+def round_figure(value: float, uncertainty: float) -> str:
+    """Return a value as text, rounded to the first digit of its uncertainty; to five digits without one."""
+    if not (uncertainty > 0 and math.isfinite(uncertainty)):
+        return f"{value:.5g}"
+    return f"{value:.{max(-math.floor(math.log10(uncertainty)), 0)}f}"
+
+
 def _result_line(estimate: EstimatedQuantity, gain_uncertainty: float, label: str = "") -> ResultLine:
     factor, unit = shown_unit(estimate.unit, estimate.name)
     value, noise = factor * estimate.value, factor * estimate.standard_error
     has_noise = noise > 0 and math.isfinite(noise)
     with_gain = has_noise and estimate.unit in LENGTH_UNITS and gain_uncertainty > 0
     total = math.hypot(noise, gain_uncertainty * value) if with_gain else noise
-    places = max(-math.floor(math.log10(total)), 0) if has_noise else 0
     unit = typeset(unit)
     return ResultLine(
         label or typeset(quantity_label(estimate.name)),
-        f"{value:.{places}f}" if has_noise else f"{value:.5g}",
+        round_figure(value, total),
         unit,
         typeset(format_value(estimate)),
         format_uncertainty(noise, unit) if has_noise else "",

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QHeaderView, QWidget
 
 from app.archive import RunSummary, compare_runs
 from app.gui.face import tokens
@@ -50,6 +50,7 @@ class DifferencesPane(QWidget):
         titles = ("", *letters, *last)
         self.table.setColumnCount(len(titles))
         self.table.setHorizontalHeaderLabels(titles)
+        self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         colors = ["", *tokens().layers[: len(letters)], ""]
         fill_table(
             self.table,
