@@ -27,7 +27,11 @@ from .replay import TraceWindow as TraceWindow
 from .replay import load_run as load_run
 from .replay import load_trace_window as load_trace_window
 from .replay import read_measured_response as read_measured_response
+from .replay import read_sketch as read_sketch
 from .replay import run_result as run_result
+from .run_differences import RunDifference as RunDifference
+from .run_differences import compare_runs as compare_runs
+from .run_differences import run_settings as run_settings
 from .run_filter import RunFilter as RunFilter
 from .run_filter import read_since as read_since
 from .run_summary import RunState as RunState

@@ -177,6 +177,20 @@ def read_measured_response(path: Path) -> MeasuredResponse:
         )
 
 
+def read_sketch(path: Path) -> Series | None:
+    """Return what a thumbnail of a run shows: its points on the axes of the protocol, else its last curve; None without both.
+
+    Raises:
+        RunReadError: it cannot be read.
+    """
+    with Run(path) as run, translate_read_errors(path):
+        points, (x, y) = run.points(), run.record.axes
+        if {x, y} <= points.keys() and points[x].size > 1:
+            return Series(points[x], points[y], usable=usable_mask(points["quality"]))
+        curves = run.series()
+        return curves[-1] if curves and curves[-1].x.size > 1 else None
+
+
 def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) -> TraceWindow:
     """Return the min/max decimation of rows start..stop to `TRACE_COLUMNS` columns; a million rows are in memory at once."""
     stop = trace.sample_count if stop is None else min(stop, trace.sample_count)

@@ -73,7 +73,7 @@ def check_row(check: CheckResult) -> CheckRow:
     """Return a check as a row of a table, in display units."""
     factor, unit = shown_unit(check.unit)
     low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
-    limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
+    limits = f"{low} … {high}" if low and high else f"at least {low}" if low else f"at most {high}"
     figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
     name = f"{check.name} ({check.detail})" if check.detail else check.name
     return CheckRow(check.passed, name, figure, limits, unit, "" if check.passed else check.remedy)

@@ -1,17 +1,40 @@
 """Summary of a run's result for the result card: verdict, quantities, points where nothing is identified, hints."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from app.common.formatting import axis_name, typeset
 from model import LENGTH_UNITS, format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
 from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, Verdict
-from protocols.runfile import point_columns
+from protocols.runfile import is_response, point_columns
 
 MAX_POINT_ROWS = 12
 """Points that are listed; the file has all."""
+
+MIN_POINTS_OF_LARGEST = 3
+"""Fewer usable points are no response with a largest value."""
+
+
+class ResultLine(NamedTuple):
+    """A quantity of a run as text in display units.
+
+    Attributes:
+        figure: value, rounded to the first digit of its largest known uncertainty.
+        text: value with the standard error of the run's noise.
+        noise: this standard error alone; empty without one.
+        total: standard uncertainty, with the uncertainty of the sensor's gain; empty if the gain has no effect.
+        noise_share: noise over total, 0 to 1; 1 without a total.
+    """
+
+    name: str
+    figure: str
+    unit: str
+    text: str
+    noise: str = ""
+    total: str = ""
+    noise_share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,19 +43,18 @@ class ResultSummary:
 
     Attributes:
         reason: end of the run, for the reasons of the verdict.
-        quantities: the protocol's own results: name and value with its standard error, in display units.
-        totals: standard uncertainty of each quantity, with the uncertainty of the sensor's gain, as text; empty if the gain has
-            no effect.
+        lines: the protocol's own results, the key figure first, and the largest response of points over frequency.
         others: further estimates of every run, likewise.
         point_names: names of the two axes; of the columns of `points`.
         points: the usable points of a run without identified quantities: values on both axes, with errors.
         hints: the protocol's warnings about the points, for the next run.
+        usable: number of usable points.
         planned: number of planned points; 0 if unknown.
     """
 
     verdict: Verdict
     reason: str
-    quantities: tuple[tuple[str, str], ...]
+    lines: tuple[ResultLine, ...]
     point_names: tuple[str, str] = ("", "")
     points: tuple[tuple[str, str], ...] = ()
     hints: tuple[str, ...] = ()
@@ -40,8 +62,8 @@ class ResultSummary:
     simulated: bool = False
     measured: int = 0
     planned: int = 0
-    others: tuple[tuple[str, str], ...] = ()
-    totals: tuple[str, ...] = ()
+    usable: int = 0
+    others: tuple[ResultLine, ...] = ()
 
 
 def summarize_result(
@@ -60,14 +82,16 @@ def summarize_result(
 
     `gain_uncertainty` is the relative standard uncertainty of the displacement sensor's gain.
     """
-    own = [each for each in estimates if each.name != INTERFERENCE_AT_REST]
-    others = [each for each in estimates if each.name == INTERFERENCE_AT_REST]
+    own, others = (
+        [_result_line(each, gain_uncertainty) for each in estimates if (each.name == INTERFERENCE_AT_REST) is other]
+        for other in (False, True)
+    )
     listed = kind is not None and not own
     x_name, y_name = kind.axes if listed and kind is not None else ("", "")
     return ResultSummary(
         verdict=verdict,
         reason=reason,
-        quantities=_name_and_value(own),
+        lines=(*own[:1], *_largest_response(points, gain_uncertainty), *own[1:]),
         point_names=(axis_name(x_name), axis_name(y_name)),
         points=_point_rows(kind, points) if listed and kind is not None else (),
         hints=tuple(hints),
@@ -75,21 +99,44 @@ def summarize_result(
         simulated=simulated,
         measured=len(points),
         planned=planned,
-        others=_name_and_value(others),
-        totals=tuple(_total_text(e, gain_uncertainty) for e in own),
+        usable=sum(Quality(point.quality).usable for point in points),
+        others=tuple(others),
     )
 
 
-def _total_text(estimate: EstimatedQuantity, gain_uncertainty: float) -> str:
-    if estimate.unit not in LENGTH_UNITS or not gain_uncertainty > 0:
-        return ""
+def round_figure(value: float, uncertainty: float) -> str:
+    """Return a value as text, rounded to the first digit of its uncertainty; to five digits without one."""
+    if not (uncertainty > 0 and math.isfinite(uncertainty)):
+        return f"{value:.5g}"
+    return f"{value:.{max(-math.floor(math.log10(uncertainty)), 0)}f}"
+
+
+def _result_line(estimate: EstimatedQuantity, gain_uncertainty: float, label: str = "") -> ResultLine:
     factor, unit = shown_unit(estimate.unit, estimate.name)
-    total = factor * math.hypot(estimate.standard_error, gain_uncertainty * estimate.value)
-    return f"{format_uncertainty(total, typeset(unit))} with gain"
+    value, noise = factor * estimate.value, factor * estimate.standard_error
+    has_noise = noise > 0 and math.isfinite(noise)
+    with_gain = has_noise and estimate.unit in LENGTH_UNITS and gain_uncertainty > 0
+    total = math.hypot(noise, gain_uncertainty * value) if with_gain else noise
+    unit = typeset(unit)
+    return ResultLine(
+        label or typeset(quantity_label(estimate.name)),
+        round_figure(value, total),
+        unit,
+        typeset(format_value(estimate)),
+        format_uncertainty(noise, unit) if has_noise else "",
+        format_uncertainty(total, unit) if with_gain else "",
+        noise / total if with_gain else 1.0,
+    )
 
 
-def _name_and_value(estimates: Sequence[EstimatedQuantity]) -> tuple[tuple[str, str], ...]:
-    return tuple((typeset(quantity_label(e.name)), typeset(format_value(e))) for e in estimates)
+def _largest_response(points: Sequence[Any], gain_uncertainty: float) -> Iterator[ResultLine]:
+    """Yield the largest peak-to-peak displacement of usable points over frequency."""
+    usable = [p for p in points if is_response(p) and Quality(p.quality).usable and math.isfinite(p.peak_to_peak)]
+    if len(usable) >= MIN_POINTS_OF_LARGEST:
+        top = max(usable, key=lambda point: float(point.peak_to_peak))
+        error = float(getattr(top, "peak_to_peak_errors", math.nan))
+        largest = EstimatedQuantity("largest response", float(top.peak_to_peak), error, "m", "")
+        yield _result_line(largest, gain_uncertainty, f"largest response, at {top.frequency:.4g} Hz")
 
 
 def _point_rows(kind: type[Protocol], points: Sequence[Any]) -> tuple[tuple[str, str], ...]:

@@ -1,6 +1,6 @@
 """Live estimates: model parameters fitted in the background to the points of the run in progress."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from app.identification import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from model import LAG_NAMES, AmplifierMap
-from protocols.base import Quality
+from protocols.base import Protocol, Quality
 from protocols.runfile import is_response
 
 if TYPE_CHECKING:
@@ -21,15 +21,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EstimateUpdate:
-    """Estimates after `points` usable points; `message` is why there are none, or a warning."""
+    """Estimates after `points` usable points; `message` is why there are none, or a warning.
+
+    Attributes:
+        estimates: parameters of the model, fitted to the points.
+        results: the protocol's own results of the points, as at the end of the run.
+        active_model: the model whose other parameters the fit uses.
+    """
 
     estimates: "tuple[EstimatedQuantity, ...]" = ()
+    results: "tuple[EstimatedQuantity, ...]" = ()
     message: str = ""
     points: int = 0
     active_model: ActiveModel = PAPER_MODEL
-    """The model whose other parameters the fit uses."""
-    error_history: Mapping[str, tuple[float, ...]] | None = None
-    """By name: standard error relative to the value, after each point since the first that determined it."""
 
 
 class LiveEstimator:
@@ -43,17 +47,19 @@ class LiveEstimator:
         self._update = EstimateUpdate()
         self.latest = EstimateUpdate()
 
-    def submit(self, points: Sequence[Any], active_model: ActiveModel) -> None:
+    def submit(self, points: Sequence[Any], active_model: ActiveModel, kind: type[Protocol]) -> None:
         """Fit the points of the current run; returns at once. Points that are not amplitudes over frequency are ignored."""
-        self._worker.submit((tuple(points), active_model))
+        self._worker.submit((tuple(points), active_model, kind))
 
     def close(self) -> None:
         """Stop the thread."""
         self._worker.close()
 
-    def fit_new_points(self, request: tuple[tuple[Any, ...], ActiveModel]) -> "Iterator[EstimateUpdate]":
+    def fit_new_points(
+        self, request: tuple[tuple[Any, ...], ActiveModel, type[Protocol]]
+    ) -> "Iterator[EstimateUpdate]":
         """Fit the new points; yields after each."""
-        points, of = request
+        points, of, kind = request
         taken = tuple(_newest_series([p for p in points if _is_informative(p)]))
         base = self._update.active_model
         same_model = (of.stamp, of.description) == (base.stamp, base.description)
@@ -65,13 +71,13 @@ class LiveEstimator:
             got = self._fit.add_point(
                 point.frequency, point.fundamental * np.exp(1j * point.phase), point.fundamental_errors
             )
-            errors = dict(self._update.error_history or {})
             shown = tuple(e for e in got.estimates if e.name not in LAG_NAMES)
-            for e in shown:
-                if e.value and np.isfinite(e.standard_error):
-                    errors[e.name] = (*errors.get(e.name, ()), abs(e.standard_error / e.value))
             self._fitted_points = (*self._fitted_points, point)
-            self._update = EstimateUpdate(shown, got.message, len(self._fitted_points), of, errors)
+            results = self._update.results
+            self._update = EstimateUpdate(shown, results, got.message, len(self._fitted_points), of)
+            yield self._update
+        if is_response(kind.point_type):
+            self._update = replace(self._update, results=kind.model_validate({}).estimates(taken))
             yield self._update
 
     def _start_fit(self, points: tuple[Any, ...], active_model: ActiveModel) -> "LiveFit":

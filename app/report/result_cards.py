@@ -51,10 +51,11 @@ def _card(run: ReportRun, result: ResultSummary) -> Iterator[Block]:
     marks = ", SIMULATED" * result.simulated + ", IMPORTED" * run.imported
     title = f"{run.summary.protocol}, {run.name}: {OUTCOME_SYMBOLS[outcome]} {outcome.upper()}{marks}"
     tone = TONES.get(outcome_severity(outcome), "plain")
-    if listed := result.quantities or result.points[:MAX_POINT_ROWS]:
-        more = len(result.points) - len(listed)
-        note = f"{NOISE_NOTE} {more} more points are in the file." if result.points and more > 0 else NOISE_NOTE
-        yield Table.of_rows(title, HEADINGS if result.quantities else result.point_names, listed, note)
+    lines = [(line.name, line.text) for line in result.lines]
+    if listed := lines or result.points[:MAX_POINT_ROWS]:
+        more = 0 if lines else len(result.points) - len(listed)
+        note = f"{NOISE_NOTE} {more} more points are in the file." if more > 0 else NOISE_NOTE
+        yield Table.of_rows(title, HEADINGS if lines else result.point_names, listed, note)
     else:
         yield Paragraph(title, tone)
     if outcome is not Outcome.GOOD:

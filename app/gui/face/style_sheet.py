@@ -25,6 +25,10 @@ QLabel[kind="danger"], QLabel[kind="fault"] { color: $red_text; }
 QLabel[kind="caution"], QLabel[tone="attention"] { color: $amber_text; }
 QLabel[tone="good"] { color: $green_text; }
 QLabel[tone="bad"] { color: $red_text; }
+QLabel[kind="pill"] { background: $sunken; color: $text; border-radius: 8px; padding: 0.2em 0.7em; }
+QLabel[kind="pill"][tone="good"] { background: $green; color: white; }
+QLabel[kind="pill"][tone="attention"] { background: $amber; color: black; }
+QLabel[kind="pill"][tone="bad"] { background: $red; color: white; }
 QLabel[kind="moved"] { color: $accent_text; }
 QLabel[kind="key"] {
     background: $sunken; color: $text2; border: 1px solid $outline; border-radius: 4px; padding: 0 0.3em;

@@ -7,11 +7,11 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtCore import QSettings, Qt, QTimer, Signal
 from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
 
 from app.archive import Catalogue
-from app.common import AuditEntry, AuditError, Progress, UsageError, read_entries
+from app.common import AuditEntry, AuditError, Progress, UsageError, pluralize, read_entries
 from app.config import Certificate, read_certificates
 from app.fleet import Bounds, Fleet, FleetError, read_fleet
 from app.gui.laboratory.audit_pane import AuditPane
@@ -40,6 +40,7 @@ VIEWS = ("Specimens", "Control chart", "Certificates", "Audit trail")
 PANES = ("fleet", "chart", "certificates", "audit")
 """Attributes of the page with the panes of `VIEWS`."""
 
+TO_BEGIN = "Measure a specimen on the page Measure (Ctrl+1): every run with a result is shown here. The folder is chosen there, too."
 P = TypeVar("P", bound=QWidget)
 
 
@@ -168,6 +169,8 @@ class LaboratoryPage(QWidget):
         self.message_label = configure(StatusLine(), "laboratory.message")
         self.progress_row = ProgressRow()
         self.stack = QStackedWidget()
+        self.empty_label = make_label(kind="note-size", name="laboratory.empty", alignment=Qt.AlignmentFlag.AlignCenter)
+        self.stack.addWidget(self.empty_label)
         top = row(
             *choices, STRETCH, self.simulated_mark, self.kind_button, self.count_label, spacing=6, margins=(0, 2, 0, 0)
         )
@@ -248,10 +251,18 @@ class LaboratoryPage(QWidget):
     def show_view(self, view: int) -> None:
         """Show one of the views."""
         self.buttons.button(view).setChecked(True)
-        self.stack.setCurrentWidget(getattr(self, PANES[view]))
+        self._show_pane(view)
         text, is_error = self._messages.get(view, ("", False))
         self.message_label.show_message(text, is_error=is_error)
         self._show_records()
+
+    def _show_pane(self, view: int) -> None:
+        """Show a view, or what to do for it where no run has a result."""
+        records, pane = self._records, getattr(self, PANES[view])
+        is_empty = records is not None and records.fleet is None and view in (SPECIMENS, CHART)
+        if records is not None and is_empty:
+            self.empty_label.setText(f"{records.problem}.\n\n{TO_BEGIN}")
+        self.stack.setCurrentWidget(self.empty_label if is_empty else pane)
 
     def reload(self) -> None:
         """Read the folder in the background."""
@@ -287,7 +298,7 @@ class LaboratoryPage(QWidget):
         self.simulated_mark.setVisible(fleet.simulated)
         self.kind_button.setVisible(self.kind_button.isChecked() or fleet.left_out > 0)
         specimens, runs = len({v.specimen for v in fleet.values}), len({v.path for v in fleet.values})
-        self.count_label.setText(f"{specimens:,} specimens, {runs:,} runs with results".replace(",", " "))
+        self.count_label.setText(f"{pluralize(specimens, 'specimen')}, {pluralize(runs, 'run')} with results")
         today = datetime.now(UTC).date()
         states = [each.state(today) for each in records.certificates]
         worst = next((state for state in ("expired", "due soon") if state in states), "")
@@ -305,6 +316,7 @@ class LaboratoryPage(QWidget):
         if records is None or (shown is records and day == today):
             return
         self._shown[view] = (records, today)
+        self._show_pane(view)
         self._show_message(view, "", is_error=False)
         match view:
             case 0:
@@ -322,8 +334,8 @@ class LaboratoryPage(QWidget):
 
     def _show_message(self, view: int, text: str, is_error: bool) -> None:
         """Show a message of a view while that is visible; an empty one shows again why nothing could be read."""
-        if not text and self._records is not None and self._records.problem and view in (SPECIMENS, CHART):
-            text, is_error = self._records.problem, True
+        if not text and self._records is not None and self._records.fleet is not None and view in (SPECIMENS, CHART):
+            text, is_error = self._records.problem, bool(self._records.problem)
         self._messages[view] = (text, is_error)
         if view == self.view:
             self.message_label.show_message(text, is_error=is_error)

@@ -1,6 +1,7 @@
 """Measure page: run panel on the left; response and live traces on the right."""
 
 import json
+import math
 import time
 
 from PySide6.QtCore import QObject, QSettings, QSize, Qt, QTimer
@@ -16,6 +17,7 @@ from app.gui.widgets import add_actions, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
+from drivers import Sine
 from model import AmplifierMap
 from protocols import PROTOCOLS
 from protocols.base import Protocol
@@ -57,27 +59,48 @@ class MeasurePage(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        left = px(class_of(self).left)  # never the width that its texts would like
-        self.run_panel.setGeometry(0, 0, left, self.height())
-        self.live_pane.setGeometry(left, 0, self.width() - left, self.height())
+        grid, height = class_of(self), self.height()
+        left, right = px(grid.left), px(grid.result)  # never the widths that their texts would like
+        panel, plots = self.run_panel, self.width() - left - right
+        panel.place_result(self if right else None)
+        panel.setGeometry(0, 0, left, height)
+        self.live_pane.setGeometry(left, 0, plots, height)
+        if right:
+            gap = px(grid.gap)
+            panel.result_pane.setGeometry(left + plots + gap, gap, right - 2 * gap, height - 2 * gap)
+            panel.result_card.set_room(height - 2 * gap)
 
     def minimumSizeHint(self) -> QSize:
-        plots, panel = self.live_pane.minimumSizeHint(), self.run_panel.minimumSizeHint()
-        return QSize(px(class_of(self).left) + plots.width(), max(plots.height(), panel.height()))
+        plots, panel, grid = self.live_pane.minimumSizeHint(), self.run_panel.minimumSizeHint(), class_of(self)
+        return QSize(px(grid.left + grid.result) + plots.width(), max(plots.height(), panel.height()))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
         self.run_panel.set_state(view)
+        if view.busy and (self._state is None or self._state.protocol != view.protocol or not self._state.busy):
+            self.live_pane.planned = self._planned_frequencies(view)
         self.live_pane.set_state(view, self.run_panel.kind)
         if view.busy and (self._state is None or view.points is not self._state.points or not self._state.busy):
-            self._estimator.submit(view.points, self._active_model)
+            self._estimator.submit(view.points, self._active_model, PROTOCOLS.get(view.protocol, self.run_panel.kind))
         self._state = view
+
+    def _planned_frequencies(self, view: WindowState) -> tuple[float, ...]:
+        """Return the frequency of each entry of the form's protocol, which cannot be changed during a run."""
+        protocol = self.run_panel.protocol
+        if protocol is None or protocol.name != view.protocol:
+            return ()
+        return tuple(
+            next((drive.frequency_hz for drive in entry.drives if isinstance(drive, Sine)), math.nan)
+            for entry in protocol.plan(view.amplifier.rest_v)
+        )
 
     def start_model_curve(self) -> None:
         """Compute the model curve from now on; its numerics take a while to import."""
         self._curve_started = True
         if self._state is None or not self._state.busy:
-            self._estimator.submit((), self._active_model)  # importing during a run would delay its first frames
+            self._estimator.submit(
+                (), self._active_model, self.run_panel.kind
+            )  # importing during a run would delay its first frames
 
     def activate(self) -> None:
         """Take the keyboard focus, but into no field: a stray key must not change a value."""
@@ -86,7 +109,7 @@ class MeasurePage(QWidget):
     def tick(self) -> None:
         """Refresh values that change between events; called at every tick."""
         self.live_pane.tick()
-        self.run_panel.estimates_panel.show_update(self._estimator.latest)
+        self.run_panel.result_card.show_update(self._estimator.latest, self._state)
         if self._curve_started and self._request is not None:
             self._overlay.submit(self._request)
             self._poll_calibration()

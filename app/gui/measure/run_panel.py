@@ -5,11 +5,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
 from app.common import UsageError, format_bytes, pluralize, remember_conditions, remembered_conditions
-from app.gui.face import set_length
-from app.gui.measure.estimates_panel import EstimatesPanel
+from app.gui.face import px, set_length
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.results import ResultCard
 from app.gui.widgets import (
@@ -17,6 +17,7 @@ from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     ProtocolForm,
+    Segments,
     SheetButton,
     column,
     configure,
@@ -25,6 +26,7 @@ from app.gui.widgets import (
     make_label,
     make_labelled_grid,
     make_line_edit,
+    make_pane,
     make_scroll_area,
     row,
     set_style_kind,
@@ -43,6 +45,8 @@ MIN_CONTENT_HEIGHT = 90
 
 OPERATOR_POLL_MS = 30_000
 """Interval between readings of the operator: another program may set it, and it expires at midnight."""
+
+SETUP, RESULT = "set-up", "result"
 
 ABOUT_LINES = 3
 """Height of the description of the protocol, or of the field with the keyboard."""
@@ -94,7 +98,12 @@ class RunPanel(QWidget):
         )
         self.rehearsal_label = make_label(name="measure.rehearsal")
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
-        self.estimates_panel, self.result_card = EstimatesPanel(), ResultCard()
+        self.result_card = ResultCard()
+        self.no_result_label = make_label(
+            "No run yet. Its result stands here, and stays until the next one begins.", "note"
+        )
+        self.segments = Segments("measure.side", "left column", (("Set-up", SETUP), ("Result", RESULT)))
+        self._busy = False
         self.run_button = make_button(
             "Run", self.run_pressed.emit, "go", name="measure.run", key=ACTIONS["run"].shortcut
         )
@@ -116,6 +125,7 @@ class RunPanel(QWidget):
         self._connect_signals()
 
     def _connect_signals(self) -> None:
+        self.segments.chosen.connect(self.show_side)
         self.protocol_box.currentIndexChanged.connect(self._on_protocol_chosen)
         self.preset_button.preset_chosen.connect(self.set_protocol)
         self._browse.clicked.connect(self._choose_folder)
@@ -197,14 +207,44 @@ class RunPanel(QWidget):
         for editor in (self.form, self.protocol_box, *self._editors, self._browse, self.preset_button):
             editor.setEnabled(not view.busy)
         self.rehearsal_label.setVisible(not view.busy)
-        self.estimates_panel.set_busy(view.busy)
-        had_result = not self.result_card.isHidden()
+        began, self._busy = view.busy and not self._busy, view.busy
         self.result_card.set_state(view)
-        if not had_result and not self.result_card.isHidden():
-            QTimer.singleShot(0, self, lambda: self._content_area.ensureWidgetVisible(self.result_card))
+        self.no_result_label.setVisible(self.result_card.isHidden())
+        result = self.segments.buttons[RESULT]
+        result.setText("Result so far" if view.busy else "Result")
+        result.setEnabled(not self.result_card.isHidden())
+        if began:
+            self.show_side(RESULT)
         self._can_run = view.can_run or view.can_queue
         self._blocked_reason = "" if view.can_queue else view.blocked_reason
         self._update_rehearsal()
+
+    def show_side(self, side: object) -> None:
+        """Show the set-up or the result; both stand side by side in a wide window."""
+        self.segments.select(side)
+        is_beside = self.result_pane.parentWidget() is not self
+        self.segments.setVisible(not is_beside)
+        self._setup.setVisible(is_beside or side == SETUP)
+        if not is_beside:
+            self.result_pane.setVisible(side == RESULT)
+
+    def place_result(self, beside: QWidget | None) -> None:
+        """Move the result card beside the plots, or under the switch of this column."""
+        if beside is self.result_pane.parentWidget() or (beside is None and self.result_pane.parentWidget() is self):
+            return
+        if beside is None:
+            self._places.insertWidget(2, self.result_pane, 1)
+        else:
+            self._places.removeWidget(self.result_pane)
+            self.result_pane.setParent(beside)
+            self.result_pane.show()
+        self.show_side(self.segments.selected)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if self.result_pane.parentWidget() is self:
+            taken = self.segments.sizeHint().height() + self.run_button.height() + px(32)
+            self.result_card.set_room(self.height() - taken)
 
     def show_operator(self, name: str) -> None:
         """Show who measures today, unless another name is being typed."""
@@ -275,8 +315,6 @@ class RunPanel(QWidget):
             where,
             self.rehearsal_label,
             self.warnings_label,
-            self.estimates_panel,
-            self.result_card,
             STRETCH,
             margins=(4, 0, 4, 0),
             spacing=8,
@@ -284,15 +322,15 @@ class RunPanel(QWidget):
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             minimumHeight=MIN_CONTENT_HEIGHT,
         )
-        column(
-            row((self.protocol_box, 1), self.preset_button),
-            self.about_label,
-            (self._content_area, 1),
-            self.run_button,
-            parent=self,
-            margins=(8, 8, 8, 8),
-            spacing=8,
+        self._setup = make_pane(
+            row((self.protocol_box, 1), self.preset_button), self.about_label, (self._content_area, 1), spacing=8
         )
+        self.result_pane = make_pane(self.result_card, self.no_result_label, STRETCH)
+        self._places = column(
+            self.segments, (self._setup, 1), (self.result_pane, 1), self.run_button, parent=self,
+            margins=(8, 8, 8, 8), spacing=8,
+        )  # fmt: skip
+        self.show_side(SETUP)
 
 
 def protocol_summary(kind: type[Protocol]) -> str:

@@ -45,6 +45,8 @@ class LivePane(QSplitter):
         self._curve: ModelCurves | None = None
         """Model curves of the displayed run; before the first run, of the run that is being set up."""
         self._newest: ModelCurves | None = None
+        self.planned: tuple[float, ...] = ()
+        """Frequency of each entry of the present run; NaN of one without a sine."""
         self._span = 0
         self._outdated = False
         self._threshold: Any = None
@@ -129,7 +131,10 @@ class LivePane(QSplitter):
         present = math.nan, ""
         if view.busy and isinstance(view.drive, Sine):
             present = view.drive.frequency_hz, "measuring"
-        changed = self.plots.present != present
+        left = enumerate(self.planned) if view.busy else ()
+        coming = tuple(hz for at, hz in left if at not in view.entries and math.isfinite(hz) and hz != present[0])
+        changed = (self.plots.present, self.plots.coming) != (present, coming)
+        self.plots.coming = coming
         self.plots.present, self.plots.earlier = present, () if self._before is None else (self._before,)
         self._show_curves(self.plots)
         self.plots.show_results(

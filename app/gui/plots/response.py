@@ -43,6 +43,7 @@ THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
 ENDLESS_HZ = 1e6
 LOWER = (NOTHING, RESIDUAL, PHASE)
 MODEL, BAND, EARLIER = "Model", f"{100 * COVERAGE:g} % band", "Earlier runs"
+COMING = "still to be measured"
 NOT_USABLE = "crossed: not usable"
 
 
@@ -134,6 +135,7 @@ class ResponseView:
         earlier: points of runs before, with their labels.
         natural_hz: identified natural frequency; NaN without one.
         present_hz: frequency that is being measured; NaN without one.
+        coming_hz: frequencies of the run that are still to be measured.
         lower: one of `LOWER`.
     """
 
@@ -145,6 +147,7 @@ class ResponseView:
     natural_hz: float = math.nan
     present_hz: float = math.nan
     present_text: str = ""
+    coming_hz: tuple[float, ...] = ()
     lower: str = NOTHING
     threshold: Threshold = Threshold()
     simulated: bool = False
@@ -173,6 +176,14 @@ class ResponseView:
                     name=label, x=x, y=SERIES[0].factor * np.array([p.peak_to_peak for p in points]),
                     tone=curve_tone(at), line=SOLID, width=1.0, symbol=curve_symbol(at), size=EMPTY_PX,
                     label=label, group=EARLIER if len(self.earlier) > 3 else label,
+                )
+            )  # fmt: skip
+        if self.coming_hz:
+            x = np.array(self.coming_hz)
+            layers.append(
+                layer(
+                    name=COMING, x=x, y=np.zeros(x.size), tone="text2", symbol="t", size=EMPTY_PX, hollow=True,
+                    copied=False,
                 )
             )  # fmt: skip
         layers += [layer for series in reversed(SERIES) for layer in self._measured(series)]
@@ -226,7 +237,7 @@ class ResponseView:
         elif len(usable := self._usable()) > 2:
             top = max(usable, key=lambda p: p.peak_to_peak)
             um = 1e6 * float(top.peak_to_peak)
-            yield Spot(x=float(top.frequency), y=um, label=f"Largest {um:.0f} µm at {top.frequency:g} Hz")
+            yield Spot(x=float(top.frequency), y=um, label=f"Largest {um:.0f} µm at {top.frequency:.4g} Hz")
 
     def _rules(self) -> Iterable[Rule]:
         if math.isfinite(self.natural_hz):

@@ -94,6 +94,8 @@ class ResultPlots(QStackedWidget):
         """Points of runs before, with their labels; drawn with the next picture."""
         self.present = math.nan, ""
         """Frequency that is being measured, and its state; NaN without one."""
+        self.coming: tuple[float, ...] = ()
+        """Frequencies that are still to be measured."""
         self.selection = EntrySelection(self.draw, self.repeat_requested.emit)
         self.curves_button = make_choice("Show the curves")
         self.curves_button.clicked.connect(self._swap)
@@ -187,7 +189,7 @@ class ResultPlots(QStackedWidget):
             natural = next((float(e.value) for e in estimates if e.name == NATURAL), math.nan)
             return ResponseView(
                 [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, natural,
-                *self.present, self.lower_panel, self._threshold, self._simulated,
+                *self.present, self.coming, self.lower_panel, self._threshold, self._simulated,
             ).picture()  # fmt: skip
         from app.gui.plots.results import PointsView
 

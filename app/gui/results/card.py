@@ -1,49 +1,96 @@
-"""Result card of a run: verdict, identified quantities or points, hints, file, and next actions."""
+"""Result card of a run: verdict, key figure with its uncertainties, further quantities, checks, hints, file, next actions."""
 
+from collections.abc import Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtWidgets import QFrame, QLayout, QWidget
 
-from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, outcome_severity, summarize_result
+from app.common import (
+    MAX_POINT_ROWS,
+    OUTCOME_SYMBOLS,
+    ResultLine,
+    ResultSummary,
+    Severity,
+    check_row,
+    outcome_severity,
+    pluralize,
+    summarize_result,
+)
+from app.gui.face import px, tokens
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
+    ElidedLabel,
     WrappedRow,
     column,
     configure,
     make_button,
     make_label,
+    make_pane,
     row,
     set_tone,
     tooltip,
 )
+from app.live import EstimateUpdate
 from app.session import WindowState
 from protocols import PROTOCOLS
-from protocols.base import Outcome, RunEnded
-
-MAX_LARGE = 3
-"""Quantities in large type; the others follow in small type."""
+from protocols.base import CheckResult, Outcome, RunEnded, Verdict
 
 MAX_REASON_LENGTH = 200
+MAX_CHECKS = 6
+"""Checks that are listed, those that did not pass first."""
 
 BUTTONS = {
-    "open": ("Open", "Show the run on the page Runs"),
-    "again": ("Again", tooltip("run", "Measure with the parameters of the form")),
-    "explore": ("Use in Explore", "Lay the run over the model on the page Explore"),
-    "continue": ("Continue", "Measure the missing points, into a file beside this one"),
     "next": ("Next", "Show the next measurement and its reason on the page Campaign"),
+    "again": ("Again", tooltip("run", "Measure with the parameters of the form")),
+    "continue": ("Continue", "Measure the missing points, into a file beside this one"),
+    "open": ("Open", "Show the run on the page Runs"),
+    "explore": ("Explore", "Lay the run over the model on the page Explore"),
     "report": ("Report", "Write the report of this specimen, with all its runs in the folder, as PDF and HTML"),
 }
 """Captions and tool tips."""
 
 UNFINISHED = (Outcome.STOPPED, Outcome.FAILED, Outcome.UNSAFE)
+NOTE = "± one standard uncertainty; noise: of this run; total: with the sensor's gain. The other parts come with Identify … (Shift+F7)"
+SO_FAR = "So far, by noise, hysteresis and creep; everything else is as in {}, and counts as exact, as does the sensor's gain."
+TOO_FEW = "Not enough points yet to separate the parameters; points at other frequencies will."
+
+
+class UncertaintyBar(QWidget):
+    """Noise, dark, within the total uncertainty, pale, on one scale; noise alone where the total is not known."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.noise_share = 1.0
+
+    def sizeHint(self) -> QSize:
+        return QSize(px(72), px(16))
+
+    def minimumSizeHint(self) -> QSize:
+        return self.sizeHint()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        colors, painter = tokens(), QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        whole = QRectF(0.5, self.height() / 2 - 4, self.width() - 1, 8)
+        noise = max(self.noise_share * whole.width(), 2.0)
+        painter.setPen(QPen(QColor(colors.outline), 1))
+        painter.setBrush(QColor(colors.sunken))
+        painter.drawRoundedRect(whole, 2, 2)
+        painter.fillRect(QRectF(whole.center().x() - noise / 2, whole.y() + 1, noise, 6), QColor(colors.text2))
+        painter.fillRect(QRectF(whole.center().x() - 1, whole.y() - 3, 2, 14), QColor(colors.text))
+        painter.end()
 
 
 class ResultCard(QFrame):
-    """The same on every page; on the page Measure it stays from the end of a run to the start of the next.
+    """The same on every page; on the page Measure it is preliminary during a run and stays to the start of the next.
+
+    What its height has no place for is left out, in this order: note, file, checks, hints, reasons, further quantities; never
+    the verdict, the key figure and the buttons.
 
     Args:
         prefix: of the object names.
@@ -66,137 +113,252 @@ class ResultCard(QFrame):
         configure(self, prefix, kind="" if compact else "panel")
         self._compact, self._scrolls = compact, scrolls
         self._outcome: RunEnded | None = None
+        self._fitted: tuple[object, ...] = ()
+        self._room = 0
+        self._update, self._is_running = EstimateUpdate(), False
         self.summary: ResultSummary | None = None
-        self.verdict_label = make_label(kind="running", wrap=not compact, name=f"{prefix}.verdict")
+        self.verdict_label = make_label(kind="pill", wrap=False, name=f"{prefix}.verdict")
+        self.count_label = make_label(kind="note", wrap=False, name=f"{prefix}.count")
+        self.simulated_label = make_label("SIMULATED", "simulated-mark", wrap=False, name=f"{prefix}.simulated")
+        self.buttons = {
+            name: make_button(text, partial(self._request, name), "choice", tip, f"{prefix}.{name}")
+            for name, (text, tip) in BUTTONS.items()
+            if name in actions
+        }
+        head = (self.verdict_label, self.count_label, self.simulated_label)
+        if compact:
+            row(*head, *self.buttons.values(), STRETCH, parent=self, spacing=12)
+        else:
+            self._build(prefix, *head)
+
+    def _build(self, prefix: str, *head: QWidget) -> None:
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
         self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
-        self.value_labels = [
-            [
-                make_label(kind=kind, name=f"{prefix}.{part}-{at}")
-                for part, kind in (("name", "note"), ("value", "value"))
-            ]
-            for at in range(MAX_LARGE)
-        ]
-        self.more_label = make_label(kind="small", name=f"{prefix}.more", textInteractionFlags=SELECTABLE)
-        self.more_label.setTextFormat(Qt.TextFormat.RichText)
-        self.note_label = make_label(
-            "± one standard error of this run's noise; with gain: also of the sensor's gain. The other uncertainties come with Identify … (Shift+F7)",
-            "note",
+        self.name_label = make_label(kind="large", name=f"{prefix}.name")
+        self.figure_label = make_label(kind="answer", wrap=False, name=f"{prefix}.figure")
+        self.unit_label = make_label(kind="unit", wrap=False, name=f"{prefix}.unit")
+        self.bar = UncertaintyBar()
+        self.total_label = make_label(wrap=False, name=f"{prefix}.total")
+        self.noise_label = make_label(wrap=False, name=f"{prefix}.noise")
+        self.more_label, self.checks_label = (
+            make_label(kind="small", name=f"{prefix}.{part}", textInteractionFlags=SELECTABLE)
+            for part in ("more", "checks")
         )
-        self.file_label = make_label(kind="small", name=f"{prefix}.file", textInteractionFlags=SELECTABLE)
-        self.buttons = {
-            name: make_button(
-                BUTTONS[name][0], partial(self._request, name), "choice", BUTTONS[name][1], f"{prefix}.{name}"
-            )
-            for name in actions
-        }
-        self.simulated_label = make_label("SIMULATED", "simulated-mark", wrap=False, name=f"{prefix}.simulated")
-        if compact:
-            row(
-                self.verdict_label, self.simulated_label, *self.buttons.values(), STRETCH,
-                parent=self, spacing=14,
-            )  # fmt: skip
-            return
-        values = (label for pair in self.value_labels for label in pair)
-        column(
-            row((self.verdict_label, 1), self.simulated_label),
-            self.reason_label,
-            self.hints_label,
-            *values,
-            self.more_label,
+        for label in (self.more_label, self.checks_label):
+            label.setTextFormat(Qt.TextFormat.RichText)
+        self.note_label = make_label(NOTE, "note")
+        self.file_label = configure(ElidedLabel(), f"{prefix}.file", kind="note")
+        bottom = Qt.AlignmentFlag.AlignBottom
+        self.key_figure = make_pane(
+            self.name_label,
+            row((self.figure_label, 0, bottom), (self.unit_label, 0, bottom), STRETCH, spacing=8),
+            row(self.bar, column(self.total_label, self.noise_label, spacing=0), STRETCH, spacing=12),
+            spacing=0,
+        )
+        self.unit_label.setContentsMargins(0, 0, 0, px(3))  # on the base line of the figure
+        self._optional: tuple[QWidget, ...] = (
             self.note_label,
             self.file_label,
-            WrappedRow(*self.buttons.values(), spacing=6),
-            parent=self,
-            margins=(10, 8, 10, 8),
-            spacing=2,
+            self.checks_label,
+            self.hints_label,
+            self.reason_label,
+            self.more_label,
         )
+        self._rows: list[tuple[str, str]] = []
+        self._points_text = ""
+        column(
+            WrappedRow(*head, spacing=8), self.reason_label, self.key_figure, self.more_label, self.checks_label, self.hints_label,
+            self.file_label, self.note_label, WrappedRow(*self.buttons.values(), spacing=6), parent=self,
+            margins=(12, 10, 12, 10), spacing=6,
+        )  # fmt: skip
         self.hide()
 
     def set_state(self, view: WindowState) -> None:
-        """Show the outcome of the last run; hidden during a run and before the first."""
+        """Show the estimates so far during a run, then its outcome; hidden before the first."""
         for name in ("continue", "again"):
             self.buttons[name].setEnabled(view.can_run)
-        if view.outcome is not self._outcome:
-            self._outcome = ended = view.outcome
-            if ended is not None:
-                planned = view.progress.entries if view.progress is not None else 0
-                self.show_summary(
-                    summarize_result(
-                        ended.verdict, ended.reason, ended.estimates, PROTOCOLS.get(view.protocol), view.points, ended.hints,
-                        ended.path, view.simulated, planned, view.gain_uncertainty,
-                    )
-                )  # fmt: skip
+        began, self._is_running = view.busy and not self._is_running, view.busy
+        if began:
+            self._update = EstimateUpdate()
+        if view.busy:
+            self._outcome = None
+            self._show_preliminary(view)
+        elif view.outcome is not self._outcome and (ended := view.outcome) is not None:
+            self._outcome = ended
+            planned = view.progress.entries if view.progress is not None else 0
+            self.show_summary(
+                summarize_result(
+                    ended.verdict, ended.reason, ended.estimates, PROTOCOLS.get(view.protocol), view.points, ended.hints,
+                    ended.path, view.simulated, planned, view.gain_uncertainty,
+                )
+            )  # fmt: skip
         self.simulated_label.setVisible(view.simulated)
-        self.setVisible(self._outcome is not None and not view.busy)
+        self.setVisible(view.busy or self._outcome is not None)
+
+    def show_update(self, update: EstimateUpdate, view: WindowState | None) -> None:
+        """Show the estimates of the points so far."""
+        ours = view is not None and view.busy and update.points <= len(view.points)
+        if view is not None and ours and update is not self._update:
+            self._update = update
+            self._show_preliminary(view)
+
+    def _show_preliminary(self, view: WindowState) -> None:
+        update, planned = self._update, view.progress.entries if view.progress is not None else 0
+        self._show(
+            summarize_result(
+                Verdict(), "", (*update.results, *update.estimates), None, view.points, simulated=view.simulated, planned=planned,
+                gain_uncertainty=view.gain_uncertainty,
+            )
+        )  # fmt: skip
+        self._set_verdict("● Preliminary", Severity.WARNING, "")
+        waiting = bool(view.points) and update.message.startswith("not identifiable")
+        self.note_label.setText(
+            SO_FAR.format(update.active_model.description) if update.estimates else TOO_FEW if waiting else ""
+        )
+        self.note_label.setToolTip(update.message)
+        for button in self.buttons.values():
+            button.hide()
+        self._fit()
 
     def show_summary(self, summary: ResultSummary) -> None:
         """Show the result of a run."""
-        self.summary = summary
-        self._show_verdict()
+        self._show(summary)
+        outcome = summary.verdict.outcome
         reasons = summary.verdict.describe(summary.reason)
-        short = self._scrolls or len(reasons) <= MAX_REASON_LENGTH
-        brief = reasons if short else f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
+        self._set_verdict(f"{OUTCOME_SYMBOLS[outcome]} {outcome.capitalize()}", outcome_severity(outcome), reasons)
         written = bool(summary.path) and bool(summary.measured)
-        self.simulated_label.setVisible(summary.simulated)
         for name, button in self.buttons.items():
             button.setVisible(written or name == "again")
+        if (resuming := self.buttons.get("continue")) is not None:
+            resuming.setVisible(written and outcome in UNFINISHED)
+            of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
+            resuming.setText(f"Continue{of}")
+        if not self._compact:
+            self.note_label.setText(NOTE)
+            self._fit()
+
+    def _show(self, summary: ResultSummary) -> None:
+        self.summary = summary
+        self.simulated_label.setVisible(summary.simulated)
+        planned = f" of {summary.planned}" if summary.planned else ""
+        self.count_label.setText(f"{summary.usable}{planned} points usable" if summary.measured else "")
         if self._compact:
             return
+        reasons = summary.verdict.describe(summary.reason) if summary.reason or summary.verdict.reasons else ""
+        brief = reasons
+        if not self._scrolls and len(reasons) > MAX_REASON_LENGTH:
+            brief = f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
         self.reason_label.setText(f"{brief[:1].upper()}{brief[1:]}")
         self.reason_label.setToolTip(reasons if brief is not reasons else "")
         self.hints_label.setText("\n".join(f"⚠ {hint}." for hint in summary.hints))
-        self.hints_label.setVisible(bool(summary.hints))
-        lines = summary.quantities
-        for at, labels in enumerate(self.value_labels):
-            name, value = lines[at] if at < len(lines) else ("", "")
-            total = summary.totals[at] if at < len(summary.totals) else ""
-            for label, shown in zip(labels, (f"{name}, {total}" if total else name, value), strict=True):
-                label.setText(shown)
-                label.setVisible(bool(shown))
-        self.more_label.setText(
-            _table((*lines[MAX_LARGE:], *summary.others)) if lines else _point_table(summary) + _table(summary.others)
-        )
-        self.more_label.setVisible(bool(self.more_label.text()))
-        self.note_label.setVisible(bool(lines or summary.points))
+        self._show_figure(summary.lines[0] if summary.lines else _checks_passed(summary.verdict.checks))
+        self._rows = [(line.name, line.text) for line in (*summary.lines[1:], *summary.others)]
+        self._points_text = "" if summary.lines else _point_table(summary)
+        self.checks_label.setText(_check_table(summary.verdict.checks))
         self.file_label.setText(Path(summary.path).name)
         self.file_label.setToolTip(summary.path)
-        self.file_label.setVisible(bool(summary.path))
-        if (resuming := self.buttons.get("continue")) is not None:
-            resuming.setVisible(written and summary.verdict.outcome in UNFINISHED)
-            of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
-            resuming.setText(f"Continue{of}")
+
+    def _show_figure(self, line: ResultLine | None) -> None:
+        self.key_figure.setVisible(line is not None)
+        if line is None:
+            return
+        self.name_label.setText(f"{line.name[:1].upper()}{line.name[1:]}")
+        self.figure_label.setText(line.figure)
+        self.unit_label.setText(line.unit)
+        self.total_label.setText(f"{line.total} total" if line.total else "total not known" if line.noise else "")
+        self.noise_label.setText(f"{line.noise} noise" if line.noise else "")
+        self.bar.noise_share = line.noise_share
+        self.bar.update()
+        for widget in (self.bar, self.total_label, self.noise_label):
+            widget.setVisible(bool(line.noise))
+
+    def set_room(self, height: int) -> None:
+        """Set the height that the card has at most; 0: as much as it needs."""
+        self._room = height
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Leave out what the room has no place for."""
+        layout = self.layout()
+        if self._compact or layout is None:
+            return
+        more = self._points_text + _table(self._rows)
+        texts = (*(str(part.property("text")) for part in self._optional[:-1]), more)
+        shown = tuple(button.isHidden() for button in self.buttons.values())
+        if (fitted := (self.width(), self._room, self.fontMetrics().height(), shown, texts)) == self._fitted:
+            return
+        self._fitted = fitted
+        self.more_label.setText(more)
+        for part, text in zip(self._optional, texts, strict=True):
+            part.setVisible(bool(text))
+        for part in self._optional if self._room else ():
+            if self._is_whole(layout):
+                return
+            if part is self.more_label:
+                self._shorten(layout)
+            else:
+                part.hide()
+
+    def _is_whole(self, layout: QLayout) -> bool:
+        layout.invalidate()
+        return layout.totalHeightForWidth(self.width()) <= self._room
+
+    def _shorten(self, layout: QLayout) -> None:
+        """Leave out the last quantities that have no place."""
+        for count in range(len(self._rows) - 1, -1, -1):
+            self.more_label.setText(_table(self._rows[:count]))
+            self.more_label.setVisible(count > 0)
+            if self._is_whole(layout):
+                return
 
     def show_reading(self) -> None:
         """Show that a run is being read, and hide the result of the run before."""
         self.summary = None
-        self.verdict_label.setText("reading …")
-        set_tone(self.verdict_label, Severity.INFO)
+        self._set_verdict("reading …", Severity.INFO, "")
         self.simulated_label.hide()
+        self.count_label.setText("")
         for button in self.buttons.values():
             button.hide()
+
+    def _set_verdict(self, text: str, severity: Severity, tip: str) -> None:
+        self.verdict_label.setText(text)
+        self.verdict_label.setToolTip(tip)
+        set_tone(self.verdict_label, severity)
 
     def _request(self, name: str) -> None:
         self.requested.emit(name, Path("" if self.summary is None else self.summary.path))
 
-    def _show_verdict(self) -> None:
-        if (summary := self.summary) is None:
-            return
-        verdict = summary.verdict.outcome
-        self.verdict_label.setText(f"{OUTCOME_SYMBOLS[verdict]} {verdict.upper()}")
-        self.verdict_label.setToolTip(summary.verdict.describe(summary.reason))
-        set_tone(self.verdict_label, outcome_severity(verdict))
+
+def _checks_passed(checks: Sequence[CheckResult]) -> ResultLine | None:
+    """Return the key figure of a run that passes or fails: how many of its checks passed."""
+    if not checks:
+        return None
+    passed = f"{sum(check.passed for check in checks)} of {len(checks)}"
+    return ResultLine("checks passed", passed, "", passed)
 
 
-def _table(lines: tuple[tuple[str, str], ...], heads: tuple[str, str] | None = None) -> str:
-    """Return rows of two columns as rich text; empty without rows."""
+def _check_table(checks: Sequence[CheckResult]) -> str:
+    """Return the checks as rich text, those that did not pass first."""
+    shown = [check_row(check) for check in sorted(checks, key=lambda check: check.passed)[:MAX_CHECKS]]
+    rows = [("✓" if each.passed else "✕", each.name, f"{each.figure} {each.unit}".strip()) for each in shown]
+    more = len(checks) - len(shown)
+    return _table(rows) + (f"… and {pluralize(more, 'check')} more" if more else "")
+
+
+def _table(lines: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
+    """Return rows as rich text, the last column at the right; empty without rows. An empty first column is left out."""
     if not lines:
         return ""
-    head = "" if heads is None else "".join(f"<th align='left'>{escape(each)}&nbsp;&nbsp;</th>" for each in heads)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{escape(each)}&nbsp;&nbsp;</td>" for each in line) + "</tr>" for line in lines
-    )
-    return f"<table>{f'<tr>{head}</tr>' if head else ''}{rows}</table>"
+    head = "".join(f"<th align='left'>{escape(each)}</th>" for each in heads)
+    rows = []
+    for *names, value in lines:
+        cells = "".join(f"<td style='padding-right:6px'>{escape(each)}</td>" for each in names if each)
+        rows.append(f"<tr>{cells}<td align='right'><b>{escape(value).replace(' ', '&nbsp;')}</b></td></tr>")
+    return f"<table width='100%'>{f'<tr>{head}</tr>' if heads else ''}{''.join(rows)}</table>"
 
 
 def _point_table(summary: ResultSummary) -> str:

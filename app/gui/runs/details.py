@@ -13,6 +13,8 @@ from app.common import typeset
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
+from app.gui.runs.differences import DifferencesPane
+from app.gui.runs.run_table import protocol_title
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
@@ -33,23 +35,22 @@ from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
-MIN_PLOT_HEIGHT = 160
+MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT = 320, 160
 MAX_REASON_LENGTH = 280
 """Characters of the reasons of a run's verdict that are shown next to the list."""
 
 
-class _LowComparePlot(ComparePlot):
+class _Low:
     """Prefers its least height: the pane scrolls only where that has no room."""
 
     def sizeHint(self) -> QSize:
-        return QSize(super().sizeHint().width(), MIN_PLOT_HEIGHT)
+        return QSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
 
 
-class _LowResultPlots(ResultPlots):
-    """Prefer their least height: the pane scrolls only where that has no room."""
+class _LowComparePlot(_Low, ComparePlot): ...
 
-    def sizeHint(self) -> QSize:
-        return QSize(super().sizeHint().width(), MIN_PLOT_HEIGHT)
+
+class _LowResultPlots(_Low, ResultPlots): ...
 
 
 class _NoteEdit(QPlainTextEdit):
@@ -76,6 +77,7 @@ class RunDetailsPane(QWidget):
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.card = ResultCard("runs.card", ("next", "report"))
         """Of a single selected run."""
+        self.differences = DifferencesPane()
         self.progress_row = ProgressRow()
         self.plot = configure(_LowComparePlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
@@ -119,6 +121,7 @@ class RunDetailsPane(QWidget):
             (self.result_plots, 1),
             (self.empty_label, 1),
             self.facts_label,
+            self.differences,
             self.card,
             fields,
             spacing=6,
@@ -157,15 +160,16 @@ class RunDetailsPane(QWidget):
         self.tags_edit.setEnabled(bool(selected))
         self.note_edit.setEnabled(one is not None)
         if one is not None:
-            self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.symbol} {one.verdict_text}")
+            self.heading.setText(
+                f"{one.specimen or one.name}   {protocol_title(one.protocol)}   {one.symbol} {one.verdict_text}"
+            )
             self._people = _people_text(one)
             lines = [_shorten_reason(one.explanation), *typeset(one.estimates_text).split("; "), self._people, one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
-            results = [f"{e.specimen}: {typeset(e.estimates_text)}" for e in selected if e.estimates_text]
-            more = f"\n… and {len(results) - 6} more" if len(results) > 6 else ""
-            self.facts_label.setText("\n".join(results[:6]) + more)
+            self.facts_label.setText("")
+        self.differences.show_runs([run for run in selected if run.readable])
         texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")
         # A list read before the last note was saved must not overwrite it, nor text that is being typed.
         if of != self._run_path or not (self.tags_edit.hasFocus() or self.note_edit.hasFocus()):

@@ -7,6 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from app.archive import RunFilter, RunSummary, ScanResult, read_since
+from app.gui.runs.run_table import protocol_title
 from app.gui.widgets import configure, fill_combo, make_button, make_combo, make_label, row
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
@@ -94,7 +95,8 @@ class RunFilterBar(QWidget):
             (self.protocol, {e.protocol for e in summaries}),
             (self.verdict, {word for e in summaries for word in e.verdict_text.split(", ")}),
         ):
-            offered = ((value, value) for value in sorted(values - {""}, key=str.casefold))
+            name = protocol_title if combo is self.protocol else str
+            offered = ((name(value), value) for value in sorted(values - {""}, key=str.casefold))
             fill_combo(combo, [(f"any {combo.accessibleName()}", ""), *offered])
 
     def show_count(self, shown: int, total: int) -> None:

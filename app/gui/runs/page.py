@@ -98,6 +98,7 @@ class RunsPage(QStackedWidget):
         """Stop background threads."""
         self.transfers.shutdown()
         self.list.folder_model.shutdown()
+        self.list.model.thumbnails.shutdown()
         self._worker.close()
         self._overlay.close()
 

@@ -10,8 +10,10 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.archive import RunSummary
 from app.common import format_duration, typeset
-from app.gui.face import tokens
+from app.gui.face import px, tokens
+from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure
+from protocols import PROTOCOLS
 from protocols.base import Outcome
 
 Index = QModelIndex | QPersistentModelIndex
@@ -19,7 +21,7 @@ RIGHT_ALIGNED = ("points", "length")
 SORT_KEYS = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
-    "protocol": lambda e: e.protocol,
+    "protocol": lambda e: protocol_title(e.protocol),
     "verdict": lambda e: e.verdict_text,
     "points": lambda e: e.points,
     "length": lambda e: e.seconds,
@@ -27,6 +29,13 @@ SORT_KEYS = {
     "tags": lambda e: e.tags.casefold(),
 }
 COLUMNS = tuple(SORT_KEYS)
+THUMBNAIL_COLUMN = COLUMNS.index("begun")
+ROW_HEIGHT = 40
+
+
+def protocol_title(name: str) -> str:
+    """Return a protocol as the form calls it; the stored name of one that is not known here."""
+    return PROTOCOLS.title(name) if name in PROTOCOLS else name
 
 
 class RunTableModel(QAbstractTableModel):
@@ -35,6 +44,8 @@ class RunTableModel(QAbstractTableModel):
     def __init__(self) -> None:
         super().__init__()
         self.folder = Path()
+        self.thumbnails = Thumbnails(self)
+        self.thumbnails.changed.connect(self._on_thumbnails)
         self.summaries: list[RunSummary] = []
         self._sort_column, self._descending = 0, True
 
@@ -44,6 +55,11 @@ class RunTableModel(QAbstractTableModel):
         self.folder = folder
         self.summaries = sorted(summaries, key=SORT_KEYS[COLUMNS[self._sort_column]], reverse=self._descending)
         self.endResetModel()
+
+    def _on_thumbnails(self) -> None:
+        if self.summaries:
+            last = self.index(len(self.summaries) - 1, THUMBNAIL_COLUMN)
+            self.dataChanged.emit(self.index(0, THUMBNAIL_COLUMN), last, [Qt.ItemDataRole.DecorationRole])
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own signature
         return 0 if parent.isValid() else len(self.summaries)
@@ -61,6 +77,8 @@ class RunTableModel(QAbstractTableModel):
         match role:
             case Qt.ItemDataRole.DisplayRole:
                 return _cell_text(entry, column)
+            case Qt.ItemDataRole.DecorationRole if index.column() == THUMBNAIL_COLUMN:
+                return self.thumbnails.pixmap(self.folder, entry)
             case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT_ALIGNED:
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             case Qt.ItemDataRole.ForegroundRole if column == "verdict":
@@ -88,6 +106,8 @@ def _cell_text(summary: RunSummary, column: str) -> str:
     match column:
         case "begun":
             return f"{summary.started_at:%Y-%m-%d %H:%M}" if summary.started_at else summary.name
+        case "protocol":
+            return protocol_title(summary.protocol)
         case "verdict":
             return f"{summary.symbol} {summary.verdict_text}" + (", SIMULATED" if summary.simulated else "")
         case "points":
@@ -125,12 +145,12 @@ class RunTableView(QTableView):
             minimumWidth=420,
         )
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
-        configure(self.verticalHeader(), visible=False, defaultSectionSize=self.fontMetrics().height() + 8)
+        configure(self.verticalHeader(), visible=False, defaultSectionSize=px(ROW_HEIGHT))
         header = self.horizontalHeader()
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate((20, 12, 19, 29, 8, 9, 34, 9)):
-            self.setColumnWidth(at, count * wide)
+            self.setColumnWidth(at, count * wide + (px(SIZE.width()) if at == THUMBNAIL_COLUMN else 0))
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

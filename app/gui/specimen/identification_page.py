@@ -1,8 +1,10 @@
 """Identification page over the pages: parameters of a specimen from its runs, their uncertainty budget, and acceptance."""
 
 import threading
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -16,6 +18,7 @@ from app.gui.widgets import (
     SELECTABLE,
     BackgroundWorker,
     StatusLine,
+    WrappedRow,
     column,
     configure,
     fill_table,
@@ -51,6 +54,7 @@ from app.identification import (
 from model import EstimatedQuantity, format_with_uncertainty, shown_unit
 from model.identification import Explanation, FitCancelled, FitOptions
 
+NOTHING_TO_IDENTIFY = "No run in {} has a result yet: measure a specimen first, on the page Measure (Ctrl+1)."
 COLUMNS = ("parameter", "value ± total", "unit", "total", "statistical", "from")
 PATH_ROLE = Qt.ItemDataRole.UserRole
 ACCEPTABLE = "The result can be accepted as the calibration of this specimen."
@@ -106,6 +110,8 @@ class IdentificationPage(QWidget):
         self.table.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.budget_title = make_label("Uncertainty budget: shares of the squared total", "caption", wrap=False)
         self.budget_plot = BudgetPlot()
+        self.specimens = make_scroll_area(accessibleName="specimens of the folder")
+        """Choice of a specimen where none is named."""
         self.proposals = QWidget()
         self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
@@ -139,7 +145,7 @@ class IdentificationPage(QWidget):
         self.heading.setText(f"Identification of {subject.specimen}" if subject.specimen else "No specimen")
         self._clear()
         if not subject.specimen:
-            self.message_label.show_message("Enter the name of the specimen first, on the page Measure.", is_error=True)
+            self._worker.submit(lambda: _results_of(subject.folder), self._offer_specimens, self._on_error, "runs")
             return
         self.message_label.show_message("looking for runs …", persistent=True)
         self._worker.submit(
@@ -223,6 +229,22 @@ class IdentificationPage(QWidget):
             self.message_label.show_message(
                 f"There is no run of {self.subject.specimen} with a result in {self.subject.folder}.", is_error=True
             )
+
+    def _offer_specimens(self, results: Sequence[RunSummary]) -> None:
+        """Offer the specimens of the folder, each with its number of runs."""
+        folder, counts = self.subject.folder, Counter(each.specimen for each in results if each.specimen)
+        text = "Which specimen? These have runs with a result." if counts else NOTHING_TO_IDENTIFY.format(folder)
+        self.message_label.show_message(text, persistent=True)
+        buttons = [
+            make_button(
+                f"{name}, {pluralize(count, 'run')}",
+                partial(self.show_subject, IdentificationSubject(folder, name)),
+                name=f"identification.specimen.{name}",
+            )
+            for name, count in sorted(counts.items())
+        ]
+        self.specimens.setWidget(make_pane(WrappedRow(*buttons)))
+        self.specimens.setVisible(bool(buttons))
 
     def _on_runs_again(self, runs: Sequence[Path]) -> None:
         listed = [self.run_list.item(at).data(PATH_ROLE) for at in range(self.run_list.count())]
@@ -360,6 +382,9 @@ class IdentificationPage(QWidget):
 
     def _clear(self) -> None:
         self.result = None
+        self.specimens.hide()
+        for button in (self.identify_button, self.runs_button):
+            button.setVisible(bool(self.subject.specimen))
         self._content.hide()
         self.simulated_label.hide()
         self.message_label.show_message("")
@@ -404,6 +429,7 @@ class IdentificationPage(QWidget):
             row(self.heading, self.simulated_label, None, self.runs_button, self.identify_button, close, spacing=8),
             self.run_list,
             self.message_label,
+            (self.specimens, 1),
             (area, 1),
             parent=self,
             margins=(16, 8, 8, 6),
@@ -422,11 +448,16 @@ def _cells(e: EstimatedQuantity, statistical: float | None) -> tuple[str, ...]:
     return e.name, value, unit, *shares, ", ".join(e.source)
 
 
+def _results_of(folder: Path, specimen: str = "") -> list[RunSummary]:
+    """Return the runs of a folder, or of a specimen in it, that have a result."""
+    catalogue = Catalogue(folder)
+    catalogue.scan()
+    return [each for each in RunFilter(specimen=specimen).apply(catalogue.entries()) if _counts(each)]
+
+
 def _runs_of(subject: IdentificationSubject) -> tuple[Path, ...]:
     """Return the runs of a specimen that have a result; simulated ones only where there are no others."""
-    catalogue = Catalogue(subject.folder)
-    catalogue.scan()
-    entries = [e for e in RunFilter(specimen=subject.specimen).apply(catalogue.entries()) if _counts(e)]
+    entries = _results_of(subject.folder, subject.specimen)
     real = [e for e in entries if not e.simulated]
     return tuple(subject.folder / e.path for e in sorted(real or entries, key=lambda e: (e.start_time, e.path)))
 

@@ -323,11 +323,11 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
     first = details.reviewed_path
     at = names().index("static gain above rest")
     assert pane.table.item(at, 0).text() == "✓"
-    assert "1 .. 1000 µm/V" in pane.table.item(at, 3).text()
+    assert "1 … 1000 µm/V" in pane.table.item(at, 3).text()
     assert pane.table.item(at, 5).text().startswith("142.73 µm/V (")
     assert "4 of 4 points usable" in find(pane, "review.indicator-0").text()
     assert pane.plots.chart.layer(pane.plots.kind.title).x.size == 4
-    assert "GOOD" in find(pane, "review.verdict").text(), "the same card as on the other pages"
+    assert "Good" in find(pane, "review.verdict").text(), "the same card as on the other pages"
     assert find(pane, "review.simulated").isVisibleTo(pane)
     asked: list[str] = []
     pane.card.requested.connect(lambda action, _: asked.append(action))

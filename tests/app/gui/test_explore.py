@@ -127,7 +127,7 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     assert "at 5 V; the curve is for 4 V" in page.status_line.text()
     page.toolbar.run_chips[path].click()
     until(page.card.isVisible, "for the result of the run")
-    assert find(page, "explore.card.verdict").text() == "– NOT JUDGED"
+    assert find(page, "explore.card.verdict").text() == "– Not judged"
     assert find(page, "explore.card.file").text() == path.name
     assert find(page, "explore.card.simulated").isVisible()
     page.toolbar.run_chips[path].click()

@@ -53,6 +53,23 @@ def fit_plain(page: IdentificationPage) -> None:
     until(lambda: page.result is not None and not page._worker.pending, "for the fit of the beam model alone")
 
 
+def test_where_no_specimen_is_named_those_with_results_are_offered(
+    open_stage: OpenStage, folder: Path, tmp_path: Path
+) -> None:
+    page = open_stage(folder=folder).window.central.identification_page
+    page.show_subject(IdentificationSubject(tmp_path / "empty", ""))
+    until(lambda: "measure a specimen first" in page.message_label.text(), "for the empty folder")
+    assert page.specimens.isHidden()
+    page.show_subject(IdentificationSubject(folder, ""))
+    until(lambda: not page.specimens.isHidden(), "for the specimens")
+    assert not find(page, "identification.fit").isVisibleTo(page), "nothing is chosen"
+    assert find(page, "identification.specimen.T7").text() == "T7, 2 runs"
+    find(page, "identification.specimen.T7").click()
+    assert page.subject.specimen == "T7"
+    assert page.specimens.isHidden()
+    until(lambda: page.result is not None and not page._worker.pending, "for the fit")
+
+
 def test_the_mass_fraction_is_proposed_first_and_the_fit_with_it_is_accepted(
     open_stage: OpenStage, folder: Path
 ) -> None:

@@ -1,6 +1,7 @@
 """Laboratory page: specimens, control charts, certificates and audit trail of a folder, read in the background."""
 
 import random
+import re
 import threading
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -213,7 +214,7 @@ def test_a_folder_is_read_in_the_background_and_reading_can_be_stopped(
     until(lambda: is_idle(page))
     assert threads
     assert threading.main_thread() not in threads
-    assert "stopped" in page.message_label.text() or "No specimens" in page.message_label.text()
+    assert "stopped" in page.message_label.text() or "No specimens" in page.empty_label.text()
     assert page.view == SPECIMENS
 
 
@@ -223,11 +224,12 @@ def test_a_folder_without_runs_says_so(open_page: OpenPage, tmp_path: Path) -> N
     until(lambda: is_idle(page))
     for view in (SPECIMENS, CHART):
         page.show_view(view)
-        assert page.message_label.text().startswith(
-            "No specimens: no real run in"
-        ) or page.message_label.text().startswith("No specimens: no simulated run in")
+        assert re.match("No specimens: no (real|simulated) run in", page.empty_label.text())
+        assert "Measure a specimen" in page.empty_label.text()
+        assert page.empty_label.isVisible()
+        assert not page.message_label.isVisible(), "an empty folder is no error"
     page.show_view(AUDIT)
-    assert not page.message_label.isVisible()
+    assert not page.empty_label.isVisible()
 
 
 def test_a_message_belongs_to_its_view_and_an_unchanged_folder_is_not_shown_again(page: LaboratoryPage) -> None:

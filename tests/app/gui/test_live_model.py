@@ -126,31 +126,32 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     stage.window.start_run()
     stage.happen(*LIVE)
     panel = stage.window.measure_page.run_panel
-    assert not panel.estimates_panel.isVisible()
+    card = panel.result_card
     assert not find(panel, "measure.rehearsal").isVisible()
     for at, point in enumerate(measured()):
         stage.happen(PointMeasured(at, point, at))
-    until(lambda: panel.estimates_panel.caption.text() == "From 8 usable points", "for the fit")
-    assert panel.estimates_panel.isVisible()
-    (mass, value, shrinking), *_ = panel.estimates_panel.rows
-    assert mass.text() == quantity_label("m_add")
-    number, error = (float(word) for word in value.text().removesuffix(" g").split(" ± "))
+    until(lambda: card._update.points == 8 and card._update.results, "for the fit")
+    assert card.isVisible()
+    assert find(card, "result.verdict").text() == "● Preliminary"
+    assert find(card, "result.name").text() == "Natural frequency", "the key figure of the finished run"
+    natural, *_ = SineDwell().estimates(measured())
+    assert float(find(card, "result.figure").text()) == pytest.approx(natural.value, rel=1e-4)
+    (mass,) = (value for name, value in card._rows if name == quantity_label("m_add"))
+    number, error = (float(word) for word in mass.removesuffix(" g").split(" ± "))
     assert abs(number - 8.2) < 4 * error < 0.2
-    assert shrinking.errors[-1] < 0.5 * shrinking.errors[0]
-    assert PAPER_MODEL.description in panel.estimates_panel.note.text()
-    assert panel.estimates_panel.minimumSizeHint().width() < 270, "a window of 800 points would cut the column"
+    assert PAPER_MODEL.description in card.note_label.text()
+    assert panel.minimumSizeHint().width() < 270, "a window of 800 points would cut the column"
     stage.happen(RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
-    assert find(panel, "measure.rehearsal").isVisible()
-    assert not panel.estimates_panel.isVisible()
+    assert find(card, "result.verdict").text() != "● Preliminary"
 
 
 @pytest.mark.deep
 def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -> None:
     live = LiveEstimator(AmplifierMap())
     points = measured()
-    *_, all_of_them = live.fit_new_points((tuple(points), PAPER_MODEL))
+    *_, all_of_them = live.fit_new_points((tuple(points), PAPER_MODEL, SineDwell))
     bad = replace(points[3], quality=int(Quality.CLIPPED))
-    *_, without = live.fit_new_points(((*points[:3], bad, *points[4:]), PAPER_MODEL))
+    *_, without = live.fit_new_points(((*points[:3], bad, *points[4:]), PAPER_MODEL, SineDwell))
     assert (all_of_them.points, without.points) == (8, 7)
     # The points have no noise; the priors of the effects with one sign shift the values by less than a thousandth.
     assert {e.name: e.value for e in without.estimates} == pytest.approx(

@@ -1,9 +1,11 @@
 """Runs page: search, open, compare, annotate, export, drag and drop."""
 
+import re
 import shutil
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from app.archive import RunState
 from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
+from app.gui.runs.run_table import THUMBNAIL_COLUMN
 from app.live.model_overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
@@ -169,7 +172,9 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert t[gap - 1] == pytest.approx(
         [0.2], abs=0.01
     )  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
-    assert view.card.value_labels[0][1].text() == "158.350 ± 0.010 Hz"
+    assert [find(view.card, f"run.card.{part}").text() for part in ("figure", "unit", "noise")] == [
+        "158.35", "Hz", "± 0.01 Hz noise",
+    ]  # fmt: skip
     assert view.card.simulated_label.isVisible()
     assert "Armed" in view.log.toPlainText()
     until(lambda: page._overlay.result() is not None, "for the curve")
@@ -463,3 +468,46 @@ def test_a_run_without_frequencies_is_plotted_beside_the_list(show: Callable[...
     page = show(tmp_path / "runs", 1)
     until(page.details.result_plots.isVisible, "for the plot")
     assert page.details.empty_label.isHidden()
+
+
+def test_a_row_shows_the_points_of_its_run(page: RunsPage) -> None:
+    thumbnails, folder = page.list.model.thumbnails, page.list.model.folder
+    runs = {run.specimen: run for run in page.list.model.summaries}
+
+    def ink(run: Any) -> int:
+        image = thumbnails.pixmap(folder, run).toImage()
+        return sum(image.pixelColor(x, y).alpha() > 0 for x in range(image.width()) for y in range(image.height()))
+
+    until(lambda: ink(runs["T7"]) > 0, "for the thumbnail")
+    line, high = ink(runs["T3"]), ink(runs["T7"])
+    assert high > line, "the run that crashed has too few points for a curve"
+    index = page.list.model.index(0, THUMBNAIL_COLUMN)
+    assert index.data(Qt.ItemDataRole.DecorationRole).width() > 0
+    damaged = runs["T7"]._replace(path="nothing.h5", modified_ns=1)
+    assert ink(damaged) == 0
+    until(lambda: not thumbnails._wanted and not thumbnails._worker.pending, "for the reading")
+    assert ink(damaged) == 0, "a file that cannot be read is listed all the same"
+
+
+def test_what_differs_between_two_runs_is_listed_and_the_rest_is_folded(page: RunsPage) -> None:
+    pane = page.details.differences
+    choose(page, "T7")
+    assert pane.isHidden()
+    choose(page, "T7", "T8")
+    assert pane.isVisible()
+
+    def rows() -> dict[str, list[str]]:
+        table = pane.table
+        texts = [[table.item(at, c).text() for c in range(table.columnCount())] for at in range(table.rowCount())]
+        return {name: values for name, *values in texts}
+
+    shown = rows()
+    assert sorted(shown["specimen"][:2]) == ["T7", "T8"]
+    assert "peak to peak" not in shown, "the drive is the same"
+    largest = next(values for name, values in shown.items() if "displacement" in name)
+    numbers = sorted(float(text.removesuffix(" µm")) for text in largest[:2])
+    assert numbers[1] / numbers[0] == pytest.approx(8 / 6, rel=0.01)
+    assert re.fullmatch(r"[+−]\d+(\.\d)? %(, [\d.e+]+ σ)?", largest[2]), largest
+    find(pane, "runs.differences.True").click()
+    assert "peak to peak" in rows(), "everything is listed"
+    assert len(rows()) > len(shown)

@@ -72,7 +72,7 @@ def test_no_usable_point_is_told_with_the_remedy_in_the_status_line_and_on_the_c
 
 def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Stage) -> None:
     expected = [
-        ["✕ FAIL", "gain above rest", "0.03", "1 .. 1000", "µm/V", OPTICS],  # what to remedy comes first
+        ["✕ FAIL", "gain above rest", "0.03", "1 … 1000", "µm/V", OPTICS],  # what to remedy comes first
         ["✓ pass", "noise floor", "0.5", "at most 5", "µm", ""],
     ]
     begin = RunStarted("wiring-check", "run.h5", 6.0, 4, True)
@@ -107,6 +107,6 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
     assert [run.specimen for run in page.list.model.summaries] == ["no-result"]
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run")
-    assert find(page, "run.card.verdict").text() == f"○ {Outcome.NO_RESULT.upper()}"
+    assert find(page, "run.card.verdict").text() == f"○ {Outcome.NO_RESULT.capitalize()}"
     assert find(page, "run.card.reason").text() == "No result; a remedy"
     assert find(page, "run.card.simulated").isVisibleTo(page.viewer)

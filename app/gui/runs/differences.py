@@ -1,0 +1,67 @@
+"""What differs between selected runs: settings, conditions, instruments and results; what is equal is folded."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHeaderView, QWidget
+
+from app.archive import RunSummary, compare_runs
+from app.gui.face import tokens
+from app.gui.widgets import STRETCH, Segments, column, fill_table, make_label, make_read_only_table, row
+
+MAX_RUNS = 3
+"""More runs have no place side by side."""
+LETTERS = "ABC"
+
+
+class DifferencesPane(QWidget):
+    """Table of two or three runs side by side, hidden for other selections."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._runs: tuple[RunSummary, ...] = ()
+        self.segments = Segments("runs.differences", "rows", (("Differences", False), ("All", True)))
+        self.segments.select(False)
+        self.table = make_read_only_table((), "runs.differences-table", "what differs", stretched="none", wordWrap=True)
+        self.table.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.note_label = make_label(kind="note", name="runs.differences-note")
+        heading = make_label("What differs", "caption", wrap=False)
+        column(row(heading, STRETCH, self.segments), self.table, self.note_label, parent=self, spacing=4)
+        self.segments.chosen.connect(lambda _: self._fill())
+        self.hide()
+
+    def show_runs(self, runs: Sequence[RunSummary]) -> None:
+        """Compare runs, in the order of the list."""
+        self.setVisible(1 < len(runs) <= MAX_RUNS)
+        if tuple(runs) != self._runs:
+            self._runs = tuple(runs)
+            self._fill()
+
+    def _fill(self) -> None:
+        if self.isHidden():
+            return
+        rows = compare_runs(self._runs)
+        differing = [each for each in rows if not each.is_equal]
+        shown = rows if self.segments.selected else differing
+        self.segments.buttons[False].setText(f"Differences, {len(differing)}")
+        self.segments.buttons[True].setText(f"All, {len(rows)}")
+        letters = LETTERS[: len(self._runs)]
+        last = ("difference",) if any(each.difference for each in shown) else ()
+        titles = ("", *letters, *last)
+        self.table.setColumnCount(len(titles))
+        self.table.setHorizontalHeaderLabels(titles)
+        self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        colors = ["", *tokens().layers[: len(letters)], ""]
+        fill_table(
+            self.table,
+            [(each.name, *each.values, *([each.difference] if last else ())) for each in shown],
+            lambda _row, place: colors[place],
+            right_aligned=range(1, len(titles)),
+        )
+        self.table.resizeRowsToContents()
+        heights = sum(self.table.rowHeight(at) for at in range(len(shown)))
+        self.table.setFixedHeight(heights + self.table.horizontalHeader().sizeHint().height() + 4)
+        same = len(rows) - len(differing)
+        self.note_label.setText(
+            f"{same} settings and results are equal; σ: standard uncertainty of the difference by the noise of both runs"
+        )

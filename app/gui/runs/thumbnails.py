@@ -1,0 +1,123 @@
+"""Thumbnails of runs: read in the background for the rows that are visible, drawn from memory."""
+
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QObject, QPointF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QGuiApplication, QPainter, QPen, QPixmap, QPolygonF
+
+from app.archive import RunSummary, read_sketch
+from app.gui.face import px, tokens
+from app.gui.widgets import BackgroundWorker
+from model import Array
+
+SIZE = QSize(88, 36)
+MAX_LINE_POINTS = 2 * SIZE.width()
+MAX_DOTS = 30
+"""More points are a line without dots."""
+MAX_WANTED = 60
+"""Rows that wait to be read; the last asked for come first."""
+SETTLE_MS = 40
+"""Delay between the first request and the reading: a list that is scrolled asks for rows that it leaves at once."""
+
+Sketch = tuple[Array, Array]
+"""Places of the points in a unit square, each (N,); empty without points."""
+NO_SKETCH: Sketch = (np.empty(0), np.empty(0))
+
+
+class Thumbnails(QObject):
+    """Gives the picture of a run at once if it was read, else an empty one, and reads it.
+
+    Args:
+        parent: owner.
+    """
+
+    changed = Signal()
+    """Emitted when further runs have been read."""
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._worker = BackgroundWorker("thumbnails", self)
+        self._sketches: dict[tuple[Path, int], Sketch] = {}
+        self._pixmaps: dict[tuple[Path, int, int, bool], QPixmap] = {}
+        self._wanted: dict[tuple[Path, int], None] = {}
+        self._timer = QTimer(self, singleShot=True, interval=SETTLE_MS)
+        self._timer.timeout.connect(self._read)
+
+    def pixmap(self, folder: Path, run: RunSummary) -> QPixmap:
+        """Return the thumbnail of a run."""
+        key = folder / run.path, run.modified_ns
+        sketch = self._sketches.get(key)
+        if sketch is None and run.readable:
+            self._wanted.pop(key, None)
+            self._wanted[key] = None
+            if not self._timer.isActive():
+                self._timer.start()
+        if sketch is None:
+            return self._drawn((Path(), 0), NO_SKETCH)
+        return self._drawn(key, sketch)
+
+    def shutdown(self) -> None:
+        """Stop the background thread."""
+        self._timer.stop()
+        self._worker.close()
+
+    def _read(self) -> None:
+        if self._worker.pending:
+            self._timer.start()
+            return
+        wanted, self._wanted = [*self._wanted][-MAX_WANTED:], {}
+        self._worker.submit(lambda: {key: _read_sketch(key[0]) for key in reversed(wanted)}, self._on_read)
+
+    def _on_read(self, sketches: dict[tuple[Path, int], Sketch]) -> None:
+        self._sketches |= sketches
+        self.changed.emit()
+
+    def _drawn(self, key: tuple[Path, int], sketch: Sketch) -> QPixmap:
+        at = (*key, px(SIZE.width()), tokens().dark)
+        if at not in self._pixmaps:
+            self._pixmaps[at] = _draw(sketch)
+        return self._pixmaps[at]
+
+
+def _read_sketch(path: Path) -> Sketch:
+    """Return the points of a run in a unit square; empty of a file that cannot be read: the list tells that."""
+    try:
+        series = read_sketch(path)
+    except Exception:  # noqa: BLE001 - a run without a thumbnail is listed all the same
+        return NO_SKETCH
+    if series is None:
+        return NO_SKETCH
+    x, y = series.x, series.plotted
+    good = np.isfinite(x) & np.isfinite(y) & (True if series.usable is None else series.usable)
+    order = np.argsort(x[good], kind="stable")[:: max(int(good.sum()) // MAX_LINE_POINTS, 1)]
+    x, y = x[good][order], y[good][order]
+    return (_unit(x), _unit(y)) if x.size > 1 else NO_SKETCH
+
+
+def _unit(values: Array) -> Array:
+    span = float(np.ptp(values))
+    return (values - values.min()) / span if span > 0 else np.full(values.size, 0.5)
+
+
+def _draw(sketch: Sketch) -> QPixmap:
+    ratio, width, height = QGuiApplication.primaryScreen().devicePixelRatio(), px(SIZE.width()), px(SIZE.height())
+    pixmap = QPixmap(round(width * ratio), round(height * ratio))
+    pixmap.setDevicePixelRatio(ratio)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    if sketch is NO_SKETCH:
+        return pixmap
+    colors, painter = tokens(), QPainter(pixmap)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(QPen(QColor(colors.line), 1))
+    painter.drawLine(0, height - 3, width, height - 3)
+    places = [QPointF(4 + (width - 8) * x, height - 6 - (height - 12) * y) for x, y in zip(*sketch, strict=True)]
+    painter.setPen(QPen(QColor(colors.model), 1.25))
+    painter.drawPolyline(QPolygonF(places))
+    if len(places) <= MAX_DOTS:
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(colors.ink))
+        for place in places:
+            painter.drawEllipse(place, 1.5, 1.5)
+    painter.end()
+    return pixmap
