@@ -70,20 +70,28 @@ SEED = 7
 """Seed of the properties of instruments and weights of the bench `same`."""
 SPECIMEN, SPECIMEN_SPREAD = ("k2", "m_add", "c0"), 0.03
 WEIGHT_UNCERTAINTY = 3e-5
+MIN_SEEDS = 3
 BAND = 0.1
 """Largest deviation of scatter / stated from 1, and of the mean error / stated from 0, besides the band of the seeds."""
 Row = dict[str, Any]
 
 
 class Ratio(NamedTuple):
-    """A number over the seeds: deviations over stated errors."""
+    """A number over the seeds; NaN where it has no such ratio.
+
+    Attributes:
+        seeds: number of seeds of the bench `drawn`, or of `same` for a number without a closed form.
+        scatter: standard deviation over the rms stated error, bench `same`.
+        error: rms error against the truth over the rms stated error, bench `drawn`.
+        mean: mean error over the rms stated error, bench `drawn`; of several points or lines the largest.
+    """
 
     protocol: str
     name: str
     seeds: int
     scatter: float
+    error: float
     mean: float
-    total: float
     verdict: str
 
 
@@ -155,39 +163,47 @@ def ratios(rows: Sequence[Row]) -> list[Ratio]:
 
 
 def _ratio(protocol: str, name: str, kinds: Mapping[str, Mapping[str, list[list[float]]]]) -> Ratio:
-    seeds = max((len(v) for items in kinds.values() for v in items.values()), default=0)
-    squares, means, totals = [], [], []
-    for values in kinds[SAME].values():
-        value, error, _ = np.array(values).T
-        if value.size > 2:
-            squares.append(float(value.var(ddof=1) / np.mean(error**2)))
-    for values in kinds[DRAWN].values():
-        value, error, truth = np.array(values).T
-        if value.size > 2 and np.isfinite(truth).all():
-            means.append(float(np.mean(value - truth) / np.sqrt(np.mean(error**2))))
-            totals.append(float(np.mean((value - truth) ** 2) / np.mean(error**2)))
-    scatter = math.sqrt(np.mean(squares)) if squares else math.nan
+    scatters, errors, means = [], [], []
+    seeds = dict.fromkeys(BENCHES, 0)
+    for kind, items in kinds.items():
+        for values in items.values():
+            value, stated, truth = np.array(values).T
+            square = float(np.mean(stated**2))
+            if value.size < MIN_SEEDS or (kind == DRAWN and not np.isfinite(truth).all()):
+                continue
+            seeds[kind] = max(seeds[kind], value.size)
+            if kind == SAME:
+                scatters.append(float(value.var(ddof=1)) / square)
+            else:
+                errors.append(float(np.mean((value - truth) ** 2)) / square)
+                means.append(float(np.mean(value - truth)) / math.sqrt(square))
+    scatter, error = (math.sqrt(np.mean(each)) if each else math.nan for each in (scatters, errors))
     mean = max(means, key=abs) if means else math.nan
-    total = math.sqrt(np.mean(totals)) if totals else math.nan
-    return Ratio(protocol, name, seeds, scatter, mean, total, _verdict(seeds, scatter, mean))
+    decisive = (error, seeds[DRAWN]) if means else (scatter, seeds[SAME])
+    return Ratio(protocol, name, decisive[1], scatter, error, mean, _verdict(*decisive, mean, len(means)))
 
 
 def band(seeds: int) -> tuple[float, float]:
     """Return the limits of scatter / stated: 0.9 to 1.1, widened by the 99.7 % band of chi-square of the seeds."""
     from scipy.stats import chi2
 
-    low, high = (math.sqrt(chi2.ppf(p, seeds - 1) / (seeds - 1)) for p in (0.0015, 0.9985))
+    low, high = (math.sqrt(chi2.ppf(p, seeds - 1) / (seeds - 1)) for p in (0.00135, 0.99865))
     return (1 - BAND) * low, (1 + BAND) * high
 
 
-def _verdict(seeds: int, scatter: float, mean: float) -> str:
-    low, high = band(max(seeds, 3))
-    words = []
-    if scatter < low:
-        words.append("wide")
-    if scatter > high:
-        words.append("narrow")
-    if abs(mean) > 3 / math.sqrt(seeds) + BAND:
+def mean_limit(seeds: int, numbers: int) -> float:
+    """Return the largest mean error / stated of one of `numbers`: three standard errors for a single one, and a tenth."""
+    from scipy.stats import norm
+
+    return float(-norm.ppf(0.00135 / numbers)) / math.sqrt(seeds) + BAND
+
+
+def _verdict(ratio: float, seeds: int, mean: float, numbers: int) -> str:
+    if seeds < MIN_SEEDS:
+        return "–"
+    low, high = band(seeds)
+    words = ["wide"] if ratio < low else ["narrow"] if ratio > high else []
+    if numbers and abs(mean) > mean_limit(seeds, numbers):
         words.append("biased")
     return ", ".join(words) or "holds"
 
@@ -195,16 +211,18 @@ def _verdict(seeds: int, scatter: float, mean: float) -> str:
 def table(rows: Sequence[Row]) -> str:
     """Return the table in Markdown."""
     lines = [
-        "| protocol | number | seeds | scatter / statistical | mean error / total | rms error / total | verdict |",
-        "|---|---|---|---|---|---|---|",
+        "| protocol | number | seeds | error / stated | mean error / stated | scatter / stated, one specimen | band | verdict |",
+        "|---|---|---|---|---|---|---|---|",
     ]
 
     def shown(x: float, form: str) -> str:
         return format(x, form) if math.isfinite(x) else "–"
 
     for r in ratios(rows):
-        numbers = f"{shown(r.scatter, '.2f')} | {shown(r.mean, '+.2f')} | {shown(r.total, '.2f')}"
-        lines.append(f"| {r.protocol} | {r.name} | {r.seeds} | {numbers} | {r.verdict} |")
+        if r.seeds:
+            low, high = band(r.seeds)
+            numbers = f"{shown(r.error, '.2f')} | {shown(r.mean, '+.2f')} | {shown(r.scatter, '.2f')}"
+            lines.append(f"| {r.protocol} | {r.name} | {r.seeds} | {numbers} | {low:.2f}–{high:.2f} | {r.verdict} |")
     return "\n".join(lines)
 
 
