@@ -14,7 +14,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Steps
-from model import format_with_uncertainty
+from model import Array, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -169,7 +169,7 @@ class FreeDecay(Protocol):
             values = np.array([getattr(p, column) for p in usable])
             weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
             mean = float((weight * values).sum() / weight.sum())
-            spread = float(values.std(ddof=1)) / math.sqrt(len(values))
+            spread = _scatter(values, np.array([p.edge % 2 for p in usable])) / math.sqrt(len(values))
             modes.append((mean, max(float(weight.sum() ** -0.5), spread)))
         return modal_estimates(*modes[0], *modes[1], SOURCE)
 
@@ -198,3 +198,15 @@ class FreeDecay(Protocol):
         last = min(begin + math.floor((self.dwell_s - self.rise_s) * rate), len(drive))
         samples = recording.displacement_m[first:last]
         return (first - begin + np.arange(len(samples))) / rate, samples
+
+
+def _scatter(values: Array, direction: Array) -> float:
+    """Return the standard deviation of repeats of edges of one direction, both (N,), or of all edges if none is repeated.
+
+    A specimen with hysteresis rings differently at rest and at the level: this difference recurs, and is no scatter.
+    """
+    directions, counts = np.unique(direction, return_counts=True)
+    if counts.min() < 2:
+        return float(values.std(ddof=1))
+    left = sum(float(values[direction == each].var()) * n for each, n in zip(directions, counts, strict=True))
+    return math.sqrt(left / (values.size - directions.size))

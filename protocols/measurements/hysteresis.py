@@ -39,7 +39,7 @@ from protocols.measurements.fields import (
 )
 from protocols.measurements.fit_lines import line_indices, weighted_fit
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
-from protocols.signals import fit_frequency, fold, measure_loops, remove_lines
+from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remove_lines
 
 SOURCE = "line through the loop widths of this run over frequency"
 
@@ -156,9 +156,11 @@ class Hysteresis(Protocol):
         frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
         clean, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
         moved = _advance(clean, recording.sensor_delay_s * rate)
+        volts = recording.drive_v[: moved.size]
+        first = _first_sample(volts, rate, frequency)
         drive_v, displacement_m = (
-            fold(x, rate, 1 / frequency, PHASES_PER_CYCLE, 0)[: self.cycles]
-            for x in (recording.drive_v[: moved.size], moved)
+            _unaveraged(fold(x[first:], rate, 1 / frequency, PHASES_PER_CYCLE, 0)[: self.cycles])
+            for x in (volts, moved)
         )
         return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
 
@@ -234,6 +236,19 @@ class Hysteresis(Protocol):
         # Two spare loops; finite, so that a generator left alone comes to rest.
         cycles = self.dropped + self.cycles + 2 + math.ceil(frequency_hz)
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
+
+
+def _first_sample(drive_v: Array, rate_hz: float, frequency_hz: float) -> int:
+    """Return the first sample from which the extremes of the drive lie in the middle of a phase, which otherwise miss them."""
+    to_extreme = 0.25 - float(np.angle(fit_sine(drive_v, rate_hz, frequency_hz).fundamental)) / (2 * math.pi)
+    phases = (to_extreme * PHASES_PER_CYCLE - 0.5) % 1.0
+    return round(phases / PHASES_PER_CYCLE / frequency_hz * rate_hz)
+
+
+def _unaveraged(cycles: Array) -> Array:
+    """Return folded cycles, (cycles, PHASES), without the loss of the fundamental by the average over a phase."""
+    mean = cycles.mean(axis=1, keepdims=True)
+    return np.asarray(mean + (cycles - mean) / np.sinc(1 / PHASES_PER_CYCLE))
 
 
 def _close_loop(loop: Array) -> Array:

@@ -1,7 +1,7 @@
 """Load point: deflection under one weight (zero, loaded, zero), operator prompts, and compliance fit."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -16,6 +16,12 @@ from protocols.measurements.fit_lines import weighted_fit
 from protocols.signals import LevelEstimate, WeightStepDetector
 
 SOURCE = "static loading, weighted lines through zero"
+
+EXPLAINED_SIGMAS = 3.0
+"""Largest difference between the change of a zero and the creep's remainder, in standard errors, that is explained by it."""
+
+PLACING_S = 0.2
+"""Standard uncertainty of the time at which a weight was put on: a hand lets it down within some tenths of a second."""
 
 SIDE_LABELS = {1.0: "MFC up", -1.0: "aluminium up"}
 
@@ -98,7 +104,9 @@ class LoadPoint:
         float, Unit("m"), "displacement under the weight against the mean of the zeros before and after"
     ]
     deflection_errors: Annotated[
-        float, Unit("m"), "standard uncertainty of the deflection, change of the zero included"
+        float,
+        Unit("m"),
+        "standard uncertainty of the deflection, with a change of the zero that creep does not explain",
     ]
     zero_before: Annotated[float, Unit("m"), "sensor reading before the weight is put on"]
     zero_after: Annotated[float, Unit("m"), "sensor reading after the weight is taken off"]
@@ -156,8 +164,10 @@ def load_point(
     drift = after.value - before.value
     deflection = under.value - (before.value + after.value) / 2
     zero_error = math.hypot(before.standard_error, after.standard_error) / 2
+    times = _times(parts, record_s)
     # The time at which the zero moved is unknown: a rectangular distribution from one to the other.
-    error = math.hypot(under.standard_error, zero_error, drift / math.sqrt(12))
+    moved = _unexplained_shift(before, under, after, times, record_s)
+    error = math.hypot(under.standard_error, zero_error, moved / math.sqrt(12), under.drift_per_s * PLACING_S)
     detected = {
         Quality.DRIVE_OFF: any(
             isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V
@@ -180,9 +190,26 @@ def load_point(
         drift=drift,
         creep=under.drift_per_s,
         noise=under.noise,
-        **_times(parts, record_s),
+        **times,
         quality=point_quality(parts, simulated, detected),
     )
+
+
+def _unexplained_shift(
+    before: LevelEstimate, under: LevelEstimate, after: LevelEstimate, times: Mapping[str, float], record_s: float
+) -> float:
+    """Return the change of the zero over a weight that its creep does not explain; 0 within `EXPLAINED_SIGMAS`.
+
+    A specimen that creeps with the logarithm of time has not returned when the zero is read again. The slope under the weight
+    tells the remainder, which is the same in every repeat: it is no error of the deflection.
+    """
+    lasted = times["read"] - times["placed"]
+    since_placed, since_lifted = (times["zero_after_time"] - times[name] for name in ("placed", "lifted"))
+    remainder_s = lasted * math.log(since_placed / since_lifted)
+    slope_error = under.standard_error * math.sqrt(12) / record_s
+    shift = after.value - before.value - under.drift_per_s * remainder_s
+    error = math.hypot(before.standard_error, after.standard_error, slope_error * remainder_s)
+    return shift if abs(shift) > EXPLAINED_SIGMAS * error else 0.0
 
 
 def _times(parts: Sequence[Recording], record_s: float) -> dict[str, float]:

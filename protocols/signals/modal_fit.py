@@ -9,6 +9,9 @@ from model import Array, Complex
 
 MIN_LINES = 5
 
+MIN_PATTERN_LINES = 30
+"""Fewest lines from which the correlation of their misfits is estimated."""
+
 
 @dataclass(frozen=True, slots=True)
 class ModalFit:
@@ -45,14 +48,15 @@ def fit_sdof(
 
     A pair of poles of a real system has real a and b; far below their resonance, the residual of higher modes is c + i d f + e
     f^2: their compliance, their damping, and their approach. (With a complex constant in place of a + i b r and of the residual,
-    the frequency is wrong by five standard errors at 158 Hz.) The standard errors are scaled by the misfit; the change of the
+    the frequency is wrong by five standard errors at 158 Hz.) The standard errors are from the misfit: of many lines with its
+    correlation, because distortions of a sweep repeat as a wave over the lines, which a fit averages out; the change of the
     result without the last term, the error of this model, is added in quadrature.
 
     Args:
         frequency_hz: (F,), frequencies of the lines, which must enclose the resonance.
         response: (F,), complex.
         standard_error: (F,), of real and imaginary part; None: equal errors.
-        correlation: correlation of neighbouring lines, see `FrequencyResponseObservation`.
+        correlation: correlation of neighbouring lines, see `FrequencyResponseObservation`; counts for few lines.
 
     Raises:
         ValueError: fewer than 5 lines, or no resonance within them.
@@ -73,8 +77,11 @@ def fit_sdof(
     if fitted is None or simpler is None:
         raise ValueError(none)
     values, errors, freedom, terms, line = fitted
-    # Neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance.
-    errors = np.hypot(errors * np.sqrt(1 + 2 * correlation), values - simpler[0])
+    if (
+        f.size < MIN_PATTERN_LINES
+    ):  # neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance
+        errors = errors * np.sqrt(1 + 2 * correlation)
+    errors = np.hypot(errors, values - simpler[0])
     natural = float(values[0]) * peak
     if not f.min() < natural < f.max():
         raise ValueError(none)
@@ -120,8 +127,23 @@ def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Arra
     if not fit.success or freedom < 1:
         return None
     jacobian = np.asarray(fit.jac)  # with the linear terms projected out: its Gram matrix is that of f0 and zeta alone
-    errors = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * 2 * fit.cost / freedom)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    errors = np.sqrt(np.diag(inverse) * 2 * fit.cost / freedom)
+    if g.size >= MIN_PATTERN_LINES:
+        order = np.argsort(g)
+        scores = (jacobian * np.asarray(fit.fun)[:, None]).reshape(2, g.size, 2).sum(axis=0)[order]
+        errors = np.sqrt(np.diag(inverse @ _long_run(scores) @ inverse) * target.size / freedom)
     basis = columns(*fit.x)
     linear = np.linalg.lstsq(basis, target, rcond=None)[0]
     real, imaginary = np.split(basis @ linear, 2)
     return np.asarray(fit.x), errors, freedom, np.asarray(linear), np.asarray((real + 1j * imaginary) / weight)
+
+
+def _long_run(scores: Array) -> Array:
+    """Return the covariance of the sum of correlated rows, (2, 2), by Bartlett's weights (Newey, West, Econometrica 55, 1987)."""
+    reach = int(np.sqrt(len(scores)))
+    total = scores.T @ scores
+    for lag in range(1, reach + 1):
+        shifted = scores[lag:].T @ scores[:-lag]
+        total += (1 - lag / (reach + 1)) * (shifted + shifted.T)
+    return np.asarray(total)

@@ -14,6 +14,7 @@ includes noise and residual ripple, but not the deviation from this curve over t
 the paper with any of its masses and creep up to 3 % a decade; without the factor of creep 0.27 Hz).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -261,8 +262,8 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
 def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     """Return the single resonance through the three highest amplitudes of a dwell; None if the highest is at an end.
 
-    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine the errors of the points and the difference from the
-    paper's parabola of y over f (the ambiguity of a curve through three points).
+    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine the errors of the points and the change by a fourth
+    point, through which a curve of third degree passes. With three points only, the change is to the paper's parabola of y over f.
 
     Args:
         f: frequencies in any order, Hz; (N,), as the others.
@@ -271,15 +272,31 @@ def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     """
     from model.identification import parabola_vertex  # slow to import
 
-    def vertex(heights: Array) -> float:
-        return float(np.sqrt(parabola_vertex(f**2, -(heights**-2))[0]))
-
     f, index = np.unique(f, return_index=True)
     y, errors = y[index], errors[index]
     top = int(y.argmax()) if y.size else 0
     if not 0 < top < y.size - 1:
         return None
-    f, y, errors = (values[top - 1 : top + 2] for values in (f, y, errors))
-    centre = vertex(y)
-    moved = np.array([vertex(y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
-    return DwellPeak(centre, float(np.hypot(np.linalg.norm(moved), centre - parabola_vertex(f, y)[0])))
+    three = [top - 1, top, top + 1]
+    beyond = [i for i in (top - 2, top + 2) if 0 <= i < y.size]
+    fourth = max(beyond, key=lambda i: float(y[i]), default=None)
+    used = three if fourth is None else [*three, fourth]
+    f, y, errors = f[used], y[used], errors[used]
+
+    def vertex(heights: Array) -> Array:
+        """Return the frequency of the maximum, and its change by the other curve."""
+        inverse = heights**-2
+        square = parabola_vertex(f[:3] ** 2, -inverse[:3])[0]
+        other = parabola_vertex(f[:3], heights[:3])[0]
+        if fourth is not None:
+            at = square - f[1] ** 2
+            cubic = np.polynomial.Polynomial.fit(f**2 - f[1] ** 2, inverse, 3).convert()
+            slope, bend = float(cubic.deriv()(at)), float(cubic.deriv(2)(at))
+            if bend > 0 and slope / bend < square:  # otherwise the four points are no single resonance
+                other = math.sqrt(square - slope / bend)
+        return np.array([math.sqrt(square), other - math.sqrt(square)])
+
+    centre, change = vertex(y)
+    moved = np.array([vertex(y + 1e-3 * step) - (centre, change) for step in np.diag(errors)]) / 1e-3
+    noise, of_change = np.linalg.norm(moved, axis=0)
+    return DwellPeak(float(centre), float(np.sqrt(noise**2 + max(change**2 - of_change**2, 0.0))))
