@@ -139,7 +139,8 @@ def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
             values, errors = observed_values(run)
             shares += (np.abs(errors) / np.abs(values)).tolist()
     resonances = [e for run in observations.of_type(MassResonanceObservation) for e in run.errors_hz[run.usable]]
-    usual = ExpectedPrecision(shared_errors=tuple(observations.shared_errors.values()))
+    instruments = tuple(error for error in observations.shared_errors.values() if not error.source)
+    usual = ExpectedPrecision(shared_errors=instruments)
     relative = float(np.median(shares)) if shares else usual.relative_error
     return replace(
         usual,

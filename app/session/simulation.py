@@ -1,7 +1,7 @@
 """Speed of a simulated bench, who answers its prompts, and the specimen sheet that its laboratory writes beside the first run."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.common import format_duration, parse_toml
 from app.session.session import ConnectedBench
-from protocols.base import Operator, Prompt, write_atomic
+from protocols.base import Operator, Prompt, SpecimenMounted, write_atomic
 from protocols.runfile import sheet_path
 
 if TYPE_CHECKING:
@@ -64,10 +64,10 @@ class PractisingOperator:
         self._user, self._simulated, self._settings = user, simulated, settings
         self._pending: dict[int, Prompt] = {}
 
-    def clear_specimen(self) -> None:
-        """Remove what a stopped run left on the specimen."""
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+        """Remove what a stopped run left on the specimen, which stays as it was mounted."""
         self._pending.clear()
-        self._simulated.clear_specimen()
+        self._simulated.clear_specimen(mountings)
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         if self._settings.asks_user:

@@ -43,6 +43,12 @@ from .importing import ImportedTable as ImportedTable
 from .importing import ImportForm as ImportForm
 from .importing import RunOfSamples as RunOfSamples
 from .importing import TableImportError as TableImportError
+from .mounting import MOUNTED as MOUNTED
+from .mounting import MOUNTED_PARTS as MOUNTED_PARTS
+from .mounting import MOUNTING_ACTIONS as MOUNTING_ACTIONS
+from .mounting import UNCHANGED as UNCHANGED
+from .mounting import SpecimenMounted as SpecimenMounted
+from .mounting import last_mountings as last_mountings
 from .protocol import Protocol as Protocol
 from .protocol import extend_plan as extend_plan
 from .protocol import first_adapted as first_adapted
