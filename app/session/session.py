@@ -181,8 +181,8 @@ class Session:
         self._restore: Prompt | None = None
         """Set-up that the next run of another protocol prompts for; None if the tactor is under the sensor."""
         self._restore_id: int | None = None
-        self._mounted: Callable[[SpecimenMounted], object] = lambda _: None
-        """Adds a mounting to the file of the specimen of the present run."""
+        self._mounted: Callable[[SpecimenMounted], Path]
+        """Adds a mounting to the file of the specimen of the present run, and returns its path."""
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
         self._monitoring, self._monitor_failed = threading.Event(), False
@@ -429,7 +429,8 @@ class Session:
                 self.state = SessionState.IDLE  # before the observers, which may start the next run
                 self._forward_injected()
             case SpecimenMounted():
-                self._mounted(event)  # an error is logged by the bus; the run file has the mounting
+                path = self._mounted(event)  # an error is logged by the bus; the run file has the mounting
+                record_audit("mounting", path, subject=path.name, part=event.part, by=event.who)
             case PromptShown(ask_id, prompt) if prompt == self._restore:
                 self._restore_id = ask_id
             case PromptAnswered(ask_id) if ask_id == self._restore_id:

@@ -115,9 +115,7 @@ def with_mountings(observations: ObservationSet, stated: Mapping[str, float]) ->
     if not added:
         return observations
     return ObservationSet(
-        tuple(
-            replace(run, shared_errors=(*run.shared_errors, *added.get(run.label, ()))) for run in observations.runs
-        )
+        tuple(replace(run, shared_errors=(*run.shared_errors, *added.get(run.label, ()))) for run in observations.runs)
     )
 
 

@@ -80,7 +80,9 @@ class LaserView:
         match action:
             case "zero-sensor":
                 at = min(self._plant.available_until(t), t)
-                view = replace(now, offset_m=now.offset_m - float(self.displacement(np.array([at]))[0]), limit_m=math.inf)
+                view = replace(
+                    now, offset_m=now.offset_m - float(self.displacement(np.array([at]))[0]), limit_m=math.inf
+                )
             case "bump-sensor":
                 view = replace(now, offset_m=now.offset_m + values["by_m"], limit_m=math.inf)
             case "limit-sensor":

@@ -112,7 +112,8 @@ def apply_action(
         case "tidy-up":
             glued, clamped = (int(values.get(f"{part}_mountings", 0)) for part in ("mass", "plate"))
             state = replace(initial_state(parameters), plate_mountings=clamped)
-            return _with_mass(state, values, parameters, glued) if "mass_kg" in values else state
+            own = {"mass_kg": parameters.tactor.m_add, "moving": 1.0} if "mass_kg" not in values else {}
+            return _with_mass(state, {**values, **own, "mounted": 1.0}, parameters, glued) if glued else state
     return replace(state, skin=None)
 
 
