@@ -281,7 +281,7 @@ def test_the_repeatability_of_mountings_is_a_table_of_the_sheet(tmp_path: Path) 
         path.write_text(f'specimen = "T1"\n[mounting]\n{line}\n')
         with pytest.raises(SheetError) as caught:
             read_sheet(path)
-        assert_names(str(caught.value), str(path), f"[mounting] {fact}")
+        assert_names(str(caught.value), str(path), "mounting", fact)
     created = create_sheet(tmp_path, "T2")
     assert created.mountings == {}
     assert created.path is not None
