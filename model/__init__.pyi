@@ -54,6 +54,7 @@ from .specimen import K_S as K_S
 from .specimen import LAG_NAMES as LAG_NAMES
 from .specimen import NONIDEAL_NAMES as NONIDEAL_NAMES
 from .specimen import Specimen as Specimen
+from .specimen import flexible_clamp_lengths as flexible_clamp_lengths
 from .specimen import replace_variables as replace_variables
 from .specimen import specimen_record as specimen_record
 from .specimen import variable_specs as variable_specs

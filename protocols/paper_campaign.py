@@ -2,14 +2,15 @@
 
 from typing import NamedTuple
 
-from protocols.base import Prompt
+from protocols.base import MOUNTED, UNCHANGED, Prompt
 
 TURN_MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MFC up.", {"side": 1.0}, hands_on=True)
 REMOVE_MEMBRANE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
 FIX_PAPER_MASS = Prompt(
     "fix-mass",
     "Fix a mass in the cylinder so that 7.73 g moves with the centre; in the paper this was a mass of 11 g.",
-    {"mass_kg": 7.73e-3, "moving": 1.0},
+    {"mass_kg": 7.73e-3, "moving": 1.0, MOUNTED: 1.0},
+    ("done", UNCHANGED),
     hands_on=True,
 )
 

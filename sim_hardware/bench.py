@@ -138,6 +138,8 @@ class SimulatedBench:
         if action in plant.SPECIMEN_ACTIONS:
             how = partial(self._changed_setup, action=action, values=values)
             if how(self.plant.setup_state) == self.plant.setup_state:
+                if action == "tidy-up":
+                    self.laser_view.apply_action(now_s, action, values)
                 return done_s
             if self.history.high_voltage_on:
                 raise ValueError(

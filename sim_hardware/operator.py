@@ -1,9 +1,9 @@
 """Simulated operator: answers prompts by acting on a simulated bench; and its controls."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
-from protocols.base import Prompt
+from protocols.base import Prompt, SpecimenMounted
 from sim_hardware.plant import OPERATOR_ACTIONS
 
 if TYPE_CHECKING:
@@ -55,10 +55,17 @@ class SimulatedOperator:
         self._bench, self._patience_s = bench, patience_s
         self._answers: dict[int, tuple[float, str]] = {}
 
-    def clear_specimen(self) -> None:
-        """Restore the initial state of the specimen, after a run stopped with a weight on."""
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+        """Restore the specimen as it was mounted last, after a run stopped with a weight on; without mountings the initial state.
+
+        Args:
+            mountings: every mounting of the specimen, the oldest first.
+        """
         self._bench.disable_hv()  # the specimen must not be live; a run prompts for high voltage again
-        self._bench.perform_action("tidy-up", {})
+        parts = [each.part for each in mountings]
+        values = {f"{part}_mountings": float(parts.count(part)) for part in dict.fromkeys(parts)}
+        values |= next((each.values for each in reversed(mountings) if each.part == "mass"), {})
+        self._bench.perform_action("tidy-up", values)
 
     def show(self, ask_id: int, prompt: Prompt, patience_s: float | None = None) -> None:
         """Start the action. `patience_s` replaces this operator's."""

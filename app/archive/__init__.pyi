@@ -17,6 +17,7 @@ from .exporting.parts import PARTS as PARTS
 from .exporting.parts import ExportError as ExportError
 from .exporting.parts import Part as Part
 from .notes import annotate_runs as annotate_runs
+from .notes import mount_part as mount_part
 from .problem_report import CONTENTS as CONTENTS
 from .problem_report import NOT_IN as NOT_IN
 from .problem_report import ProblemFacts as ProblemFacts

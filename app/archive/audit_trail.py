@@ -17,7 +17,15 @@ from app.common import (
     read_entries,
 )
 
-AUDITED_SUFFIXES = (".h5", ".calibrations.json", ".campaign.json", ".notes.json", ".specimen.toml", ".certificate.json")
+AUDITED_SUFFIXES = (
+    ".h5",
+    ".calibrations.json",
+    ".campaign.json",
+    ".notes.json",
+    ".specimen.toml",
+    ".mountings.json",
+    ".certificate.json",
+)
 """Files that are recorded when an audit trail begins, and looked for when it is verified."""
 
 

@@ -1,12 +1,13 @@
-"""Tags and note in the sidecar of a run, with an entry in the audit trail."""
+"""Tags and note in the sidecar of a run, and mountings of a specimen, each with an entry in the audit trail."""
 
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.common import record_audit
-from protocols.runfile import Notes, change_notes, notes_path
+from app.common import current_conditions, record_audit
+from protocols.base import SpecimenMounted
+from protocols.runfile import Notes, add_mounting, change_notes, notes_path, read_mountings
 
 
 def read_tags(text: str) -> tuple[str, ...]:
@@ -43,3 +44,18 @@ def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -
 
 def _with_tags(added: str, notes: Notes) -> tuple[str, ...]:
     return read_tags(",".join((*notes.tags, added)))
+
+
+def mount_part(folder: Path, specimen: str, part: str, who: str = "") -> Path:
+    """Record that a part was mounted anew, now, by the operator of the day or `who`; return the file of the mountings.
+
+    Numbers, such as the mass, are those of the mounting before.
+
+    Raises:
+        NotesError: the file cannot be read or written.
+    """
+    before = next((each.values for each in reversed(read_mountings(folder, specimen)) if each.part == part), {})
+    mounting = SpecimenMounted.now(part, who or current_conditions().operator, before)
+    path = add_mounting(folder, specimen, mounting)
+    record_audit("mounting", path, subject=specimen, part=part, by=mounting.who)
+    return path

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.identification import CalibrationError, SheetError, load_sheet, read_calibrations
 from protocols import FIX_PAPER_MASS
-from protocols.base import Prompt
+from protocols.base import MOUNTED, Prompt
 
 MASS_PUT_IN = "mass_put_in"
 MASS_SHARE = "mass_fraction"
@@ -24,10 +24,12 @@ def with_specimen_mass(prompts: Iterable[Prompt], folder: Path, specimen: str) -
 
 def _adapted(prompts: Iterable[Prompt], folder: Path, specimen: str) -> Iterator[Prompt]:
     for prompt in prompts:
-        mass = None
-        if prompt.action == FIX_PAPER_MASS.action and prompt.values.get("mass_kg") == PAPER_MASS_KG:
-            mass = _mass_of(folder, specimen)
-        yield prompt if mass is None else replace(prompt, text=mass[1], values={"mass_kg": mass[0]})
+        if prompt.action != FIX_PAPER_MASS.action or prompt.values.get("mass_kg") != PAPER_MASS_KG:
+            yield prompt
+        elif (mass := _mass_of(folder, specimen)) is None:
+            yield FIX_PAPER_MASS  # also of a campaign of an earlier version
+        else:
+            yield replace(FIX_PAPER_MASS, text=mass[1], values={"mass_kg": mass[0], MOUNTED: 1.0})
 
 
 def _mass_of(folder: Path, specimen: str) -> tuple[float, str] | None:

@@ -17,6 +17,8 @@ from app.identification import (
     contradictions,
     dimensions_line,
     held_parameters,
+    mounting_line,
+    mounting_tables,
     nonideality_tables,
     steps_line,
     unstated_errors,
@@ -139,7 +141,8 @@ def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
             values, errors = observed_values(run)
             shares += (np.abs(errors) / np.abs(values)).tolist()
     resonances = [e for run in observations.of_type(MassResonanceObservation) for e in run.errors_hz[run.usable]]
-    usual = ExpectedPrecision(shared_errors=tuple(observations.shared_errors.values()))
+    instruments = tuple(error for error in observations.shared_errors.values() if not error.source)
+    usual = ExpectedPrecision(shared_errors=instruments)
     relative = float(np.median(shares)) if shares else usual.relative_error
     return replace(
         usual,
@@ -226,6 +229,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         dimensions_line(identification, f"'tactor-bench specimen new {identification.specimen}' writes one"),
         held_parameters(identification, "--prior gives a value its uncertainty"),
         f"exact for want of a stated uncertainty: {', '.join(unstated)}." if unstated else "",
+        mounting_line(identification),
     ]
     return CommandResult(
         "identify",
@@ -298,6 +302,7 @@ def _identification_tables(identification: IdentificationResult) -> Iterator[Tab
             ),
         )
     yield from nonideality_tables(identification)
+    yield from mounting_tables(identification)
     if identification.first_fit is not None and identification.steps:
         yield steps_table(identification.first_fit, identification.steps)
     if identification.adequacy is not None:

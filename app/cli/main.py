@@ -63,6 +63,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "laboratory.fleet:ControlChartCommand",
         "chart a golden specimen over time: drift of the bench, or of the specimen",
     ),
+    "repeatability": (
+        "laboratory.fleet:RepeatabilityCommand",
+        "split the scatter of a quantity between specimens, operators, mountings and repeats (gauge R&R)",
+    ),
     "certificate": (
         "laboratory.certificates:VERBS",
         "manage calibration certificates of instruments and their due dates: add, list, show",
@@ -95,6 +99,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "manage the accepted estimates of a specimen: accept, show, diff, use another version",
     ),
     "specimen": ("specimen.commands:VERBS", "edit the specimen sheet (dimensions and masses): new, set, show, check"),
+    "mounting": (
+        "specimen.mounting:MountingCommand",
+        "record that mass, plate, membrane or laser was mounted anew, or list the mountings of a specimen",
+    ),
     "label": ("specimen.label:LabelCommand", "make labels of specimens to print, with a QR code for a barcode scanner"),
     "report": ("report:ReportCommand", "write the report of a specimen as PDF and HTML"),
 }

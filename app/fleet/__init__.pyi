@@ -11,6 +11,12 @@ from .control_chart import TooFewValuesError as TooFewValuesError
 from .drift import DriftCause as DriftCause
 from .drift import GoldenChart as GoldenChart
 from .drift import golden_charts as golden_charts
+from .gauge_study import GaugeStudy as GaugeStudy
+from .gauge_study import gauge_figures as gauge_figures
+from .gauge_study import gauge_notes as gauge_notes
+from .gauge_study import gauge_study as gauge_study
+from .gauge_study import gauge_table as gauge_table
+from .gauge_study import study_of_runs as study_of_runs
 from .summary_tables import Bounds as Bounds
 from .summary_tables import chart_notes as chart_notes
 from .summary_tables import chart_table as chart_table

@@ -16,6 +16,8 @@ from .calibrations import calibrations_path as calibrations_path
 from .calibrations import describe_correction as describe_correction
 from .calibrations import read_calibrations as read_calibrations
 from .calibrations import write_calibrations as write_calibrations
+from .mounting_tables import mounting_line as mounting_line
+from .mounting_tables import mounting_tables as mounting_tables
 from .observations import ObservationError as ObservationError
 from .observations import amplifier_of as amplifier_of
 from .observations import points_of_run as points_of_run

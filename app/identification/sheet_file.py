@@ -11,11 +11,13 @@ from app.common import UnitError, record_audit, to_number, truncate_text
 from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
-from model.identification import parameter_spec
+from model.identification import MOUNTING_EFFECTS, format_size, parameter_spec
 from protocols.base import parse_toml, read_toml_text, write_atomic
 from protocols.runfile import SHEET_SUFFIX, other_specimen_message, sheet_path
 
 TEXTS = ("serial", "batch", "photograph", "notes")
+MOUNTING = "mounting"
+"""Table of a sheet with the repeatability of mountings."""
 ENTRY_KEYS = ("value", "uncertainty", "mass", "mass_uncertainty", "length", "length_uncertainty", "instrument", "date")
 HEAD = """# Specimen sheet: prior values. Every value enters the fits of its runs with its uncertainty.
 # Uncertainties are standard uncertainties (k = 1): half a graduation, or limits of error, divided by the root of 3.
@@ -91,7 +93,7 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
                 entries[name] = _read_entry(f"{path}, [{group}] {name}", name, given)
     sheet = SpecimenSheet(
         tables["specimen"], entries, **{name: tables.get(name, "") for name in TEXTS}, descriptions=descriptions, path=path,
-        simulated=tables.get("simulated", False),
+        simulated=tables.get("simulated", False), mountings=_read_mountings(tables.get(MOUNTING, {}), path),
     )  # fmt: skip
     try:
         sheet.tactor, sheet.membrane  # noqa: B018 - raises for lengths in the wrong order
@@ -100,12 +102,31 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
     return sheet
 
 
+def _read_mountings(table: Any, path: Path) -> dict[str, float]:
+    """Return the repeatability of mountings by part, SI.
+
+    Raises:
+        SheetError: it is no table, or has an unknown part or a value that is no standard deviation.
+    """
+    if not isinstance(table, dict):
+        raise SheetError(f"{path}: {MOUNTING} must be a table, [{MOUNTING}]")
+    found = {}
+    for part in table:
+        where = f"{path}, [{MOUNTING}] {part}"
+        if (effect := MOUNTING_EFFECTS.get(part)) is None:
+            raise SheetError(f"{where}: there is no such part; the parts are {', '.join(MOUNTING_EFFECTS)}")
+        found[part] = _number(where, part, table, effect.unit, whole=1.0)
+        if not 0 < found[part] < float("inf"):
+            raise SheetError(f"{where}: the standard deviation between mountings must be greater than 0")
+    return found
+
+
 def _check_header(tables: Mapping[str, Any], path: Path) -> None:
     """Raise SheetError for an unknown name, or for a text or mark that is none."""
-    if unknown := sorted(set(tables) - {"specimen", "simulated", *TEXTS, *GROUPS}):
+    if unknown := sorted(set(tables) - {"specimen", "simulated", MOUNTING, *TEXTS, *GROUPS}):
         raise SheetError(
             f"{path}: unknown {truncate_text(', '.join(unknown))}; a specimen sheet has specimen, {', '.join(TEXTS)}, and the tables "
-            f"{', '.join(f'[{group}]' for group in GROUPS)}"
+            f"{', '.join(f'[{group}]' for group in (*GROUPS, MOUNTING))}"
         )
     for name in ("specimen", *TEXTS):
         if not isinstance(tables.get(name, ""), str):
@@ -200,7 +221,12 @@ def sheet_template(specimen: str) -> str:
                 "# or as weighed: rho1 = { mass = \"0.588 g\", mass_uncertainty = \"0.01 g\", length = \"52 mm\", length_uncertainty = \"0.3 mm\" }"
             )  # fmt: skip
         lines.append("")
-    return "\n".join(lines)
+    lines.append(
+        f"[{MOUNTING}]  # standard deviation between one mounting of a part and the next; a line in use replaces the assumed one"
+    )
+    for part, effect in MOUNTING_EFFECTS.items():
+        lines.append(f"#{part} = {_quote(format_size(effect.standard_deviation, None, effect.unit))}")
+    return "\n".join([*lines, ""])
 
 
 def format_entry(entry: SheetEntry) -> str:

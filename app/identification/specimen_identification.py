@@ -39,6 +39,7 @@ from model.identification import (
     prior_moments,
     uncertainty_budget,
     with_model_error,
+    with_mountings,
     with_temperature_error,
 )
 from protocols.runfile import Run
@@ -225,6 +226,8 @@ def identify_observations(
                 "were measured on a real bench; enter the values of the real specimen there, and remove the line simulated = true"
             )
         options = sheet.fit_options(options, observations, plain or method == "chain")
+        if not plain and method == "joint":
+            observations = with_mountings(observations, sheet.mountings)
     if method == "chain":
         joint: JointFit | None = None
         with suppress(IdentificationError, ParameterError):

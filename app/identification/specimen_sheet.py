@@ -79,6 +79,8 @@ class SpecimenSheet:
     notes: str = ""
     descriptions: Mapping[str, str] = field(default_factory=dict)
     """Texts on plate, masses, clamp and membrane, by group."""
+    mountings: Mapping[str, float] = field(default_factory=dict)
+    """Repeatability of mountings by part, as a standard deviation, SI; for others the usual one is assumed."""
     path: Path | None = None
     simulated: bool = False
     """Whether it describes the specimen of a simulated bench."""

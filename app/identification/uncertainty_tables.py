@@ -243,7 +243,8 @@ def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
             concerned = [run for run in concerned if np.iscomplexobj(observed_values(run)[0])]
         if acts_on == "mass" and "mass_offset" in identification.priors:
             continue
-        if any(all(error.acts_on != acts_on for error in run.shared_errors) for run in concerned):
+        stated = ({e.acts_on for e in run.shared_errors if not e.source} for run in concerned)
+        if any(acts_on not in targets for targets in stated):
             missing.append(text)
     return tuple(missing)
 

@@ -17,6 +17,7 @@ from app.identification import (
     format_relative,
     format_shares,
     held_parameters,
+    mounting_tables,
     nonideality_tables,
     sheet_unit,
     steps_line,
@@ -346,7 +347,7 @@ def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
         heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
         yield Table.of_rows("Dimensions and masses", heads, rows)
     if identification is not None:
-        for table in nonideality_tables(identification):
+        for table in (*nonideality_tables(identification), *mounting_tables(identification)):
             yield replace(table, columns=tuple(column for column in table.columns if column.displayed))
         if unstated := unstated_errors(identification):
             yield Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}.")

@@ -44,6 +44,8 @@ from protocols.base import (
     PromptShown,
     RunEnded,
     RunStatus,
+    SpecimenMounted,
+    last_mountings,
 )
 from protocols.runner import RunControl, RunRequest
 
@@ -147,8 +149,8 @@ Observer = Callable[[SessionEvent], object]
 class BuiltInOperator(Operator, Protocol):
     """Operator that belongs to the bench, such as the simulated one."""
 
-    def clear_specimen(self) -> None:
-        """Remove weights and masses of a stopped run from the specimen. Raises BenchError without a bench."""
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+        """Remove weights and masses of a stopped run from the specimen, which stays as it was mounted. Raises BenchError without a bench."""
 
 
 class ConnectedBench(Protocol):
@@ -191,6 +193,8 @@ class Session:
         self._restore: Prompt | None = None
         """Set-up that the next run of another protocol prompts for; None if the tactor is under the sensor."""
         self._restore_id: int | None = None
+        self._mounted: Callable[[SpecimenMounted], Path]
+        """Adds a mounting to the file of the specimen of the present run, and returns its path."""
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
         self._monitoring, self._monitor_failed = threading.Event(), False
@@ -344,7 +348,15 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulation import provide_sheet
-        from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
+        from protocols.runfile import (
+            NotesError,
+            RunReadError,
+            StorageError,
+            add_mounting,
+            notes_path,
+            read_mountings,
+            repair_folder,
+        )
         from protocols.runner import Runner
 
         self.state, self.runner = SessionState.RUNNING, None
@@ -356,9 +368,10 @@ class Session:
             for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
+            mountings = read_mountings(request.folder, request.specimen)
             if connection.operator is not None:
                 with suppress(BenchError):  # the run reports it better
-                    connection.operator.clear_specimen()
+                    connection.operator.clear_specimen(mountings)
             operator = connection.operator or self._operator
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
@@ -366,9 +379,10 @@ class Session:
             if self._restore is not None and self._restore != left:
                 request = replace(request, prepare=(self._restore, *request.prepare))
             self._restore = left or self._restore
-            request = _with_conditions(request, connection.bench)
+            request = replace(_with_conditions(request, connection.bench), mountings=last_mountings(mountings))
+            self._mounted = partial(add_mounting, request.folder, request.specimen)
             self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
-        except (RunReadError, StorageError, OSError) as error:
+        except (RunReadError, StorageError, NotesError, OSError) as error:
             reason = str(error)
             if isinstance(error, OSError):
                 reason = f"the folder of the runs cannot be used ({error}); choose another, or check its disk"
@@ -426,6 +440,9 @@ class Session:
                 self.outcome = event
                 self.state = SessionState.IDLE  # before the observers, which may start the next run
                 self._forward_injected()
+            case SpecimenMounted():
+                path = self._mounted(event)  # an error is logged by the bus; the run file has the mounting
+                record_audit("mounting", path, subject=path.name, part=event.part, by=event.who)
             case PromptShown(ask_id, prompt) if prompt == self._restore:
                 self._restore_id = ask_id
             case PromptAnswered(ask_id) if ask_id == self._restore_id:

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 from app.common import UsageError, format_duration
 from app.session.session import ConnectedBench, SessionEvent
-from protocols.base import InjectedFaultChanged, Operator, Prompt, RunStarted, parse_toml, write_atomic
+from protocols.base import (
+    InjectedFaultChanged,
+    Operator,
+    Prompt,
+    RunStarted,
+    SpecimenMounted,
+    parse_toml,
+    write_atomic,
+)
 from protocols.runfile import sheet_path
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
@@ -68,10 +76,10 @@ class PractisingOperator:
         self._user, self._simulated, self._settings = user, simulated, settings
         self._pending: dict[int, Prompt] = {}
 
-    def clear_specimen(self) -> None:
-        """Remove what a stopped run left on the specimen."""
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+        """Remove what a stopped run left on the specimen, which stays as it was mounted."""
         self._pending.clear()
-        self._simulated.clear_specimen()
+        self._simulated.clear_specimen(mountings)
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         if self._settings.asks_user:

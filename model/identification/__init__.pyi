@@ -25,6 +25,13 @@ from .fit_result import RunResiduals as RunResiduals
 from .fit_result import format_p_value as format_p_value
 from .joint_least_squares import joint_fit as joint_fit
 from .live_fit import LiveFit as LiveFit
+from .mountings import MOUNTING_EFFECTS as MOUNTING_EFFECTS
+from .mountings import MountingDifference as MountingDifference
+from .mountings import MountingRepeatability as MountingRepeatability
+from .mountings import mounting_differences as mounting_differences
+from .mountings import mounting_repeatabilities as mounting_repeatabilities
+from .mountings import unrecorded_parts as unrecorded_parts
+from .mountings import with_mountings as with_mountings
 from .nonidealities import LOADING_TIME_S as LOADING_TIME_S
 from .nonidealities import NONIDEALITIES as NONIDEALITIES
 from .nonidealities import STEP_TIME_S as STEP_TIME_S

@@ -65,6 +65,8 @@ class SharedError:
     acts_on: ErrorTarget
     standard_error: float
     at: float | None = None
+    source: str = ""
+    """Source in an uncertainty budget of this error and similar ones; empty: its name."""
 
     def __post_init__(self) -> None:
         if self.acts_on not in get_args(ErrorTarget):
@@ -96,6 +98,8 @@ class _ObservationBase:
     """(F,): mask of the points that a fit may use; None: all."""
     shared_errors: tuple[SharedError, ...] = field(default=(), kw_only=True)
     simulated: bool = field(default=False, kw_only=True)
+    mountings: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    """By part of the set-up: time of its last mounting, ISO 8601; a part without one was mounted at an unknown time."""
     temperature_c: float | None = field(default=None, kw_only=True)
     """Of the air, degrees Celsius; None if not known."""
     shapes: Mapping[str, Complex | Array] = field(default_factory=dict, kw_only=True)

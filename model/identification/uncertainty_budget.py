@@ -80,4 +80,6 @@ def uncertainty_budget(fit: JointFit) -> UncertaintyBudget:
 
 
 def _source(error: SharedError) -> str:
+    if error.source:
+        return error.source
     return error.name if error.at is None else INPUT_SOURCES.get(error.acts_on, error.name)

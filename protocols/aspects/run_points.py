@@ -86,7 +86,7 @@ class RunPoints:
         return whole if rows is None else whole.at(rows)
 
     def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
-        """Return the errors of sensor and amplifier that act on these targets, whether the run is simulated, and its temperature."""
+        """Return the errors of sensor and amplifier that act on these targets, whether the run is simulated, its temperature and mountings."""
         sensor, amplifier = self.run.record.sensor, self.run.record.configuration.get("amplifier", {})
         label = f"{sensor.name} {sensor.serial}".strip()
         slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
@@ -101,6 +101,7 @@ class RunPoints:
             "shared_errors": errors,
             "simulated": record.simulated,
             "temperature_c": record.conditions.temperature_c,
+            "mountings": {each.part: each.time for each in self.run.mountings},
         }
 
     def input_errors(

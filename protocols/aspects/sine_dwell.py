@@ -209,6 +209,7 @@ def dwell_observation(
     common = points.common_arguments("displacement", "delay", "volts")
     common["shared_errors"] += points.input_errors("frequency", "frequency", good, f"{label}, {{}} Hz")
     if elongation_m is not None:
+        common["mountings"] |= {"membrane": points.run.record.start_time}  # which the run itself puts on
         common["shared_errors"] += points.input_errors("elongation", "elongation", good, f"{label}, {{}} m")
     offset_v = columns["drive_offset"]
     return identification.FrequencyResponseObservation(

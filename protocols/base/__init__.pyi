@@ -2,6 +2,10 @@ from .aspects import Aspects as Aspects
 from .channels import ChannelCalibration as ChannelCalibration
 from .events import EVENTS as EVENTS
 from .events import INTERFERENCE_AT_REST as INTERFERENCE_AT_REST
+from .events import MOUNTED as MOUNTED
+from .events import MOUNTED_PARTS as MOUNTED_PARTS
+from .events import MOUNTING_ACTIONS as MOUNTING_ACTIONS
+from .events import UNCHANGED as UNCHANGED
 from .events import BenchArmed as BenchArmed
 from .events import BlockDiscarded as BlockDiscarded
 from .events import BlockStored as BlockStored
@@ -28,8 +32,10 @@ from .events import SeriesReady as SeriesReady
 from .events import SettlingFinished as SettlingFinished
 from .events import ShutdownStarted as ShutdownStarted
 from .events import SpecimenMayBeLive as SpecimenMayBeLive
+from .events import SpecimenMounted as SpecimenMounted
 from .events import StreamStarted as StreamStarted
 from .events import event_record as event_record
+from .events import last_mountings as last_mountings
 from .figures import Figure as Figure
 from .figures import ModelFunction as ModelFunction
 from .figures import ModelState as ModelState

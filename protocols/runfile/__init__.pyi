@@ -3,9 +3,13 @@ from .errors import NewerFormatError as NewerFormatError
 from .errors import NotARunError as NotARunError
 from .errors import RunReadError as RunReadError
 from .errors import StorageError as StorageError
+from .mountings import add_mounting as add_mounting
+from .mountings import read_mountings as read_mountings
+from .names import MOUNTINGS_SUFFIX as MOUNTINGS_SUFFIX
 from .names import NOTES_SUFFIX as NOTES_SUFFIX
 from .names import SHEET_SUFFIX as SHEET_SUFFIX
 from .names import folded_name as folded_name
+from .names import mountings_path as mountings_path
 from .names import notes_path as notes_path
 from .names import other_specimen_message as other_specimen_message
 from .names import safe_name as safe_name

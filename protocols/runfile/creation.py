@@ -15,6 +15,7 @@ import numpy as np
 
 from drivers import InputChannel, LaserSensor
 from protocols.base import Outcome, RunConditions, RunStatus, to_jsonable
+from protocols.runfile.mountings import MAX_MOUNTINGS_BYTES, mountings_text
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import (
@@ -95,6 +96,7 @@ def _create_datasets(
         ("start_time", record.start_time, 32),
         ("end_time", "", 32),
         ("title", record.title, MAX_TEXT_BYTES),
+        ("mountings", mountings_text(record.mountings), MAX_MOUNTINGS_BYTES),
     ):
         entry.create_dataset(name, data=np.array(truncate_utf8(value, length), f"S{length}"))
     for name, value in {

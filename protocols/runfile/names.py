@@ -10,6 +10,8 @@ NOTES_SUFFIX = ".notes.json"
 """Suffix of a run's sidecar."""
 SHEET_SUFFIX = ".specimen.toml"
 """Suffix of a specimen sheet."""
+MOUNTINGS_SUFFIX = ".mountings.json"
+"""Suffix of the mountings of a specimen."""
 _HASH_DIGITS = 16
 _RESERVED = frozenset({"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in "123456789¹²³")})
 """Names of devices on Windows, with any extension."""
@@ -44,6 +46,11 @@ def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -
 def sheet_path(folder: Path, specimen: str) -> Path:
     """Return the path of a specimen's sheet, beside its runs."""
     return folder / f"{safe_name(specimen)}{SHEET_SUFFIX}"
+
+
+def mountings_path(folder: Path, specimen: str) -> Path:
+    """Return the path of a specimen's mountings, beside its runs."""
+    return folder / f"{safe_name(specimen)}{MOUNTINGS_SUFFIX}"
 
 
 def notes_path(run: Path) -> Path:

@@ -14,14 +14,19 @@ from drivers import Closeable
 from model import Array, current_column, current_name
 from protocols.base import (
     INTERFERENCE_AT_REST,
+    MOUNTING_ACTIONS,
     EntryStarted,
     EstimatedQuantity,
     InterferenceMeasured,
+    PromptAnswered,
+    PromptShown,
     Recording,
     RunConditions,
     RunStatus,
     Series,
+    SpecimenMounted,
     Verdict,
+    last_mountings,
     parse_json_object,
     usable_mask,
     visible_text,
@@ -41,6 +46,7 @@ from protocols.runfile.fields import (
     table,
 )
 from protocols.runfile.foreign_file_check import StructureError, is_run_beside
+from protocols.runfile.mountings import read_mounting_state
 from protocols.runfile.names import notes_path
 from protocols.runfile.open import open_run, reads_run, translate_read_errors
 from protocols.runfile.presence import writer_is_alive
@@ -154,6 +160,21 @@ class Run(Closeable):
         """Return the points' columns by name, of equal length; `entry` is the plan entry of each point."""
         return self._stored_points()
 
+    @cached_property
+    def mountings(self) -> tuple[SpecimenMounted, ...]:
+        """The last mounting of each part before the first entry; in files of earlier versions, by the answered prompts."""
+        if "mountings" in self._entry:
+            return self.record.mountings
+        found, prompt = [], {}
+        for event in self.events():
+            if event.kind == EntryStarted.kind:
+                break
+            if event.kind == PromptShown.kind:
+                prompt = dict(event.fields["prompt"])
+            elif event.kind == PromptAnswered.kind and (part := MOUNTING_ACTIONS.get(str(prompt.get("action")))):
+                found.append(SpecimenMounted(part, self.record.start_time))
+        return last_mountings(found)
+
     def _stored_points(self) -> dict[str, Array]:
         datasets = self._point_columns
         length = min((data.shape[0] for data in datasets.values()), default=0)
@@ -219,6 +240,7 @@ class Run(Closeable):
             imported=read_object(entry, "imported") if "imported" in entry else {},
             continues=self._text("continues") if "continues" in entry else "",
             conditions=_read_conditions(entry),
+            mountings=read_mounting_state(entry),
             configuration=read_object(entry, "configuration"),
             sensor=read_sensor(entry),
             reference=read_object(entry, "reference") if "reference" in entry else {},

@@ -17,6 +17,7 @@ from protocols.base import (
     ReferenceModel,
     RunConditions,
     RunStatus,
+    SpecimenMounted,
     Verdict,
     parse_json_object,
     to_jsonable,
@@ -65,6 +66,8 @@ class RunRecord:
     """File of the continued run, relative to its folder; empty without one."""
     conditions: RunConditions = field(default_factory=RunConditions)
     """Operator, and state of the air; empty in runs of earlier versions."""
+    mountings: tuple[SpecimenMounted, ...] = ()
+    """The last mounting of each part before the first entry; a part without one was mounted at an unknown time."""
     configuration: Mapping[str, Any] = field(default_factory=dict)
     """The bench file's tables at the time of the run."""
     sensor: LaserSensor = NO_SENSOR
@@ -201,6 +204,7 @@ _PLAIN: Mapping[str, Any] = {
 _COMPOSED: Mapping[str, Any] = {
     "parameters": current_parameters,
     "conditions": lambda plain: RunConditions(**plain),
+    "mountings": lambda plain: tuple(map(SpecimenMounted.from_record, plain)),
     "sensor": lambda plain: LaserSensor(**_numbers(plain, "name", "serial", "calibrated", "expires")),
     "axes": lambda plain: (str(plain[0]), str(plain[1])),
     "status": RunStatus,

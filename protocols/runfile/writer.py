@@ -24,7 +24,18 @@ import h5py
 import numpy as np
 
 from drivers import Block, CallThread, Deadline, Drive, InputChannel, OverdueError, Scale, as_record
-from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
+from protocols.base import (
+    EntryStarted,
+    EstimatedQuantity,
+    Event,
+    Quality,
+    RunStatus,
+    Series,
+    SpecimenMounted,
+    Verdict,
+    event_record,
+    last_mountings,
+)
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.creation import create_file, create_group, free_name
 from protocols.runfile.errors import (
@@ -35,6 +46,7 @@ from protocols.runfile.errors import (
     os_error_text,
     translate_write_errors,
 )
+from protocols.runfile.mountings import mountings_text
 from protocols.runfile.names import run_path, truncate_utf8
 from protocols.runfile.presence import FilePresence
 from protocols.runfile.record import RunRecord
@@ -117,6 +129,7 @@ class RunFileWriter:
         self._begun_with = record, point_type, channels
         self._channels = (*CHANNELS, *(channel.name for channel in channels))
         self._created_at, self._created_s = datetime.now(UTC), time.monotonic()
+        self._mountings, self._is_measuring = tuple(record.mountings), False
         self.row_count = 0
         self._columns = point_columns(point_type)
         self._point_count = 0
@@ -153,7 +166,8 @@ class RunFileWriter:
             # Opening one reads the file with Python's lock held: a silent disk would stop all threads in mid-drive.
             traces = (f"trace/{name}" for name in self._channels)
             points = (f"points/{name}" for name in (*self._columns, ENTRY_COLUMN))
-            for name in (*traces, *points, "blocks", "events", "recordings", "status", "reason", "verdict", "end_time"):
+            facts = ("status", "reason", "verdict", "end_time", "mountings")
+            for name in (*traces, *points, "blocks", "events", "recordings", *facts):
                 self._dataset(name)
             self._presence = FilePresence(path, self._file.id.get_vfd_handle())
         except FileExistsError:
@@ -251,6 +265,11 @@ class RunFileWriter:
                 piece = encoded[start : start + MAX_TEXT_BYTES]
                 kind = event.kind if start == 0 else CONTINUED_EVENT
                 self._append_row("events", np.array((time_s, self.row_count, kind, piece), EVENT_DTYPE))
+            if isinstance(event, EntryStarted):
+                self._is_measuring = True
+            if isinstance(event, SpecimenMounted) and not self._is_measuring:
+                self._mountings = last_mountings((*self._mountings, event))
+                self._dataset("mountings")[()] = mountings_text(self._mountings)
 
     @_within_deadline
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:

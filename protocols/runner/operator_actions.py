@@ -13,6 +13,7 @@ from protocols.base import (
     Prompt,
     PromptAnswered,
     PromptShown,
+    SpecimenMounted,
 )
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.publisher import RunRecorder
@@ -24,8 +25,8 @@ _PROMPT_IDS = itertools.count(1)
 class OperatorPrompts:
     """Shows prompts to the operator, without a time limit."""
 
-    def __init__(self, operator: Operator, recorder: RunRecorder, acquisition: RunAcquisition) -> None:
-        self._operator, self._recorder, self._acquisition = operator, recorder, acquisition
+    def __init__(self, operator: Operator, recorder: RunRecorder, acquisition: RunAcquisition, who: str = "") -> None:
+        self._operator, self._recorder, self._acquisition, self._who = operator, recorder, acquisition, who
 
     @property
     def unreachable_reason(self) -> str:
@@ -35,6 +36,12 @@ class OperatorPrompts:
     def ask(self, prompt: Prompt) -> str:
         """Show a prompt, wait for the answer, and return it."""
         return self.wait_for_answer(prompt) or ""
+
+    def mount(self, prompt: Prompt) -> None:
+        """Show a prompt, wait for the answer, and record the mounting of a part of the set-up."""
+        mounting = SpecimenMounted.by_prompt(prompt, self.ask(prompt), self._who)
+        if mounting is not None:
+            self._recorder.publish(mounting)
 
     def wait_for_answer(self, prompt: Prompt, detector: Detector | None = None) -> str | None:
         """Show a prompt and wait for the answer; return None after the detection of the action by `detector`."""
@@ -77,15 +84,19 @@ class OperatorActions:
         """Show the preparation prompts, before the first entry."""
         with self._specimen_access(armed, any(prompt.hands_on for prompt in prompts)):
             for prompt in prompts:
-                self._prompts.ask(prompt)
+                self._prompts.mount(prompt)
 
     def set_up(self, armed: ArmedBench, setup: Prompt | None) -> None:
         """Prompt for the set-up of an entry if it differs from the current one."""
         if setup is None or setup == self._current_setup:
             return
+        is_same_part = self._current_setup is not None and self._current_setup.action == setup.action
         self._current_setup = None
         with self._specimen_access(armed, setup.hands_on):
-            self._prompts.ask(setup)
+            if is_same_part:  # e.g. the same membrane, stretched further
+                self._prompts.ask(setup)
+            else:
+                self._prompts.mount(setup)
         self._current_setup = setup
 
     def _specimen_access(self, armed: ArmedBench, needed: bool) -> contextlib.AbstractContextManager[None]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Self
 
-from protocols.base import Event, Prompt, Protocol, ReferenceModel, RunConditions
+from protocols.base import Event, Prompt, Protocol, ReferenceModel, RunConditions, SpecimenMounted
 
 if TYPE_CHECKING:
     from protocols.resume import ResumableRun
@@ -21,6 +21,7 @@ class RunRequest:
         resume: earlier run whose points are carried over.
         prepare: prompts for the operator before the first entry.
         reference: model of the free specimen for comparison with the result; default: the paper's tactor.
+        mountings: the last mounting of each part of the specimen, before `prepare`.
         conditions: operator, and state of the air; None if not stated.
         calibration_warning: expired calibrations of the instruments; every point is then flagged. Empty for valid ones.
         notes: further messages for the log of the run.
@@ -34,6 +35,7 @@ class RunRequest:
     prepare: tuple[Prompt, ...] = ()
     item: str = ""
     reference: ReferenceModel | None = None
+    mountings: tuple[SpecimenMounted, ...] = ()
     conditions: RunConditions | None = None
     calibration_warning: str = ""
     notes: tuple[str, ...] = ()

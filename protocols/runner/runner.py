@@ -86,6 +86,7 @@ def initial_record(
         # Relative, so that a folder of runs can be moved.
         continues=os.path.relpath(request.resume.path, request.folder) if request.resume else "",
         reference=reference.as_record(),
+        mountings=request.mountings,
         conditions=request.conditions or RunConditions(),
     )
 
@@ -143,7 +144,8 @@ class Runner:
         self._acquisition = RunAcquisition(bench, self._recorder, interrupts.check)
         for level in self._protocol.diagnosed_levels:
             self._acquisition.levels.mute(level)
-        self._prompts = prompts = OperatorPrompts(operator, self._recorder, self._acquisition)
+        who = record.conditions.operator
+        self._prompts = prompts = OperatorPrompts(operator, self._recorder, self._acquisition, who)
         self._operator_actions = OperatorActions(prompts, self._protocol.high_voltage)
         self._executor = StepExecutor(
             bench, self._run_file, self._recorder, self._acquisition, prompts, self._calibration_warning

@@ -3,7 +3,7 @@
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,13 +22,17 @@ TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET, BASE_TARGET = "tactor", "place
 
 @dataclass(frozen=True, slots=True)
 class _ViewChange:
-    """From `start_s` the sensor measures `target`, plus `offset_m`, up to `limit_m`; membrane or base is `sag_m` below the reference."""
+    """From `start_s` the sensor measures `target`, plus `offset_m`, up to `limit_m`; membrane or base is `sag_m` below the reference.
+
+    `mountings` counts how often the laser was moved to the tactor.
+    """
 
     start_s: float
     target: str
     offset_m: float
     sag_m: float = 0.0
     limit_m: float = math.inf
+    mountings: int = 0
 
 
 class LaserView:
@@ -72,26 +76,33 @@ class LaserView:
             ValueError: an invalid elongation.
         """
         now = self._views[-1]
+        there = replace(now, target=TACTOR_TARGET, sag_m=0.0, limit_m=math.inf)
         match action:
             case "zero-sensor":
                 at = min(self._plant.available_until(t), t)
-                view = _ViewChange(t, now.target, now.offset_m - float(self.displacement(np.array([at]))[0]), now.sag_m)
+                view = replace(
+                    now, offset_m=now.offset_m - float(self.displacement(np.array([at]))[0]), limit_m=math.inf
+                )
             case "bump-sensor":
-                view = _ViewChange(t, now.target, now.offset_m + values["by_m"], now.sag_m)
+                view = replace(now, offset_m=now.offset_m + values["by_m"], limit_m=math.inf)
             case "limit-sensor":
-                view = _ViewChange(t, now.target, now.offset_m, now.sag_m, values["at_m"])
+                view = replace(now, limit_m=values["at_m"])
             case "place-reference":
-                view = _ViewChange(t, REFERENCE_TARGET, now.offset_m)
+                view = replace(there, target=REFERENCE_TARGET)
             case "hang-membrane" if membrane_missing:
-                view = _ViewChange(t, BASE_TARGET, now.offset_m, BASE_DEPTH_M - values["reference_m"])
+                view = replace(there, target=BASE_TARGET, sag_m=BASE_DEPTH_M - values["reference_m"])
             case "hang-membrane":
-                view = _ViewChange(t, MEMBRANE_TARGET, now.offset_m, self._membrane_sag_m(values))
+                view = replace(there, target=MEMBRANE_TARGET, sag_m=self._membrane_sag_m(values))
+            case "place-tactor":
+                view = replace(there, mountings=now.mountings + 1)
+            case "tidy-up":
+                view = replace(now, mountings=int(values.get("laser_mountings", 0)))
             case _ if now.target == TACTOR_TARGET:
                 return
             case _:
-                view = _ViewChange(t, TACTOR_TARGET, now.offset_m)
+                view = there
         with self._lock:
-            self._views.append(view)
+            self._views.append(replace(view, start_s=t))
 
     def _membrane_sag_m(self, values: Mapping[str, float]) -> float:
         """Return the depth of the membrane's centre below the reference."""
@@ -116,4 +127,6 @@ class LaserView:
                 return np.asarray(view.sag_m * (1 - swing))
         w = self._plant.displacement(t)
         gives = self._parameters.beyond.clamp_gives_m_per_n
-        return w + gives * self._plant.max_force_n(t) if gives else w
+        w = w + gives * self._plant.max_force_n(t) if gives else w
+        scale = self._parameters.mounting.difference("laser", view.mountings, self._parameters.seed)
+        return w * (1 + scale) if scale else w

@@ -3,6 +3,7 @@
 import math
 import types
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from functools import lru_cache
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -75,6 +76,38 @@ class Nonidealities:
             return nominal_kg
         by = float(np.random.default_rng((seed, round(1e9 * nominal_kg))).normal())
         return nominal_kg * (1 + self.weight_error * by)
+
+
+MOUNTED_PARTS = ("mass", "plate", "laser")
+"""Parts whose mountings differ; of each the numbers of a mounting are the same in every session."""
+
+
+@dataclass(frozen=True, slots=True)
+class MountingScatter:
+    """Differences between mountings, as standard deviations; the defaults omit all of them.
+
+    Attributes:
+        mass_kg: of the moving mass, each time it is glued.
+        plate_share: of the bending inside the clamp, as a share of the bare plate's length, each time the plate is clamped.
+        laser_share: of the sensor's gain, each time the laser is moved: its spot and its angle.
+    """
+
+    mass_kg: float = 0.0
+    plate_share: float = 0.0
+    laser_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        _not_negative("mounting", self, "mass_kg", "plate_share", "laser_share")
+
+    def difference(self, part: str, number: int, seed: int) -> float:
+        """Return the difference of the mounting `number` of a part, from 1; none before the first."""
+        size = {"mass": self.mass_kg, "plate": self.plate_share, "laser": self.laser_share}[part]
+        return size * _drawn(MOUNTED_PARTS.index(part), number, seed) if size and number else 0.0
+
+
+@lru_cache(maxsize=64)
+def _drawn(part: int, number: int, seed: int) -> float:
+    return float(np.random.default_rng((seed, part, number)).normal())
 
 
 SHEET_CHOICES = ("", "realistic.specimen.toml")
@@ -301,6 +334,7 @@ class SimulationParameters:
     membrane: Membrane = field(default_factory=Membrane)
     hands: OperatorTiming = field(default_factory=OperatorTiming)
     beyond: Nonidealities = field(default_factory=Nonidealities)
+    mounting: MountingScatter = field(default_factory=MountingScatter)
     modes: int = 7
     generator: GeneratorParameters = field(default_factory=GeneratorParameters)
     amplifier: AmplifierParameters = field(default_factory=AmplifierParameters)

@@ -11,14 +11,14 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from drivers import Clock
-from model import Array
+from model import Array, flexible_clamp_lengths
 from sim_hardware.plant.creep import CreepModel
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.hysteresis import HysteresisModel
@@ -258,9 +258,11 @@ class Plant:
         tactor, difference = self._parameters.tactor, self._parameters.beyond.side_difference
         # A load bends the plate towards the lower side; a voltage bends it in both directions, with the mean.
         k2 = tactor.k2 * (1 + state.side * difference / 2) if state.weights_kg else tactor.k2
-        key = (state.mass_kg, state.skin, k2)
+        key = (state.mass_kg, state.skin, k2, state.plate_mountings)
         if key not in self._steppers:
-            there = replace(tactor, m_add=state.mass_kg, k2=k2)
+            bends = self._parameters.mounting.difference("plate", state.plate_mountings, self._parameters.seed)
+            lengths = flexible_clamp_lengths(asdict(tactor), bends)
+            there = replace(tactor, m_add=state.mass_kg, k2=k2, **lengths)
             self._steppers[key] = Stepper.for_tactor(there, state.skin, self._parameters.modes, 1 / self._rate)
         return self._steppers[key]
 

@@ -19,9 +19,10 @@ SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """Actions on the specimen, and their numbers. Weights are loose; a mass is fixed in the cylinder.
 
-`tidy-up` is never a prompt: the start of another run restores the set-up with which the bench was opened.
+`tidy-up` is never a prompt: the start of another run restores the set-up with which the bench was opened, or as it was mounted last:
+with `mass_kg`, and the numbers of its mountings so far, `mass_mountings`, `plate_mountings` and `laser_mountings`.
 
-`moving` of `fix-mass`: `mass_kg` is the effective mass, not the mass in the cylinder. `turn-side` removes all weights; it may
+`moving` of `fix-mass`: `mass_kg` is the effective mass, not the mass in the cylinder; `mounted`: it is the specimen's own, which is glued. `turn-side` removes all weights; it may
 have `offset_kg`, the weight to lie on the other side, and `shorted`.
 """
 
@@ -49,6 +50,7 @@ class SetupState:
             direction on both sides, a voltage bends it in opposite directions.
         shorted: whether the electrodes are shorted and disconnected from the amplifier.
         weights_kg: nominal masses on the centre, in the order of placing.
+        mass_mountings, plate_mountings: how often each was mounted anew.
     """
 
     fixed_kg: float = 0.0
@@ -56,6 +58,8 @@ class SetupState:
     side: int = 1
     shorted: bool = False
     weights_kg: tuple[float, ...] = ()
+    mass_mountings: int = 0
+    plate_mountings: int = 0
 
     @property
     def mass_kg(self) -> float:
@@ -99,16 +103,30 @@ def apply_action(
         case "short-electrodes" | "connect-electrodes":
             return replace(state, shorted=action == "short-electrodes")
         case "fix-mass":
-            share = 1.0 if values.get("moving") else parameters.beyond.mass_share
-            return replace(state, fixed_kg=share * _require_not_negative(action, values, "mass_kg"))
+            return _with_mass(state, values, parameters, state.mass_mountings + 1)
         case "stretch-membrane":
             elongation_m = _require_not_negative(action, values, "elongation_m") * (1 - parameters.beyond.membrane_slip)
             return replace(
                 state, skin=skin(parameters.membrane, elongation_m / parameters.membrane.L_m, tactor=parameters.tactor)
             )
         case "tidy-up":
-            return initial_state(parameters)
+            glued, clamped = (int(values.get(f"{part}_mountings", 0)) for part in ("mass", "plate"))
+            state = replace(initial_state(parameters), plate_mountings=clamped)
+            own = {"mass_kg": parameters.tactor.m_add, "moving": 1.0} if "mass_kg" not in values else {}
+            return _with_mass(state, {**values, **own, "mounted": 1.0}, parameters, glued) if glued else state
     return replace(state, skin=None)
+
+
+def _with_mass(
+    state: SetupState, values: Mapping[str, float], parameters: SimulationParameters, number: int
+) -> SetupState:
+    """Return the setup with a mass in the cylinder; the specimen's own mass differs between mountings, an added one does not."""
+    share = 1.0 if values.get("moving") else parameters.beyond.mass_share
+    fixed_kg = share * _require_not_negative("fix-mass", values, "mass_kg")
+    if not values.get("mounted"):
+        return replace(state, fixed_kg=fixed_kg)
+    fixed_kg += parameters.mounting.difference("mass", number, parameters.seed)
+    return replace(state, fixed_kg=max(fixed_kg, 0.0), mass_mountings=number)
 
 
 MISLABELLED_KG, MISLABELLED_ACTUAL_KG = 0.05, 0.061

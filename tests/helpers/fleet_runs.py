@@ -6,6 +6,7 @@ Shares nothing with `app.fleet`: the files are written by the run file writer, t
 import random
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 from drivers import LaserSensor
 from model import EstimatedQuantity
@@ -28,9 +29,16 @@ def laser(number: int) -> LaserSensor:
 
 
 def write_run(
-    folder: Path, specimen: str, day: float, largest_m: float, resonance_hz: float, number: int, simulated: bool = True
+    folder: Path,
+    specimen: str,
+    day: float,
+    largest_m: float,
+    resonance_hz: float,
+    number: int,
+    simulated: bool = True,
+    **facts: Any,
 ) -> Path:
-    """Write the finished run of a specimen with its largest amplitude and resonance."""
+    """Write the finished run of a specimen with its largest amplitude and resonance, and further facts of its record."""
     record = RunRecord(
         protocol="sine-dwell",
         title=f"Sine dwell of {specimen}",
@@ -41,6 +49,7 @@ def write_run(
         axes=("frequency", "fundamental"),
         sensor=laser(number),
         configuration={"name": f"bench {number}", "identities": {"sensor": "laser"}},
+        **facts,
     )
     file = RunFileWriter.new(folder, record, SinePoint)
     file.start_stream(5000.0, ())

@@ -30,6 +30,7 @@ IN_FILES = {
     "DriveReadback",
     "GoingToRest",
     "MayBeLive",
+    "Mounted",
     "AtRest",
     "RunEnded",
 }

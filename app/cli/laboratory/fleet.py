@@ -149,6 +149,42 @@ class ControlChartCommand(_FleetOptions):
         return ExitCode.FAILED if any(each.cause.is_drift for each in charts) else ExitCode.DONE
 
 
+@command("example: tactor-bench repeatability runs --quantity natural_frequency --picture repeatability.png")
+class RepeatabilityCommand(_FleetOptions):
+    """Split the scatter of a quantity between specimens, operators, mountings and repeats (gauge R&R), from runs that
+    exist: restricted maximum likelihood, which needs no balanced plan. Sources that these runs cannot tell apart are named.
+    """
+
+    quantity: str = option("quantity of runs, e.g. natural_frequency (default: that of most specimens)", metavar="NAME")
+    files: FileOptions = group(FileOptions, "the sources")
+
+    def execute(self) -> int:
+        from app.fleet import FleetError, gauge_figures, gauge_notes, gauge_table, study_of_runs
+        from protocols.runfile import RunReadError
+
+        check_output_files(self.files)
+        fleet = self.read()
+        with usage_errors(FleetError, RunReadError):
+            selection = fleet.of(self.quantity or fleet.names[0])
+            study, factors = study_of_runs(self.folder, selection)
+        result = CommandResult(
+            "repeatability",
+            {},
+            (gauge_table(selection, study),),
+            tuple(gauge_notes(selection, study)),
+            figures=gauge_figures(selection, factors),
+            heading=("SIMULATED",) if fleet.simulated else (),
+            extra={
+                "simulated": fleet.simulated,
+                "quantity": selection.name,
+                "mean": study.mean,
+                "categories": study.categories,
+                "inseparable": list(study.inseparable),
+            },
+        )
+        return render(result, self.json, self.files)
+
+
 def _read_limits(folder: Path, path: Path | None = None) -> "Limits | None":
     """Return the limits of a file, or of the file in the folder of the runs; None without one."""
     from app.report import LIMITS_FILE_NAME, LimitsError, read_limits

@@ -19,7 +19,7 @@ from app.common import (
     usage_errors,
 )
 from app.identification import calibrations_path
-from protocols.runfile import FileState, safe_name, sheet_path, verify_run
+from protocols.runfile import FileState, mountings_path, safe_name, sheet_path, verify_run
 
 RUNS_SHARE = 0.7
 """Of the work; the rest is the report."""
@@ -50,7 +50,10 @@ class ArchiveCommand:
         with terminal_progress("archive") as progress, TemporaryDirectory() as scratch:
             catalogue.scan()
             runs = [run for run in catalogue.entries() if run.specimen == self.specimen]
-            beside = (path(self.folder, self.specimen) for path in (sheet_path, calibrations_path, campaign_path))
+            beside = (
+                path(self.folder, self.specimen)
+                for path in (sheet_path, mountings_path, calibrations_path, campaign_path)
+            )
             documents = [path for path in beside if path.is_file()]
             if runs and not self.no_report:
                 documents += _write_report(self.folder, self.specimen, Path(scratch), progress.part(RUNS_SHARE, 1.0))

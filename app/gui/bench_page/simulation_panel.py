@@ -22,6 +22,7 @@ TITLES = {
     ("membrane",): "Membrane",
     ("hands",): "Simulated operator",
     ("beyond",): "Effects outside the model",
+    ("mounting",): "Differences between mountings",
     ("generator",): "Function generator",
     ("amplifier",): "Amplifier",
     ("amplifier", "map"): "Amplifier's map",

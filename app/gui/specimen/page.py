@@ -7,10 +7,12 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QImage, QImageReader
 from PySide6.QtWidgets import QWidget
 
+from app.archive import mount_part
 from app.common import UndoHistory
 from app.gui.specimen.sheet_form import SheetForm
 from app.gui.widgets import (
     ACTIONS,
+    STRETCH,
     BackgroundWorker,
     StatusLine,
     add_actions,
@@ -33,6 +35,7 @@ from app.identification import (
     load_sheet,
     save_draft,
 )
+from protocols.base import MOUNTED_PARTS
 
 PICTURE_SIZE = QSize(220, 96)
 PICTURES = "Pictures (*.jpg *.jpeg *.png *.bmp *.gif *.webp)"
@@ -68,6 +71,12 @@ class SpecimenPage(QWidget):
             configure(make_choice(text, tooltip(f"sheet.{name}")), f"sheet.{name}", accessibleName=name)
             for text, name in (("↶", "undo"), ("↷", "redo"))
         )
+        self.mount_buttons = {
+            part: configure(
+                make_choice(part, f"{title}, now: the next runs are of a new mounting"), f"sheet.mounted.{part}"
+            )
+            for part, title in MOUNTED_PARTS.items()
+        }
         self.form = SheetForm()
         self._area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
         self._area.setWidget(self.form)
@@ -76,6 +85,7 @@ class SpecimenPage(QWidget):
         column(
             row((self.heading, 1), self.undo_button, self.redo_button, close, spacing=8),
             row((self.source_label, 1), self.make_sheet_button, spacing=12),
+            row(make_label("Mounted anew:", wrap=False), *self.mount_buttons.values(), STRETCH, spacing=6),
             self.message_label,
             (self._area, 1),
             parent=self,
@@ -84,6 +94,8 @@ class SpecimenPage(QWidget):
         )
         self.form.edited.connect(self._on_edited)
         self.form.browse_pressed.connect(self._choose_picture)
+        for part, button in self.mount_buttons.items():
+            button.clicked.connect(lambda _=False, part=part: self._mount(part))
         self.undo_button.clicked.connect(self.undo)
         self.redo_button.clicked.connect(self.redo)
         add_actions(self, {"sheet.undo": self.undo, "sheet.redo": self.redo})
@@ -92,6 +104,8 @@ class SpecimenPage(QWidget):
         """Read and show the sheet of a specimen."""
         self.heading.setText(f"Specimen {specimen}" if specimen else "No specimen")
         self._area.setEnabled(False)
+        for button in self.mount_buttons.values():
+            button.setEnabled(bool(specimen))
         self.make_sheet_button.hide()
         if not specimen:
             self.source_label.setText(
@@ -137,6 +151,15 @@ class SpecimenPage(QWidget):
     def _make_sheet(self) -> None:
         folder, specimen = self._folder, self._sheet.specimen
         self._submit(lambda: create_sheet(folder, specimen), self._on_saved)
+
+    def _mount(self, part: str) -> None:
+        """Record that a part was mounted anew."""
+        folder, specimen = self._folder, self._sheet.specimen
+
+        def show(path: Path) -> None:
+            self.message_label.show_message(f"Recorded in {path.name}: {MOUNTED_PARTS[part]}")
+
+        self._worker.submit(lambda: mount_part(folder, specimen, part), show, self._on_error)
 
     def _save(self) -> None:
         """Write the draft in the background; values at fault stay in the form and are not written."""

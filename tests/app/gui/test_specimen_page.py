@@ -10,6 +10,7 @@ from app.gui.shell.page_host import CAMPAIGN, EXPLORE, MEASURE
 from app.gui.specimen.page import SpecimenPage
 from app.identification.sheet_file import create_sheet, edit_sheet, load_sheet
 from app.identification.specimen_sheet import SheetEntry, SpecimenSheet
+from protocols.runfile.mountings import read_mountings
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.messages import assert_names
 
@@ -75,6 +76,15 @@ def test_a_sheet_is_made_from_table_one_and_read_again_if_another_program_change
     assert set(load_sheet(tmp_path, "T7").entries) == {"L2"}
     enter(page, "L", "value", "22.1")
     assert set(load_sheet(tmp_path, "T7").entries) == {"L", "L2"}
+
+
+def test_one_click_records_that_the_plate_was_clamped_anew(open_stage: OpenStage, tmp_path: Path) -> None:
+    page = opened(open_stage())
+    page.mount_buttons["plate"].click()
+    until(lambda: not page._worker.pending, "for the file")
+    (mounting,) = read_mountings(tmp_path, "T7")
+    assert mounting.part == "plate"
+    assert_names(page.message_label.text(), "T7.mountings.json")
 
 
 def test_every_field_has_a_name_for_a_screen_reader_and_is_reached_by_tab(open_stage: OpenStage) -> None:

@@ -8,6 +8,7 @@ from app.campaign.specimen_mass import with_specimen_mass
 from app.identification.calibrations import Calibrations, write_calibrations
 from model import EstimatedQuantity
 from model.identification import Calibration
+from protocols.base import MOUNTED
 from protocols.paper_campaign import FIX_PAPER_MASS, REMOVE_MEMBRANE
 from sim_hardware.plant.parameters import Nonidealities, SimulationParameters
 from sim_hardware.plant.setup_state import apply_action, initial_state
@@ -43,5 +44,5 @@ def test_the_mass_of_the_sheet_comes_first(tmp_path: Path) -> None:
     (tmp_path / "T1.specimen.toml").write_text(sheet)
     (found,) = with_specimen_mass((FIX_PAPER_MASS,), tmp_path, "T1")
     assert found.text == "Fix the mass of 10.5 g in the cylinder (the specimen's sheet)."
-    assert found.values == {"mass_kg": pytest.approx(10.5e-3)}
+    assert found.values == {"mass_kg": pytest.approx(10.5e-3), MOUNTED: 1.0}
     assert found.hands_on

@@ -11,7 +11,7 @@ import pytest
 import tactor_bench as tb
 from app.cli.main import main
 from app.identification.active_model import PAPER_MODEL, load_active_model
-from app.identification.sheet_file import SheetError, load_sheet, parse_sheet, sheet_template
+from app.identification.sheet_file import SheetError, create_sheet, load_sheet, parse_sheet, read_sheet, sheet_template
 from app.identification.specimen_sheet import DIMENSIONS, SpecimenSheet
 from app.identification.table_one import IDENTIFIED, TABLE_ONE
 from app.identification.uncertainty_tables import unstated_errors
@@ -22,6 +22,7 @@ from model.parameters import Membrane, Tactor
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.names import sheet_path
 from tests.helpers.importing import brought
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 STATIC = "load [N],deflection [um],u_deflection [um]\n" + "".join(
@@ -261,3 +262,29 @@ def test_a_length_that_the_runs_contradict_is_named(static: Path, capsys: pytest
     result = answer(capsys, "identify", str(static), "--plain", *known)
     (text,) = (text for text in result["contradictions"] if text.startswith("the runs contradict L:"))
     assert re.match(r"the runs contradict L: 24\.00 ± 0\.20 mm was known, [\d.]+ ± [\d.]+ mm fits", text)
+
+
+def test_the_repeatability_of_mountings_is_a_table_of_the_sheet(tmp_path: Path) -> None:
+    path = tmp_path / "T1.specimen.toml"
+    path.write_text('specimen = "T1"\n[mounting]\nmass = "0.05 g"\nplate = "0.5 %"\nlaser = 0.001\n')
+    assert read_sheet(path).mountings == {
+        "mass": pytest.approx(5e-5),
+        "plate": pytest.approx(5e-3),
+        "laser": pytest.approx(1e-3),
+    }
+    for line, fact in (
+        ('roof = "1 mm"', "roof"),
+        ('mass = "0 g"', "mass"),
+        ('mass = "1 mm"', "mass"),
+        ("mass = []", "mass"),
+    ):
+        path.write_text(f'specimen = "T1"\n[mounting]\n{line}\n')
+        with pytest.raises(SheetError) as caught:
+            read_sheet(path)
+        assert_names(str(caught.value), str(path), "mounting", fact)
+    created = create_sheet(tmp_path, "T2")
+    assert created.mountings == {}
+    assert created.path is not None
+    text = created.path.read_text("utf-8")
+    created.path.write_text(text.replace('#mass = "0.1 g"', 'mass = "0.1 g"'))
+    assert read_sheet(created.path).mountings == {"mass": pytest.approx(1e-4)}
