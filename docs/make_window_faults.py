@@ -22,12 +22,12 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
-from app.session.bench_state import BenchState, Lamp  # noqa: E402
 from PySide6.QtCore import QCoreApplication, QSettings, Qt  # noqa: E402
 from PySide6.QtWidgets import QApplication  # noqa: E402
 
 from app.config.bench_file import load_bench  # noqa: E402
 from app.gui.shell.main_window import MainWindow  # noqa: E402
+from app.session.state import BenchState, Lamp  # noqa: E402
 from protocols.measurements.sine_dwell import SineDwell  # noqa: E402
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, INTERLOCK_FAULTS  # noqa: E402
 from tests.helpers.faults_seen import PARTS, SLACK_V, Witness  # noqa: E402

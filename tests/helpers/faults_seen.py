@@ -7,8 +7,7 @@ from typing import Any
 from unittest import mock
 
 from app.session.bench_connection import BenchConnection
-from app.session.bench_state import BenchState
-from app.session.state import WindowState
+from app.session.state import BenchState, WindowState
 from drivers.errors import AcquisitionError, InstrumentError
 from drivers.interfaces import Block
 from model.amplifier_map import AmplifierMap
