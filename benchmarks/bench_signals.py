@@ -29,7 +29,7 @@ from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import RunFileWriter
-from protocols.signals.peak import low_pass, response_peak, spectrum_peak
+from protocols.signals.peak import PEAK_BAND_HZ, joined_spectrum_peak, response_peak
 from protocols.signals.swept_response import estimate_swept_response
 from tests.helpers.sampled import march
 
@@ -89,9 +89,10 @@ def main() -> None:
             "file to response and resonance": lambda: whole(path),
             "  of it: file to volts and metres": lambda: read(path),
             "  of it: response with error bars": lambda: estimate_swept_response(drive, moved, RATE, BAND),
-            "peak of the displacement's spectrum": lambda: spectrum_peak(moved, RATE),
+            "peak of the displacement's spectrum": lambda: joined_spectrum_peak(
+                [moved], RATE, [PEAK_BAND_HZ], PEAK_BAND_HZ
+            ),
             "scipy: welch, welch, csd": lambda: scipys(drive, moved),
-            "low_pass at 600 Hz": lambda: low_pass(moved, RATE),
         }
         for call in cases.values():
             call()

@@ -154,7 +154,7 @@ class CommissionCommand(BenchSelection):
                 bench.config,
                 bench.speed,
                 _wait_for_high_voltage_off,
-                _print_exercise,
+                lambda name, fraction: print_message(f"{100 * fraction:3.0f} % {name} ..."),
                 high_voltage_on=_wait_for_high_voltage_on,
             )
         except BenchError as error:
@@ -176,10 +176,6 @@ class CommissionCommand(BenchSelection):
         if not self.json:
             print_message(f"Next: tactor-bench check --bench {self.bench}, with high voltage on")
         return ExitCode.DONE
-
-
-def _print_exercise(name: str, fraction: float) -> None:
-    print_message(f"{100 * fraction:3.0f} % {name} ...")
 
 
 def _wait_for_high_voltage_off() -> None:

@@ -183,7 +183,9 @@ class AcceptCommand:
         return FitOptions(
             free=(*free, *(name for name in priors if name not in free)) if free else None,
             also=also,
-            fixed=dict(_parse_parameter(text, "--fix", "k2=8.7e-3", _read_fixed) for text in self.fixed),
+            fixed=dict(
+                _parse_parameter(text, "--fix", "k2=8.7e-3", lambda v, of: to_number(v, of.unit)) for text in self.fixed
+            ),
             priors=priors,
             loss="cauchy" if self.robust else "linear",
         )
@@ -248,10 +250,6 @@ def _parse_parameter(text: str, flag: str, example: str, read: Callable[[str, Pa
     name, value = split_setting(text, flag, example)
     with usage_errors(UnitError, ParameterError, about=f"{flag} {text}"):
         return name, read(value, parameter_spec(name))
-
-
-def _read_fixed(value: str, parameter: ParameterSpec) -> float:
-    return to_number(value, parameter.unit)
 
 
 def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,12 +64,11 @@ class RunningCurve:
 
     Args:
         pause_s: shortest time between two computations.
-        clock: in seconds.
     """
 
-    def __init__(self, pause_s: float = PAUSE_S, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, pause_s: float = PAUSE_S) -> None:
         self._worker = LatestOnlyWorker(self._compute, self._store, "running curve")
-        self._pause_s, self._clock, self._submitted_s = pause_s, clock, -math.inf
+        self._pause_s, self._submitted_s = pause_s, -math.inf
         self._rate_hz, self._delay_s = 1.0, 0.0
         self._channels: tuple[ChannelCalibration, ...] = ()
         self._aspects = Aspects()
@@ -123,7 +122,7 @@ class RunningCurve:
             return
         self._blocks.append(block.raw)
         self._scans += block.raw.shape[1]
-        now_s = self._clock()
+        now_s = time.monotonic()
         if now_s - self._submitted_s >= self._pause_s:
             self._submitted_s = now_s
             self._worker.submit(CurveTask(self._entry, self._aspects, (*self._earlier, self._samples(drive))))

@@ -17,13 +17,7 @@ import numpy as np
 
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import (
-    ExpectedSetting,
-    Levels,
-    NeutralSetting,
-    expect_keyword,
-    expect_value,
-)
+from drivers.generators.dialect import ExpectedSetting, Levels, NeutralSetting, expect_keyword, expect_value
 from drivers.generators.scpi import ScpiDialect
 from drivers.generators.waveform import Points
 from drivers.transport import definite_length_block

@@ -9,8 +9,8 @@ the reason.
     settling   SettlingDetector                       detection of a steady response to a sine
     response   FrequencyResponse                      a frequency response with coherence and error bars,
                                                       from a sweep (swept_response) or periods (periodic_response)
-    peak       spectrum_peak, joined_spectrum_peak,   maximum of a spectrum or response
-               response_peak, dwell_peak
+    peak       joined_spectrum_peak, dwell_peak,      maximum of a spectrum or response
+               response_peak
     modal_fit  fit_sdof                               natural frequency and damping from a response
     held_level estimate_level, estimate_step          a mean and a step, with errors that include mains and slow noise
     step_detection  WeightStepDetector                a weight placed on the tactor, online

@@ -34,7 +34,6 @@ from .onset import smooth as smooth
 from .peak import dwell_peak as dwell_peak
 from .peak import joined_spectrum_peak as joined_spectrum_peak
 from .peak import response_peak as response_peak
-from .peak import spectrum_peak as spectrum_peak
 from .periodic_response import POLYNOMIAL_DEGREE as POLYNOMIAL_DEGREE
 from .periodic_response import WINDOW_LINES as WINDOW_LINES
 from .periodic_response import estimate_periodic_response as estimate_periodic_response

@@ -34,13 +34,6 @@ def check_positive(**values: float) -> None:
             raise ValueError(f"{name} must be positive and finite, not {value}")
 
 
-def coverage_factor(degrees_of_freedom: float, level: float = 0.95) -> float:
-    """Return the number of standard errors on each side of a value that contains the truth with probability `level` (Student's t)."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(degrees_of_freedom, 0.5 + level / 2))
-
-
 def check_pair(drive: ArrayLike, displacement: ArrayLike, min_size: int, rate_hz: float) -> tuple[Array, Array]:
     """Drive and displacement of the same scans, (N,) each.
 

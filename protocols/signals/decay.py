@@ -34,7 +34,7 @@ class DecayFit:
         creep_per_decade: creep per decade of the time since the release.
         creep_times_s: times from the release to the first and to the last fitted sample, less the delay of the vibration.
         noise: standard deviation of the residuals.
-        degrees_of_freedom: of the standard errors; see `coverage_factor`.
+        degrees_of_freedom: of the standard errors.
     """
 
     natural_hz: float

@@ -41,7 +41,7 @@ class LevelEstimate:
     Attributes:
         value: level at the middle, drift and mains removed.
         standard_error: of the value, slow noise included.
-        degrees_of_freedom: of the standard error; see `coverage_factor`.
+        degrees_of_freedom: of the standard error.
         drift_per_s: slope of the straight line.
         noise: standard deviation of the residuals of line and mains.
     """
@@ -113,7 +113,6 @@ def estimate_step(
     read_s: float,
     window_s: float = 0.1,
     guard_s: float = 0.0,
-    mains_hz: float | None = MAINS_HZ,
     interference: Sequence[InterferenceLine] = (),
 ) -> StepEstimate:
     """Estimate the value `read_s` after a step against the value just before it.
@@ -127,7 +126,6 @@ def estimate_step(
         read_s: time of the middle of the reading window after the step.
         window_s: length of both windows.
         guard_s: gap between the end of the first window and the step, for a step with an inexact time.
-        mains_hz: see `estimate_level`.
         interference: see `estimate_level`.
 
     Raises:
@@ -150,8 +148,8 @@ def estimate_step(
         raise ValueError(
             f"the record ends {x.size / rate_hz - step_s:g} s after the step, {read_s + window_s / 2:g} s are needed to read it"
         )
-    before = estimate_level(x[end_before - length : end_before], rate_hz, mains_hz, interference)
-    after = estimate_level(x[begin_after : begin_after + length], rate_hz, mains_hz, interference)
+    before = estimate_level(x[end_before - length : end_before], rate_hz, interference=interference)
+    after = estimate_level(x[begin_after : begin_after + length], rate_hz, interference=interference)
     return StepEstimate(after.value - before.value, *combine_errors(before, after), before, after)
 
 

@@ -23,7 +23,7 @@ class HysteresisLoop:
         stroke, stroke_error: displacement at the highest drive minus displacement at the lowest.
         area, area_error: integral of the width over the drive, displacement times drive; positive for a lag.
         asymmetry, asymmetry_error: area above the middle of the drive minus area below it, over the area; -1..1.
-        degrees_of_freedom: of the errors, cycles - 1; see `coverage_factor`.
+        degrees_of_freedom: of the errors, cycles - 1.
     """
 
     width: float

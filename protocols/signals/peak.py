@@ -1,7 +1,7 @@
 """Peak of a displacement spectrum or frequency response: the paper's resonance (Sec. IV-1), with error.
 
 The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz. This module differs in three ways:
-- A low-pass at 600 Hz does not move a peak below 300 Hz, so none is computed; `low_pass` is for displayed traces.
+- A low-pass at 600 Hz does not move a peak below 300 Hz, so none is computed.
 - The highest of 10^5 bins is random: the amplifier's second harmonic sweeps at twice the rate and beats with the
   fundamental by 15 % at random phase. Hann-weighted sums over bins remove the beat, and raise all lines equally by 2 %.
 - A curve through the lines is fitted: 1 / |H|^2 of a single mode is exactly a polynomial of second degree in f^2, and near almost
@@ -30,7 +30,6 @@ from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, band_spectrum
 PEAK_BAND_HZ = (125.0, 500.0)
 """Band in which the paper searches for the peak."""
 
-CUTOFF_HZ = 600.0
 DEGREE = 3
 MIN_LINES = 10
 """Number of lines within the half-power width; 5 unknowns are fitted to them."""
@@ -49,7 +48,7 @@ class SpectralPeak:
     Attributes:
         frequency_hz: frequency of the maximum, Hz.
         standard_error_hz: of the frequency.
-        degrees_of_freedom: of the standard error; see `coverage_factor`.
+        degrees_of_freedom: of the standard error.
         height: modulus at the maximum; of a spectrum per hertz and in the unit of the samples, of a response in its unit.
         band_hz: half-power frequencies on both sides, within the search band.
     """
@@ -66,43 +65,6 @@ class DwellPeak(NamedTuple):
 
     frequency_hz: float
     frequency_error_hz: float
-
-
-def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> Array:
-    """Return the zero-phase low-pass, (N,), for displayed traces: Butterworth of eighth order, forth and back.
-
-    The gain is 1/2 at the cutoff, 0.95 at 5/6 of it, 1 to a part in 10^4 below half of it. (scipy's `sosfiltfilt`: a product
-    in the frequency domain took three times as long.)
-
-    Raises:
-        ValueError: too short, not finite, or a cutoff beyond half the sample rate.
-    """
-    from scipy.signal import butter, sosfiltfilt
-
-    check_positive(rate_hz=rate_hz, cutoff_hz=cutoff_hz)
-    if cutoff_hz >= rate_hz / 2:
-        raise ValueError(
-            f"a cutoff of {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} samples per second, not {rate_hz:g}"
-        )
-    x = check_samples("the trace", samples, 32)
-    return np.asarray(sosfiltfilt(butter(8, cutoff_hz, fs=rate_hz, output="sos"), x))
-
-
-def spectrum_peak(
-    displacement: ArrayLike, rate_hz: float, band_hz: tuple[float, float] = PEAK_BAND_HZ, resolution_hz: float = 0.5
-) -> SpectralPeak:
-    """Return the peak of the displacement's spectrum: under a linear sweep of constant amplitude, the peak of |H|.
-
-    Args:
-        displacement: (N,), the whole sweep.
-        rate_hz: samples per second.
-        band_hz: band that is searched for the peak.
-        resolution_hz: of the lines; taken finer where the peak is narrow.
-
-    Raises:
-        ValueError: too short, not finite, or no distinct peak in the band.
-    """
-    return joined_spectrum_peak([displacement], rate_hz, [band_hz], band_hz, resolution_hz)
 
 
 def joined_spectrum_peak(
@@ -125,7 +87,7 @@ def joined_spectrum_peak(
         resolution_hz: of the lines; taken finer where the peak is narrow.
 
     Raises:
-        ValueError: as `spectrum_peak`.
+        ValueError: too short, not finite, or no distinct peak in the band.
     """
     check_positive(rate_hz=rate_hz, resolution_hz=resolution_hz)
     if not (shares_hz and shares_hz[0][0] <= band_hz[0] and band_hz[1] <= shares_hz[-1][1]):
@@ -169,7 +131,7 @@ class _PieceSpectrum:
 
 
 def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PEAK_BAND_HZ) -> SpectralPeak:
-    """Return the peak of |H| in a band: as `spectrum_peak`, but divided by the recorded drive.
+    """Return the peak of |H| in a band: as `joined_spectrum_peak`, but divided by the recorded drive.
 
     Raises:
         ValueError: no distinct peak in the band, or lines too coarse to fit it.

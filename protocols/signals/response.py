@@ -26,7 +26,7 @@ class FrequencyResponse(Series):
     """Displacement per drive at rising frequencies, complex, in the unit of displacement over the unit of drive; delay removed.
 
     Attributes:
-        degrees_of_freedom: of the errors; see `coverage_factor`.
+        degrees_of_freedom: of the errors.
         resolution_hz: full width of the average of a line (Hann for a sweep, its bias removed).
         correlation: correlation of the errors of neighbouring lines.
     """

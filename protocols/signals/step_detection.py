@@ -35,7 +35,7 @@ class WeightStep:
         settled_at_s: begin of the quiet trace.
         size: level after - level before, in the unit of the samples.
         standard_error: of the size, mains and slow noise included.
-        degrees_of_freedom: of the standard error; see `coverage_factor`.
+        degrees_of_freedom: of the standard error.
         bumps: number of moves that returned, since the detector was ready.
     """
 

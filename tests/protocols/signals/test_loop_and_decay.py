@@ -6,9 +6,9 @@ import pytest
 from model.parameters import Tactor
 from model.response.harmonic_response import poles
 from model.response.latency import step_response
-from protocols.signals.checks import coverage_factor
 from protocols.signals.decay import fit_decay
 from protocols.signals.loop import fold, measure_loops
+from tests.helpers.coverage import coverage_factor
 from tests.helpers.multisine import Multisine
 
 RATE = 5000.0

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from protocols.signals.checks import coverage_factor
 from protocols.signals.step_detection import StepDetectionState, WeightStep, WeightStepDetector
+from tests.helpers.coverage import coverage_factor
 
 RATE = 2000.0
 
