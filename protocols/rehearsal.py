@@ -149,7 +149,7 @@ def _check_recordings(protocol: Protocol, plan: Sequence[PlanEntry]) -> None:
 
 def _cautions(amplifier: HvAmplifier, travel: tuple[float, str] | None) -> Iterator[str]:
     if not amplifier.limits.has_current_limit:
-        yield "the amplifier's current is not checked: write current_limit_a and specimen_capacitance_f under [amplifier]"
+        yield "the amplifier's current is not checked: the bench states no current limit of the amplifier and no capacitance of the specimen"
     if travel is not None and travel[0] > 1:
         yield (
             f"the model expects the displacement to leave the sensor's range ({travel[1]}); points there will be flagged. "

@@ -19,8 +19,9 @@ def typeset_unit(unit: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a line as a window shows it: `N m²`, `peak-to-peak displacement` for `N m^2`, `max - min`."""
-    return _raise_exponents(re.sub(r"max ?- ?min", "peak-to-peak displacement", text))
+    """Return a line as a window shows it: `N m²`, `peak-to-peak displacement`, `−5` for `N m^2`, `max - min`, `-5`."""
+    text = re.sub(r"max ?- ?min", "peak-to-peak displacement", text)
+    return _raise_exponents(re.sub(r"(?<![\w.)\]-])-(?=\d)", "−", text))
 
 
 def _raise_exponents(text: str) -> str:

@@ -57,6 +57,11 @@ def outcome_severity(outcome: Outcome) -> Severity:
     return SEVERITIES.get(outcome, Severity.ERROR)
 
 
+SMALL_UNITS = {"V": (1e3, "mV"), "": (1e6, "ppm")}
+SMALL = 0.1
+"""Figures below it have the smaller unit, with its factor."""
+
+
 class CheckRow(NamedTuple):
     """A check as a row of a table."""
 
@@ -72,8 +77,14 @@ class CheckRow(NamedTuple):
 def check_row(check: CheckResult) -> CheckRow:
     """Return a check as a row of a table, in display units."""
     factor, unit = shown_unit(check.unit)
+    largest = max(
+        (factor * abs(each) for each in (check.value, check.low, check.high) if each is not None), default=0.0
+    )
+    if unit in SMALL_UNITS and 0 < largest < SMALL:  # no powers of ten
+        scale, unit = SMALL_UNITS[unit]
+        factor *= scale
     low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
     limits = f"{low} … {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-    figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
+    figure = f"{factor * check.value:.4g}".replace("-", "−") if math.isfinite(check.value) else "not seen"
     name = f"{check.name} ({check.detail})" if check.detail else check.name
     return CheckRow(check.passed, name, figure, limits, unit, "" if check.passed else check.remedy)

@@ -9,6 +9,7 @@ from .grid import SizeClass as SizeClass
 from .grid import class_of as class_of
 from .grid import size_class as size_class
 from .icons import ICONS as ICONS
+from .icons import PaintedIcon as PaintedIcon
 from .icons import draw_icon as draw_icon
 from .icons import icon as icon
 from .style_sheet import style_sheet as style_sheet

@@ -128,7 +128,19 @@ def draw_icon(painter: QPainter, name: str, box: QRectF, color: str | QColor, gr
     painter.restore()
 
 
-class _Engine(QIconEngine):
+class PaintedIcon(QIconEngine):
+    """Icon that is painted whenever it is shown; subclasses implement `paint` and `clone`."""
+
+    def pixmap(self, size: QSize, mode: QIcon.Mode, state: QIcon.State) -> QPixmap:
+        pixmap = QPixmap(size)
+        pixmap.fill(Qt.GlobalColor.transparent)
+        painter = QPainter(pixmap)
+        self.paint(painter, QRect(0, 0, size.width(), size.height()), mode, state)
+        painter.end()
+        return pixmap
+
+
+class _Engine(PaintedIcon):
     def __init__(self, name: str, color: str) -> None:
         super().__init__()
         self._name, self._color = name, color
@@ -138,14 +150,6 @@ class _Engine(QIconEngine):
         name = "outline" if mode is QIcon.Mode.Disabled else self._color
         color = "white" if name == "white" else str(getattr(colors, name))
         draw_icon(painter, self._name, QRectF(rect), color)
-
-    def pixmap(self, size: QSize, mode: QIcon.Mode, state: QIcon.State) -> QPixmap:
-        pixmap = QPixmap(size)
-        pixmap.fill(Qt.GlobalColor.transparent)
-        painter = QPainter(pixmap)
-        self.paint(painter, QRect(0, 0, size.width(), size.height()), mode, state)
-        painter.end()
-        return pixmap
 
     def clone(self) -> QIconEngine:
         return _Engine(self._name, self._color)

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.face import Tokens, follow_tokens, px
+from app.gui.face import Tokens, follow_tokens, px, text_scale
 from app.gui.plots.axes import RIGHT_PX, stable_range
 from app.gui.plots.drawn_panel import DrawnPanel, place
 from app.gui.plots.picture import Layer, Picture, color_of
@@ -40,6 +40,8 @@ class Chart(QWidget):
     """Place of the cursor in the unit of the horizontal axis."""
     log_changed = Signal(bool)
     """Whether the vertical axis is logarithmic."""
+    _scale: float | None = None
+    """Text size of what is drawn; None before."""
 
     def __init__(self, name: str, *, headed: bool = True, zooms: bool = True, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -73,6 +75,13 @@ class Chart(QWidget):
         self.canvas_row = row((self.canvas, 1))
         column(self.head, (self.canvas_row, 1), parent=self, margins=(12, 6 if headed else 0, 4, 4), spacing=2)
         follow_tokens(self, self.apply_theme)
+        self._scale = text_scale()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.StyleChange and self._scale not in (None, text_scale()):
+            self._scale = text_scale()
+            self.show_picture(self.picture, force=True)
 
     # -- contents ----------------------------------------------------------------------------------------------------
 

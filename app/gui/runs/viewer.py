@@ -3,7 +3,7 @@
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.archive import LoadedRun
+from app.archive import LoadedRun, run_settings
 from app.common import format_duration, format_outcome
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
@@ -67,7 +67,7 @@ class RunViewer(QWidget):
         judged = run.record.verdict.outcome is not Outcome.NOT_JUDGED
         how = "" if judged else format_outcome(run.record.state, run.record.reason)
         begun = f"{run.record.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.record.duration_s)}"
-        parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.record.parameters.items())
+        parameters = "; ".join(f"{name} {value}" for name, value in run_settings(run.record).items())
         self.facts_label.setText("\n".join(line for line in (how, begun, parameters) if line))
         # Points of an unknown protocol are drawn if they are amplitudes over frequency.
         kind = PROTOCOLS.get(run.record.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
@@ -75,8 +75,3 @@ class RunViewer(QWidget):
         self.plots.show_results(kind, run.points, run.series, ended, run.record.simulated)
         self.trace_plot.show_traces(run.traces, run.record.simulated)
         self.log.show_messages(run.messages)
-
-
-def _format_value(value: object) -> str:
-    text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value)
-    return text if len(text) < 80 else f"{text[:77]}…"

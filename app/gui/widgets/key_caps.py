@@ -3,10 +3,10 @@
 import weakref
 
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QIcon, QIconEngine, QPainter, QPen, QPixmap
+from PySide6.QtGui import QColor, QFontMetricsF, QIcon, QPainter, QPen
 from PySide6.QtWidgets import QAbstractButton
 
-from app.gui.face import LABEL_PX, MEDIUM, px, text_font, tokens
+from app.gui.face import LABEL_PX, MEDIUM, PaintedIcon, px, text_font, tokens
 
 GAP = 5
 """Between the text and the cap, in lengths of the design."""
@@ -15,7 +15,7 @@ FILLED = ("go", "stop")
 """Kinds of buttons on whose ground text is white."""
 
 
-class _Cap(QIconEngine):
+class _Cap(PaintedIcon):
     def __init__(self, key: str, button: "weakref.ref[QAbstractButton]") -> None:
         super().__init__()
         self._key, self._button = key, button
@@ -39,15 +39,7 @@ class _Cap(QIconEngine):
         painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, self._key)
         painter.restore()
 
-    def pixmap(self, size: QSize, mode: QIcon.Mode, state: QIcon.State) -> QPixmap:
-        pixmap = QPixmap(size)
-        pixmap.fill(Qt.GlobalColor.transparent)
-        painter = QPainter(pixmap)
-        self.paint(painter, QRect(0, 0, size.width(), size.height()), mode, state)
-        painter.end()
-        return pixmap
-
-    def clone(self) -> QIconEngine:
+    def clone(self) -> "_Cap":
         return _Cap(self._key, self._button)
 
 

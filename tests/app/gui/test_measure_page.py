@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
-from app.gui.plots.response import LOWER
+from app.gui.plots.response import COMING, LOWER
 from app.session.session import RunRejected
 from drivers.drive_shapes import Sine
 from protocols.base import (
@@ -285,3 +285,50 @@ def test_what_the_form_said_comes_back(stage: Stage) -> None:
     stage.window.start_run()
     stage.press(Qt.Key.Key_Z, CTRL)
     assert panel.protocol == WiringCheck(), "what is being run stands still"
+
+
+def test_the_plot_marks_the_points_that_are_to_come(stage: Stage) -> None:
+    live(stage)
+    chart = stage.window.measure_page.live_pane.plots.chart
+
+    def coming() -> list[float]:
+        marks = chart.layer(COMING)
+        return [] if marks is None else list(marks.x)
+
+    every = list(SineDwell().frequencies_hz)
+    present = stage.window.state.drive.frequency_hz
+    assert coming() == [hz for hz in every if hz != present]
+    stage.happen(point(0, every[0]), DriveStarted(Sine(every[1], 2.5, 2.5, 1000)))
+    assert coming() == every[2:]
+    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
+    assert coming() == []
+
+
+def test_the_result_stands_beside_the_plot_of_a_wide_window_and_under_a_switch_in_a_narrow_one(stage: Stage) -> None:
+    window, panel = stage.window, stage.window.measure_page.run_panel
+    window.look.set_text_size("100")
+    card, protocol, segments = panel.result_card, find(panel, "measure.protocol"), panel.segments
+    stage.happen(OPENED)
+    window.resize(1280, 800)
+    assert not segments.buttons["result"].isEnabled(), "there is no result"
+    live(stage)
+    assert (card.isVisible(), protocol.isVisible()) == (True, False), "a run turns to its result"
+    assert segments.buttons["result"].text() == "Result so far"
+    stage.happen(*(point(at, hz) for at, hz in enumerate((100.0, 150.0, 200.0))))
+    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5"))
+    assert find(card, "result.name").text().startswith("Largest response, at ")
+    for width, height in ((900, 560), (1280, 800), (1920, 1080)):
+        window.resize(width, height)
+        until(lambda: card.visibleRegion().boundingRect() == card.rect(), "for the whole card")
+        assert find(card, "result.figure").font().pixelSize() == 40
+        assert find(card, "result.again").isVisible()
+        assert find(panel, "measure.run").isVisible()
+        beside = width >= 1600
+        assert protocol.isVisible() is beside
+        assert segments.isVisible() is not beside
+        left = card.mapTo(window, card.rect().topLeft()).x()
+        plots = window.measure_page.live_pane
+        assert (left >= plots.mapTo(window, plots.rect().topRight()).x()) is beside
+    window.resize(1280, 800)
+    segments.buttons["set-up"].click()
+    assert (card.isVisible(), protocol.isVisible()) == (False, True)
