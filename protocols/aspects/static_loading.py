@@ -139,7 +139,19 @@ def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
         weight = float(grams[load == error.at][0])
         label = f"weight of {weight:.6g} g (load {error.at:.9g} N, uncertainty {100 * error.standard_error:.6g} %)"
         errors.append(replace(error, name=label))
+        if (crept := _crept_while_placing(points, points.good & (load == error.at))) > 0:
+            name = f"{points.label}, time of putting on {weight:.6g} g"
+            errors.append(replace(error, name=name, standard_error=crept))
     return tuple(errors)
+
+
+def _crept_while_placing(points: RunPoints, rows: Mask) -> float:
+    """Return the creep under a weight within the uncertainty of the time at which it was put on, as a share of the deflection."""
+    slope = points.columns.get("creep")
+    if slope is None or history_of_loads(points) is None:
+        return 0.0
+    share = np.abs(slope[rows] / points.columns["deflection"][rows]) * measurements.PLACING_S
+    return float(np.median(share)) if np.isfinite(share).all() else 0.0
 
 
 def history_of_loads(points: RunPoints) -> DriveHistory | None:
@@ -164,7 +176,7 @@ def history_of_loads(points: RunPoints) -> DriveHistory | None:
 def _recorded_times(points: RunPoints) -> Array | None:
     """Return the times of `TIME_COLUMNS` from the recordings, (5, F); None if a point has fewer than three.
 
-    A recording follows a weight detected by the laser by the `record_s` of quiet samples. For a weight confirmed by a key, the
+    A recording follows a weight detected by the laser by the hand's movement and the `record_s` of quiet samples. For a weight confirmed by a key, the
     time is halfway since the previous recording.
     """
     recordings = points.recording_times(3)
@@ -172,12 +184,12 @@ def _recorded_times(points: RunPoints) -> Array | None:
         return None
     protocol = points.read_protocol()
     assert isinstance(protocol, measurements.StaticLoading)
-    half = protocol.record_s / 2
+    half, quiet_s = protocol.record_s / 2, protocol.record_s + measurements.PLACING_S
     events = points.run.events()
     seen_s = [event.time_s for event in events if event.kind == "Answered" and event.fields.get("words") == SEEN]
     begins, ends = recordings[:, 1:, 0], recordings[:, :-1, 1]
     seen = np.abs(begins[..., None] - np.array([*seen_s, -np.inf])).min(axis=-1) < MAX_ANSWER_S
-    placed, lifted = np.where(seen, np.maximum(begins - protocol.record_s, ends), (begins + ends) / 2).T
+    placed, lifted = np.where(seen, np.maximum(begins - quiet_s, ends), (begins + ends) / 2).T
     zero_before, read, zero_after = (recordings[:, i, 1] - half for i in range(3))
     return np.array([zero_before, placed, read, lifted, zero_after])
 

@@ -1,3 +1,4 @@
+from .load_point import PLACING_S as PLACING_S
 from .membrane_sag import MembraneSag as MembraneSag
 from .membrane_series import MembraneSeries as MembraneSeries
 from .response_series import check_response_present as check_response_present

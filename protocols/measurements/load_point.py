@@ -21,7 +21,8 @@ EXPLAINED_SIGMAS = 3.0
 """Largest difference between the change of a zero and the creep's remainder, in standard errors, that is explained by it."""
 
 PLACING_S = 0.2
-"""Standard uncertainty of the time at which a weight was put on: a hand lets it down within some tenths of a second."""
+"""Time from the middle of a hand's movement to the quiet samples after it, and its standard uncertainty: a heavy weight on a specimen that
+creeps is quiet later."""
 
 SIDE_LABELS = {1.0: "MFC up", -1.0: "aluminium up"}
 
@@ -167,7 +168,7 @@ def load_point(
     times = _times(parts, record_s)
     # The time at which the zero moved is unknown: a rectangular distribution from one to the other.
     moved = _unexplained_shift(before, under, after, times, record_s)
-    error = math.hypot(under.standard_error, zero_error, moved / math.sqrt(12), under.drift_per_s * PLACING_S)
+    error = math.hypot(under.standard_error, zero_error, moved / math.sqrt(12))
     detected = {
         Quality.DRIVE_OFF: any(
             isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V
@@ -217,7 +218,7 @@ def _times(parts: Sequence[Recording], record_s: float) -> dict[str, float]:
     begins = [part.start_s for part in parts]
     ends = [part.start_s + part.displacement_m.size / part.rate_hz for part in parts]
     before, read, after = (end - record_s / 2 for end in ends)
-    placed, lifted = max(begins[1] - record_s, ends[0]), max(begins[2] - record_s, ends[1])
+    placed, lifted = (max(begins[i] - record_s - PLACING_S, ends[i - 1]) for i in (1, 2))
     return {"zero_before_time": before, "placed": placed, "read": read, "lifted": lifted, "zero_after_time": after}
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from model import Array, Complex
 
@@ -130,20 +130,31 @@ def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Arra
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     errors = np.sqrt(np.diag(inverse) * 2 * fit.cost / freedom)
     if g.size >= MIN_PATTERN_LINES:
-        order = np.argsort(g)
-        scores = (jacobian * np.asarray(fit.fun)[:, None]).reshape(2, g.size, 2).sum(axis=0)[order]
-        errors = np.sqrt(np.diag(inverse @ _long_run(scores) @ inverse) * target.size / freedom)
+        scale = _pattern_scale(np.argsort(g), columns(*fit.x), jacobian, np.asarray(fit.fun))
+        errors = np.sqrt(np.diag(inverse)) * scale
     basis = columns(*fit.x)
     linear = np.linalg.lstsq(basis, target, rcond=None)[0]
     real, imaginary = np.split(basis @ linear, 2)
     return np.asarray(fit.x), errors, freedom, np.asarray(linear), np.asarray((real + 1j * imaginary) / weight)
 
 
-def _long_run(scores: Array) -> Array:
-    """Return the covariance of the sum of correlated rows, (2, 2), by Bartlett's weights (Newey, West, Econometrica 55, 1987)."""
-    reach = int(np.sqrt(len(scores)))
-    total = scores.T @ scores
-    for lag in range(1, reach + 1):
-        shifted = scores[lag:].T @ scores[:-lag]
-        total += (1 - lag / (reach + 1)) * (shifted + shifted.T)
-    return np.asarray(total)
+def _pattern_scale(order: NDArray[np.intp], basis: Array, jacobian: Array, misfit: Array) -> Array:
+    """Return the standard deviation of a misfit as each parameter of `jacobian`, (2 F, 2), sees it: with its correlation over the lines.
+
+    Bartlett's weights (Newey, West, Econometrica 55, 1987), unbiased for white noise. `order` sorts the lines, (F,).
+    """
+    q, _ = np.linalg.qr(np.hstack((basis, jacobian)))
+    along = jacobian @ np.linalg.pinv(jacobian.T @ jacobian)
+
+    def squares(columns: Array) -> Array:
+        """Return the weighted sum of the products of lines, (..., 2 F) to (...)."""
+        rows = columns.reshape(*columns.shape[:-1], 2, order.size).sum(axis=-2)[..., order]
+        reach = int(np.sqrt(order.size))
+        lags = (
+            2 * (1 - lag / (reach + 1)) * (rows[..., lag:] * rows[..., :-lag]).sum(axis=-1)
+            for lag in range(1, reach + 1)
+        )
+        return np.asarray((rows**2).sum(axis=-1) + sum(lags))
+
+    of_white = (along**2).sum(axis=0) - squares(along.T[:, None, :] * q.T).sum(axis=-1)
+    return np.asarray(np.sqrt(np.maximum(squares(along.T * misfit), 0.0) / of_white))

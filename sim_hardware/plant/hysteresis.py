@@ -10,9 +10,9 @@ import numpy as np
 
 from model import Array
 
-PLAY_SPACING_V = 25.0
-"""Spacing of the half widths of the plays, 12.5 V, 37.5 V and so on: half the voltage change after which a play follows a turn."""
-PLAY_COUNT = 50
+PLAY_SPACING_V = 5.0
+"""Spacing of the half widths of the plays, 2.5 V, 7.5 V and so on: half the voltage change after which a play follows a turn."""
+PLAY_COUNT = 250
 
 
 class HysteresisModel:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,3 +51,23 @@ def test_a_step_that_is_too_small_is_flagged(tmp_path: Path) -> None:
         seen = replace(recording, drive_v=2.5 + share * (recording.drive_v - 2.5))
         point = FreeDecay(edges=2).point((1.0,), [seen], True)
         assert (Quality.DRIVE_OFF in Quality(point.quality)) is flagged, share
+
+
+def test_edges_of_both_directions_that_differ_are_no_scatter() -> None:
+    rng = np.random.default_rng(4)
+
+    def points(difference: float) -> list[Any]:
+        return [
+            SimpleNamespace(
+                edge=float(edge), quality=0, natural_frequency=160 + 0.01 * rng.standard_normal(), natural_frequency_errors=0.01,
+                damping=0.22 + difference * (edge % 2) + 1e-4 * rng.standard_normal(), damping_errors=1e-4,
+            )
+            for edge in range(1, 11)
+        ]  # fmt: skip
+
+    def error(difference: float) -> float:
+        every = {each.name: each for each in FreeDecay().estimates(points(difference))}
+        return every["damping_ratio"].standard_error
+
+    assert error(0.01) < 6e-5
+    assert error(0.0) < 6e-5

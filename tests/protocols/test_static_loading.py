@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from drivers import Hold
 from model.parameters import Tactor
 from model.response.statics import load_compliance
-from protocols.base import Prompt, PromptAnswered, PromptShown, Quality, RunStatus
+from protocols.base import Prompt, PromptAnswered, PromptShown, Quality, Recording, RunStatus
 from protocols.measurements.load_point import compliance, nonlinearity
 from protocols.measurements.static_loading import StaticLoading, uncertainty_kg
 from protocols.rehearsal import rehearse
@@ -371,3 +372,29 @@ def test_the_lines_standard_error_is_what_repeating_the_world_shows() -> None:
         assert 0.8 < pulls.std() < 1.1
     assert compliance(made([1.0], [1e-4], [1e-7])) is None
     assert nonlinearity(made([1.0, 1.0, 2.0], [1e-4, 1e-4, 2e-4], [1e-7] * 3)) is None
+
+
+def weighed(creep: float, shift_m: float = 0.0) -> Any:
+    """Return the point of a weight of 0.5 kg on a specimen of 140 um/N that creeps; its zero moves by `shift_m` meanwhile."""
+    rate, rng, put_on, taken_off = 2000.0, np.random.default_rng(3), 3.0 - 0.7, 6.0 - 0.7
+    recordings = []
+    for i, start_s in enumerate((0.0, 3.0, 6.0)):
+        t = start_s + np.arange(round(1.5 * rate)) / rate
+        moved = 5e-7 * rng.standard_normal(t.size)
+        for at, sign in ((put_on, 1), (taken_off, -1)):
+            since = np.maximum(t - at, 1e-9)
+            moved += np.where(t > at, sign * 6.86e-4 * (1 + creep * np.log10(since / 1.6e-3)), 0.0)
+        moved += shift_m if i == 2 else 0.0
+        drive_v = np.full(t.size, 2.5)
+        recordings.append(
+            Recording(i, (0, t.size), rate, Hold(2.5, 1.5), drive_v, moved, Quality.GOOD, start_s=start_s)
+        )
+    return StaticLoading().point((1.0, 0.5, 1.0), recordings, simulated=True)
+
+
+def test_a_zero_that_creeps_back_is_no_scatter_and_one_that_jumps_is() -> None:
+    crept, jumped = weighed(0.015), weighed(0.015, 2e-6)
+    assert crept.drift > 2e-6, "it has not returned when it is read again"
+    assert crept.deflection_errors < 5e-8
+    assert jumped.deflection_errors == pytest.approx(2e-6 / np.sqrt(12), rel=0.2)
+    assert weighed(0.0).deflection_errors == pytest.approx(crept.deflection_errors, rel=0.5)

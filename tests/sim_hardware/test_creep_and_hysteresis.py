@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_hardware.plant.creep import REFERENCE_S, CreepModel
-from sim_hardware.plant.hysteresis import HysteresisModel
+from sim_hardware.plant.hysteresis import PLAY_COUNT, PLAY_SPACING_V, HysteresisModel
 
 STEP_S = 1e-5
 SHARE = 0.015
@@ -63,11 +63,25 @@ def test_the_response_is_that_of_plays_moved_one_by_one() -> None:
             500 + 1000 * np.sin(12 * np.pi * t),
         )
     )
-    specimen, plays, sums = HysteresisModel(0.05, -500.0, 1500.0), np.zeros(50), []
-    half = 25.0 * (np.arange(50) + 0.5)
+    specimen, plays, sums = HysteresisModel(0.05, -500.0, 1500.0), np.zeros(PLAY_COUNT), []
+    half = PLAY_SPACING_V * (np.arange(PLAY_COUNT) + 0.5)
     for v in (1500.0, -500.0, 0.0, *volts.tolist()):
         plays = np.clip(plays, v - half, v + half)
         sums.append(plays.sum())
     pieces = [specimen.process(part) for part in np.split(volts, (1, 2, 300, 301, 500, 777))]
-    weight = 0.05 * 2000 * 50 / 1000**2
+    weight = 0.05 * 2000 * 2 * PLAY_SPACING_V / 1000**2
     assert np.concatenate(pieces) == pytest.approx(volts + weight * (np.array(sums[3:]) - sums[2]), abs=1e-9)
+
+
+def test_the_creep_is_the_logarithm_of_time_within_a_decade_and_the_loop_a_parabola() -> None:
+    grown = []
+    for t in np.logspace(-2, 1, 31):
+        crept = CreepModel(0.015, 1e-5)
+        crept.advance(1.0, float(t))
+        grown.append(crept.crept(1.0))
+    np.testing.assert_allclose(np.diff(grown) * 10, 0.015, rtol=5e-4)
+    specimen = HysteresisModel(0.05, -500.0, 1500.0)
+    at = specimen.process(np.array([0.0, 1500.0]))[-1]
+    fallen = np.linspace(1500.0, -500.0, 2001)[1:]
+    curve = specimen.process(fallen) - fallen - (at - 1500.0)
+    np.testing.assert_allclose(-curve, 0.05 * 4000 * ((1500.0 - fallen) / 2000) ** 2, atol=0.02)

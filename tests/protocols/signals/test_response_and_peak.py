@@ -12,7 +12,7 @@ from model.beam.poles import ModalForm
 from model.parameters import Tactor
 from model.response.harmonic_response import frequency_response, poles
 from protocols.signals.modal_fit import fit_sdof
-from protocols.signals.peak import PEAK_BAND_HZ, SpectralPeak, joined_spectrum_peak, response_peak
+from protocols.signals.peak import PEAK_BAND_HZ, SpectralPeak, dwell_peak, joined_spectrum_peak, response_peak
 from protocols.signals.periodic_response import estimate_periodic_response
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import CORRECTED_VARIANCE, estimate_swept_response
@@ -347,3 +347,38 @@ def test_a_peak_outside_the_band_is_not_taken_for_one_at_its_edge() -> None:
     _, moved = bench()
     with pytest.raises(ValueError, match=r"no peak within 180..500 Hz: .* at its edge"):
         spectrum_peak(moved, (180.0, 500.0))
+
+
+def test_a_peak_between_the_points_of_a_dwell_is_as_uncertain_as_it_is_wrong() -> None:
+    best = minimize_scalar(
+        lambda f: -abs(frequency_response(Tactor(), [f])[0]), bounds=(120, 200), options={"xatol": 1e-7}
+    )
+    true_hz, ratios = float(best.x), []
+    for shift_hz in range(-4, 5):
+        f = np.arange(100.0, 230.0, 15.0) + shift_hz
+        y = np.abs(frequency_response(Tactor(), f))
+        found = dwell_peak(f, y, 1e-9 * y)
+        assert found is not None
+        assert abs(found.frequency_hz - true_hz) < 0.02
+        assert found.frequency_error_hz < 0.02, "a parabola of the amplitude is wrong by a hundred times as much"
+        ratios.append((found.frequency_hz - true_hz) / found.frequency_error_hz)
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+def test_a_distortion_that_waves_over_the_lines_is_averaged_out_in_the_error_of_a_mode(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    f = np.arange(80.0, 290.0, 2.0)
+    H, rng = frequency_response(Tactor(), f), np.random.default_rng(5)
+    waved = H * (1 + 1e-3 * np.exp(0.2j * np.pi * f))
+    alike = fit_sdof(f, waved)
+    noisy = [
+        fit_sdof(f, H + 1e-7 * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))) for _ in range(60)
+    ]
+    monkeypatch.setattr("protocols.signals.modal_fit.MIN_PATTERN_LINES", f.size + 1)
+    line_by_line = fit_sdof(f, waved)
+    assert abs(alike.natural_hz - abs(poles(Tactor())[0]) / (2 * np.pi)) < alike.natural_error_hz
+    assert alike.natural_error_hz < 0.8 * line_by_line.natural_error_hz
+    scatter = np.std([m.natural_hz for m in noisy]), np.std([m.damping_ratio for m in noisy])
+    stated = [np.sqrt(np.mean([getattr(m, n) ** 2 for m in noisy])) for n in ("natural_error_hz", "damping_error")]
+    assert np.divide(scatter, stated) == pytest.approx(1.0, abs=0.25), "white noise"
