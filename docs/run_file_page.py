@@ -34,6 +34,7 @@ MEANINGS = {
     "instrument/displacement_sensor/valid_high": "a higher voltage means out of range",
     "instrument/displacement_sensor/valid_low": "a lower voltage means out of range",
     "instrument/displacement_sensor/zero": "voltage at zero displacement",
+    "mountings": "last mounting of each part before the first entry (JSON): part, time, who, numbers of the prompt; not changed afterwards",
     "operator": "who measured (NXuser)",
     "operator/name": "name",
     "operator/origin": "how the name is known: given, or the login of the computer",

@@ -43,6 +43,7 @@ def run_record(run: Run) -> dict[str, Any]:
             for e in record.estimates
         ],
         "software": record.software,
+        "mountings": [to_jsonable(each) for each in run.mountings],
         **({"conditions": asdict(record.conditions)} if record.conditions != RunConditions() else {}),
     }
 
@@ -110,6 +111,8 @@ def _people_lines(run: Run) -> Iterator[str]:
         yield f"measured by {conditions.operator}{origin}"
     if air := conditions.air_text or conditions.origin:
         yield f"air {air}"
+    if run.mountings:
+        yield ", ".join(f"{each.part} mounted {each.time[:16].replace('T', ' ')}" for each in run.mountings)
     with suppress(NotesError):
         yield from (describe_check(run.path, check) for check in read_notes(notes_path(run.path)).checks)
     if record.configuration.get("identities"):

@@ -9,6 +9,7 @@ from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunReje
 from model import format_estimate, format_quantity
 from protocols import PROTOCOLS
 from protocols.base import (
+    MOUNTED_PARTS,
     BenchArmed,
     InjectedFaultChanged,
     InterferenceLine,
@@ -29,6 +30,7 @@ from protocols.base import (
     SettlingFinished,
     ShutdownStarted,
     SpecimenMayBeLive,
+    SpecimenMounted,
     StreamStarted,
     Verdict,
 )
@@ -117,6 +119,8 @@ def _describe_run_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return Severity.WARNING, f"Asked: {prompt.text}"
         case PromptAnswered(_, choice):
             return Severity.INFO, f"Answered: {choice}"
+        case SpecimenMounted(part, time):
+            return Severity.INFO, f"Recorded: {MOUNTED_PARTS[part]}, {time[:16].replace('T', ' ')} UTC"
         case RunEnded():
             return _describe_outcome(event)
     return None

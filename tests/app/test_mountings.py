@@ -170,3 +170,16 @@ def test_the_initial_mass_glued_by_command_differs_as_well() -> None:
     state = apply_action(initial_state(parameters), "tidy-up", {"mass_mountings": 1.0}, parameters)
     expected = parameters.tactor.m_add + parameters.mounting.difference("mass", 1, 3)
     assert state.fixed_kg == pytest.approx(expected)
+
+
+def test_show_names_the_mountings_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, _ = measure(tmp_path, FIX_PAPER_MASS)
+    assert main(["show", str(path), "--json"]) == ExitCode.DONE
+    (mounting,) = json.loads(capsys.readouterr().out)["mountings"]
+    assert (mounting["part"], mounting["values"]["mass_kg"]) == ("mass", 7.73e-3)
+    assert main(["show", str(path)]) == ExitCode.DONE
+    assert_names(capsys.readouterr().out, mounting["time"][11:16])
+    sheet = tmp_path / "T1.specimen.toml"
+    sheet.write_text('specimen = "T1"\n[mounting]\nplate = "0.5 %"\n')
+    assert main(["specimen", "show", "T1", "--folder", str(tmp_path), "--json"]) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["mountings"] == {"plate": pytest.approx(5e-3)}

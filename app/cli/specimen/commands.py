@@ -28,7 +28,7 @@ from app.identification import (
     sheet_unit,
 )
 from model import ParameterError, format_with_uncertainty
-from model.identification import parameter_spec
+from model.identification import MOUNTING_EFFECTS, format_size, parameter_spec
 from protocols.runfile import sheet_path
 
 TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
@@ -69,7 +69,16 @@ def sheet_result(sheet: SpecimenSheet) -> CommandResult:
     )
     texts = {name: getattr(sheet, name) for name in TEXT_FIELDS}
     notes = [f"{name}: {text}" for name, text in {**texts, **sheet.descriptions}.items() if text]
-    extra = {**texts, "descriptions": dict(sheet.descriptions), "file": str(sheet.path) if sheet.path else None}
+    if mounted := ", ".join(
+        f"{p} {format_size(s, None, MOUNTING_EFFECTS[p].unit)}" for p, s in sheet.mountings.items()
+    ):
+        notes.append(f"standard deviation between mountings: {mounted}")
+    extra = {
+        **texts,
+        "mountings": dict(sheet.mountings),
+        "descriptions": dict(sheet.descriptions),
+        "file": str(sheet.path) if sheet.path else None,
+    }
     return CommandResult("specimen show", {}, (table,), (*notes, f"{sheet.description}."), extra=extra)
 
 
