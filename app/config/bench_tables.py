@@ -1,17 +1,17 @@
 """Bench file tables: kind, wiring and calibration of each instrument, further inputs of the card, specimen and abort levels."""
 
 import re
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from datetime import date
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 from annotated_types import Interval, Unit
-from pydantic import AfterValidator, field_validator, model_validator
+from pydantic import AfterValidator, create_model, field_validator, model_validator
 
 from app.config import driver_registry as drivers
 from app.config.validation import ConfigTable
-from drivers import DriveLimits, InputChannel, LaserSensor, LevelAction, LevelSettings
+from drivers import DriveLimits, InputChannel, LaserSensor, LevelSettings
 from drivers.sensors import PRESETS
 from model import AmplifierMap
 
@@ -72,14 +72,7 @@ class AmplifierTable(ConfigTable):
 
     @property
     def drive_limits(self) -> DriveLimits:
-        return DriveLimits(
-            self.slew_v_per_s,
-            self.step_v,
-            self.ramp_v_per_s,
-            self.current_limit_a,
-            self.specimen_capacitance_f,
-            self.way_to_rest_s,
-        )
+        return DriveLimits(**{each.name: getattr(self, each.name) for each in fields(DriveLimits)})
 
     @model_validator(mode="after")
     def _check_map(self) -> "AmplifierTable":
@@ -329,56 +322,16 @@ def check_channels(tables: "list[ChannelTable]", used_terminals: tuple[str, ...]
             raise ValueError(f"channels.unit of {table.name!r} must be V or A, as the kind {table.kind} requires")
 
 
-DEFAULTS = LevelSettings()
+def _fields_of_levels(*names: str) -> Any:
+    """Return a base class with some fields of `LevelSettings`."""
+    hints, default = get_type_hints(LevelSettings, include_extras=True), LevelSettings()
+    columns: dict[str, Any] = {name: (hints[name], getattr(default, name)) for name in names}
+    return create_model("_Levels", __base__=ConfigTable, **columns)
 
 
-class SpecimenTable(ConfigTable):
+class SpecimenTable(_fields_of_levels("gap_m")):  # type: ignore[misc]
     """The specimen as it is mounted."""
 
-    gap_m: Annotated[
-        float,
-        Unit("m"),
-        Interval(gt=0, le=0.1),
-        "clear distance from the specimen at rest to the nearest obstacle; the paper's spacers leave 0.77 mm (Sec. II)",
-    ] = DEFAULTS.gap_m
 
-
-class LevelsTable(ConfigTable):
+class LevelsTable(_fields_of_levels(*(each.name for each in fields(LevelSettings)[1:]))):  # type: ignore[misc]
     """Abort levels, evaluated in every block. Actions: off, warning (points are flagged), ask (at rest), rest (the run ends)."""
-
-    stroke: Annotated[LevelAction, "action if the displacement from rest exceeds stroke_m"] = DEFAULTS.stroke
-    stroke_m: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.1), "largest displacement from rest; 0 is gap_m of [specimen]"
-    ] = DEFAULTS.stroke_m
-    rate: Annotated[LevelAction, "action if the displacement rate exceeds rate_m_per_s"] = DEFAULTS.rate
-    rate_m_per_s: Annotated[
-        float, Unit("m/s"), Interval(gt=0, le=1000), "largest displacement rate; 5 Vpp at resonance reach 0.6 m/s"
-    ] = DEFAULTS.rate_m_per_s
-    laser_lost: Annotated[LevelAction, "action if the sensor is out of range for longer than laser_lost_s"] = (
-        DEFAULTS.laser_lost
-    )
-    laser_lost_s: Annotated[
-        float, Unit("s"), Interval(ge=0.001, le=60), "longest time out of the sensor's range under a drive"
-    ] = DEFAULTS.laser_lost_s
-    drive: Annotated[LevelAction, "action if the recorded drive differs from the commanded one"] = DEFAULTS.drive
-    drive_tolerance: Annotated[
-        float, Unit("1"), Interval(ge=0.02, le=1), "largest deviation of the drive, relative to its amplitude"
-    ] = DEFAULTS.drive_tolerance
-    voltage: Annotated[LevelAction, "action if a voltage monitor exceeds voltage_v"] = DEFAULTS.voltage
-    voltage_v: Annotated[
-        float, Unit("V"), Interval(gt=0, le=100_000), "largest magnitude at the specimen; the amplifier gives +1500 V"
-    ] = DEFAULTS.voltage_v
-    current: Annotated[LevelAction, "action if a current monitor exceeds current_a"] = DEFAULTS.current
-    current_a: Annotated[float, Unit("A"), Interval(gt=0, le=100), "largest magnitude of the amplifier's current"] = (
-        DEFAULTS.current_a
-    )
-    no_response: Annotated[LevelAction, "action after no_response_points points without response"] = (
-        DEFAULTS.no_response
-    )
-    no_response_points: Annotated[int, Unit("1"), Interval(ge=1, le=1000), "points in succession without response"] = (
-        DEFAULTS.no_response_points
-    )
-
-    def settings(self, specimen: SpecimenTable) -> LevelSettings:
-        """Return the levels of a bench with this specimen."""
-        return LevelSettings(gap_m=specimen.gap_m, **self.model_dump())

@@ -9,7 +9,9 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Interval, Unit
 
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.card_reading import CardReading, WatchedStream
@@ -52,33 +54,42 @@ class LevelAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LevelSettings:
-    """Abort levels and their actions, as in the tables [levels] and [specimen] of a bench file.
+    """Abort levels, evaluated in every block, and the clearance of the specimen: tables [levels] and [specimen] of a bench file."""
 
-    Attributes:
-        gap_m: clear distance from the specimen at rest to the nearest obstacle.
-        stroke_m: largest displacement from rest; 0 is `gap_m`.
-        rate_m_per_s: largest displacement rate.
-        laser_lost_s: longest time for which the sensor may be out of range under a drive.
-        drive_tolerance: largest deviation of the recorded drive, relative to its amplitude or its distance from rest.
-        voltage_v, current_a: largest magnitudes at the amplifier's monitors.
-        no_response_points: consecutive points without response.
-    """
-
-    gap_m: float = 0.77e-3
-    stroke: LevelAction = LevelAction.ASK
-    stroke_m: float = 0.0
-    rate: LevelAction = LevelAction.ASK
-    rate_m_per_s: float = 2.0
-    laser_lost: LevelAction = LevelAction.ASK
-    laser_lost_s: float = 0.05
-    drive: LevelAction = LevelAction.REST
-    drive_tolerance: float = 0.1
-    voltage: LevelAction = LevelAction.ASK
-    voltage_v: float = 1650.0
-    current: LevelAction = LevelAction.ASK
-    current_a: float = 0.022
-    no_response: LevelAction = LevelAction.ASK
-    no_response_points: int = 3
+    gap_m: Annotated[
+        float,
+        Unit("m"),
+        Interval(gt=0, le=0.1),
+        "clear distance from the specimen at rest to the nearest obstacle; the paper's spacers leave 0.77 mm (Sec. II)",
+    ] = 0.77e-3
+    stroke: Annotated[LevelAction, "action if the displacement from rest exceeds stroke_m"] = LevelAction.ASK
+    stroke_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.1), "largest displacement from rest; 0 is gap_m of [specimen]"
+    ] = 0.0
+    rate: Annotated[LevelAction, "action if the displacement rate exceeds rate_m_per_s"] = LevelAction.ASK
+    rate_m_per_s: Annotated[
+        float, Unit("m/s"), Interval(gt=0, le=1000), "largest displacement rate; 5 Vpp at resonance reach 0.6 m/s"
+    ] = 2.0
+    laser_lost: Annotated[LevelAction, "action if the sensor is out of range for longer than laser_lost_s"] = (
+        LevelAction.ASK
+    )
+    laser_lost_s: Annotated[
+        float, Unit("s"), Interval(ge=0.001, le=60), "longest time out of the sensor's range under a drive"
+    ] = 0.05
+    drive: Annotated[LevelAction, "action if the recorded drive differs from the commanded one"] = LevelAction.REST
+    drive_tolerance: Annotated[
+        float, Unit("1"), Interval(ge=0.02, le=1), "largest deviation of the drive, relative to its amplitude"
+    ] = 0.1
+    voltage: Annotated[LevelAction, "action if a voltage monitor exceeds voltage_v"] = LevelAction.ASK
+    voltage_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=100_000), "largest magnitude at the specimen; the amplifier gives +1500 V"
+    ] = 1650.0
+    current: Annotated[LevelAction, "action if a current monitor exceeds current_a"] = LevelAction.ASK
+    current_a: Annotated[float, Unit("A"), Interval(gt=0, le=100), "largest magnitude of the amplifier's current"] = (
+        0.022
+    )
+    no_response: Annotated[LevelAction, "action after no_response_points points without response"] = LevelAction.ASK
+    no_response_points: Annotated[int, Unit("1"), Interval(ge=1, le=1000), "points in succession without response"] = 3
 
     @property
     def asking(self) -> tuple[str, ...]:
