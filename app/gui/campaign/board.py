@@ -187,7 +187,7 @@ class CampaignBoard(QWidget):
         self.side_stack = QStackedWidget()
         self.side_stack.addWidget(self._details)
         self.side_stack.addWidget(self.live_pane)
-        columns = make_splitter("campaign/columns", (self.item_list, 0), (self.side_stack, 0), sizes=[520, 700])
+        columns = make_splitter("campaign/columns", (self.item_list, 0), (self.side_stack, 1), sizes=[320, 800])
         self.live_pane.setObjectName("campaign/rows")
         self.live_pane.setMinimumWidth(MIN_LIVE_WIDTH)
         column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import SEVERITY_SYMBOLS
-from app.gui.face import follow_tokens, tokens
+from app.gui.face import follow_tokens, px, set_length, tokens
 from app.gui.plots import RESIDUAL, ResultPlots
 from app.gui.results import ResultCard
 from app.gui.widgets import (
@@ -19,6 +20,7 @@ from app.gui.widgets import (
     fill_table,
     make_combo,
     make_label,
+    make_pane,
     make_read_only_table,
     make_splitter,
     row,
@@ -41,6 +43,8 @@ TOOLTIPS = {
 }
 MAX_INDICATORS = 5
 MIN_PLOT_WIDTH = 420
+DECISION_WIDTH, WIDE_ENOUGH = 260, 740
+"""Width of the result card beside the plot, and of a pane with place for it; a narrower one has the rows above it alone."""
 MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT = 190, 84
 MAX_COLUMN_WIDTH = 230
 
@@ -66,7 +70,7 @@ class ReviewPane(QWidget):
         self.plots = ResultPlots()
         self.plots.choose_lower(RESIDUAL)
         self.plots.setMinimumSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
-        self.card = ResultCard("review", ("report",), compact=True)
+        self.card = ResultCard("review", ("report",))
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
         self.run_box = make_combo(
             "review.run",
@@ -86,8 +90,6 @@ class ReviewPane(QWidget):
         self.table.horizontalHeader().setMaximumSectionSize(MAX_COLUMN_WIDTH)
         runs_label = QLabel("run")
         runs_label.setBuddy(self.run_box)
-        head = row((self.card, 1), runs_label, (self.run_box, 1), spacing=8)
-        indicators = row(*self.indicator_labels, STRETCH, self.figure_box, spacing=16)
         parts = make_splitter(
             "campaign/review", (self.plots, 3), (self.table, 1), orientation=Qt.Orientation.Vertical, sizes=[420, 110]
         )
@@ -95,8 +97,25 @@ class ReviewPane(QWidget):
         policy = parts.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         parts.setSizePolicy(policy)
-        column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
+        self._decision = make_pane(self.card, STRETCH)
+        set_length(self._decision, width=DECISION_WIDTH)
+        self._indicators = indicators = row(*self.indicator_labels, STRETCH, self.figure_box, spacing=16)
+        shown = row((parts, 1), self._decision, spacing=12)
+        column(
+            row(runs_label, (self.run_box, 1), spacing=8), indicators, (shown, 1), parent=self, margins=(0, 4, 0, 0),
+            spacing=4,
+        )  # fmt: skip
         follow_tokens(self, lambda _: self._show_review())
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the least size without the result card, which a narrow pane leaves out."""
+        width = max(self._indicators.minimumSize().width(), self._parts.minimumSizeHint().width())
+        return QSize(width, super().minimumSizeHint().height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._decision.setVisible(self.width() >= px(WIDE_ENOUGH))
+        self.card.set_room(self._parts.height())
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
         """List the results of an item, newest first, and select the displayed one."""
@@ -119,6 +138,7 @@ class ReviewPane(QWidget):
         """Show that a run is being read, and hide the result of the run before."""
         if self.review is None or self.review.run.path.name != name:
             self.card.show_reading()
+            self.card.show()
             self._parts.hide()
             self.table.setRowCount(0)
             for label in self.indicator_labels:
@@ -142,6 +162,7 @@ class ReviewPane(QWidget):
                 indicator = review.indicators[at]
                 label.setText(f"{SEVERITY_SYMBOLS[indicator.severity]} {indicator.text}")
                 set_tone(label, indicator.severity)
+        self.card.show()
         self._draw()
         self._fill_table(review)
 

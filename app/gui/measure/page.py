@@ -1,19 +1,24 @@
 """Measure page: run panel on the left; response and live traces on the right."""
 
+from __future__ import annotations
+
 import json
 import math
 import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QWidget
 
-from app.common import UndoHistory
+from app.common import Severity, UndoHistory, pluralize
 from app.gui.face import class_of, px
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane
-from app.gui.widgets import add_actions, configure
+from app.gui.widgets import BackgroundWorker, Mode, add_actions, choose_files, configure, tell
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -21,6 +26,9 @@ from drivers import Sine
 from model import AmplifierMap
 from protocols import PROTOCOLS
 from protocols.base import Protocol
+
+if TYPE_CHECKING:
+    from app.archive import MeasuredResponse
 
 CALIBRATION_POLL_S = 1.0
 """Interval at which the specimen's calibration is checked."""
@@ -52,6 +60,8 @@ class MeasurePage(QWidget):
         for part in (self.run_panel, self.live_pane):
             part.setParent(self)
         self.live_pane.setSizes([380, 250])
+        self.live_pane.choose_runs = self._choose_runs
+        self._worker = BackgroundWorker("added runs", self)
         self.live_pane.setObjectName("measure/rows")
         self.run_panel.changed.connect(self._update_request)
         self.history = FormHistory(self.run_panel, self)
@@ -118,6 +128,28 @@ class MeasurePage(QWidget):
             self._active_model = curve.active_model
             self.live_pane.show_model_curve(curve)
 
+    def _choose_runs(self) -> None:
+        folder = str(self.run_panel.folder)
+        choose_files(self, "Runs to add to the plot", self.add_runs, "Runs (*.h5)", folder, Mode.ExistingFiles)
+
+    def add_runs(self, paths: Sequence[Path]) -> None:
+        """Add recorded runs to the plot; they are read in the background."""
+
+        def read() -> Sequence[MeasuredResponse]:
+            from app.archive import measured_responses  # imports HDF5
+
+            return measured_responses(paths)
+
+        def show(runs: Sequence[MeasuredResponse]) -> None:
+            if len(runs) < len(paths):
+                tell(
+                    self, f"{len(runs)} of {pluralize(len(paths), 'run')} have a response over frequency and are shown"
+                )
+            if runs:
+                self.live_pane.plots.add_runs(runs)
+
+        self._worker.submit(read, show, lambda error: tell(self, str(error), severity=Severity.ERROR))
+
     def _run_preflight(self) -> None:
         """Run the preflight check of the form, except during a run."""
         protocol, bench = self.run_panel.protocol, self._bench()
@@ -143,6 +175,7 @@ class MeasurePage(QWidget):
 
     def shutdown(self) -> None:
         """Stop background threads."""
+        self._worker.close()
         self._estimator.close()
         self._preflight.close()
 

@@ -1,6 +1,7 @@
 """Live plots of a run: its results, and below them the live traces."""
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -45,6 +46,8 @@ class LivePane(QSplitter):
         self._curve: ModelCurves | None = None
         """Model curves of the displayed run; before the first run, of the run that is being set up."""
         self._newest: ModelCurves | None = None
+        self.choose_runs: Callable[[], object] | None = None
+        """Lets the user choose recorded runs to add to the plot."""
         self.planned: tuple[float, ...] = ()
         """Frequency of each entry of the present run; NaN of one without a sine."""
         self._span = 0
@@ -57,6 +60,7 @@ class LivePane(QSplitter):
         """The results of the run, above."""
         plots = ResultPlots()
         plots.repeat_requested.connect(self.repeat_requested)
+        plots.choose_runs = self.choose_runs
         self._places[0].addWidget(plots)
         plots.show_threshold(self._threshold)
         self._show_curves(plots)

@@ -133,6 +133,7 @@ class ResponseView:
         curves: of the model for the run's settings; None before they are computed.
         preview: of the model for the settings of the next run; None where they are those of `curves`.
         earlier: points of runs before, with their labels.
+        added: recorded runs that were added to the plot.
         natural_hz: identified natural frequency; NaN without one.
         present_hz: frequency that is being measured; NaN without one.
         coming_hz: frequencies of the run that are still to be measured.
@@ -144,6 +145,7 @@ class ResponseView:
     curves: ModelCurves | None = None
     preview: ModelCurves | None = None
     earlier: Sequence[tuple[str, Sequence[Any]]] = ()
+    added: "Sequence[MeasuredResponse]" = ()
     natural_hz: float = math.nan
     present_hz: float = math.nan
     present_text: str = ""
@@ -178,6 +180,8 @@ class ResponseView:
                     label=label, group=EARLIER if len(self.earlier) > 3 else label,
                 )
             )  # fmt: skip
+        for at, run in enumerate(self.added, len(self.earlier)):
+            layers += run_layers(run, at)
         if self.coming_hz:
             x = np.array(self.coming_hz)
             layers.append(

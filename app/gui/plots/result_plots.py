@@ -21,6 +21,7 @@ from protocols.base import Protocol, RunEnded, Series
 from protocols.runfile import is_response, point_columns
 
 if TYPE_CHECKING:
+    from app.archive import MeasuredResponse
     from app.gui.plots.check_table import CheckTable
     from app.gui.plots.results import CurvesView
 
@@ -92,6 +93,9 @@ class ResultPlots(QStackedWidget):
         """Chosen contents of the lower panel by the kind of the plot."""
         self.earlier: Sequence[tuple[str, Sequence[Any]]] = ()
         """Points of runs before, with their labels; drawn with the next picture."""
+        self._added: tuple[MeasuredResponse, ...] = ()
+        self.choose_runs: Callable[[], object] | None = None
+        """Lets the user choose recorded runs to add to the plot; None: none can be added."""
         self.present = math.nan, ""
         """Frequency that is being measured, and its state; NaN without one."""
         self.coming: tuple[float, ...] = ()
@@ -188,7 +192,7 @@ class ResultPlots(QStackedWidget):
             at = [i for i, p in enumerate(self._points) if is_response(p)]
             natural = next((float(e.value) for e in estimates if e.name == NATURAL), math.nan)
             return ResponseView(
-                [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, natural,
+                [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, self._added, natural,
                 *self.present, self.coming, self.lower_panel, self._threshold, self._simulated,
             ).picture()  # fmt: skip
         from app.gui.plots.results import PointsView
@@ -230,8 +234,16 @@ class ResultPlots(QStackedWidget):
         self._lower[self._family] = contents
         self.draw()
 
+    def add_runs(self, runs: Sequence[MeasuredResponse]) -> None:
+        """Add recorded runs as layers; none: remove those that were added."""
+        self._added = tuple({run.path: run for run in (*self._added, *runs)}.values()) if runs else ()
+        self.draw()
+
     def _fill_menu(self, menu: Menu) -> None:
         menu.addSeparator()
+        if self.choose_runs is not None and self._family == RESPONSE:
+            menu.addAction("Add runs …", self.choose_runs)
+            menu.addAction("Remove the added runs", lambda: self.add_runs(())).setEnabled(bool(self._added))
         for contents in self._offered():
             action = menu.addAction(LAYER_LABELS[contents].capitalize(), partial(self.choose_lower, contents))
             action.setCheckable(True)

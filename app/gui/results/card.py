@@ -95,7 +95,6 @@ class ResultCard(QFrame):
     Args:
         prefix: of the object names.
         actions: names of the buttons.
-        compact: the verdict in one line, beside a table that has the rest.
         scrolls: it lies in an area that scrolls: it is as high as it needs to be, with all reasons of the verdict.
     """
 
@@ -106,12 +105,11 @@ class ResultCard(QFrame):
         self,
         prefix: str = "result",
         actions: tuple[str, ...] = tuple(BUTTONS),
-        compact: bool = False,
         scrolls: bool = False,
     ) -> None:
         super().__init__()
-        configure(self, prefix, kind="" if compact else "panel")
-        self._compact, self._scrolls = compact, scrolls
+        configure(self, prefix, kind="panel")
+        self._scrolls = scrolls
         self._outcome: RunEnded | None = None
         self._fitted: tuple[object, ...] = ()
         self._room = 0
@@ -126,10 +124,7 @@ class ResultCard(QFrame):
             if name in actions
         }
         head = (self.verdict_label, self.count_label, self.simulated_label)
-        if compact:
-            row(*head, *self.buttons.values(), STRETCH, parent=self, spacing=12)
-        else:
-            self._build(prefix, *head)
+        self._build(prefix, *head)
 
     def _build(self, prefix: str, *head: QWidget) -> None:
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
@@ -233,17 +228,14 @@ class ResultCard(QFrame):
             resuming.setVisible(written and outcome in UNFINISHED)
             of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
             resuming.setText(f"Continue{of}")
-        if not self._compact:
-            self.note_label.setText(NOTE)
-            self._fit()
+        self.note_label.setText(NOTE)
+        self._fit()
 
     def _show(self, summary: ResultSummary) -> None:
         self.summary = summary
         self.simulated_label.setVisible(summary.simulated)
         planned = f" of {summary.planned}" if summary.planned else ""
         self.count_label.setText(f"{summary.usable}{planned} points usable" if summary.measured else "")
-        if self._compact:
-            return
         reasons = summary.verdict.describe(summary.reason) if summary.reason or summary.verdict.reasons else ""
         brief = reasons
         if not self._scrolls and len(reasons) > MAX_REASON_LENGTH:
@@ -284,7 +276,7 @@ class ResultCard(QFrame):
     def _fit(self) -> None:
         """Leave out what the room has no place for."""
         layout = self.layout()
-        if self._compact or layout is None:
+        if layout is None:
             return
         more = self._points_text + _table(self._rows)
         texts = (*(str(part.property("text")) for part in self._optional[:-1]), more)
@@ -297,11 +289,13 @@ class ResultCard(QFrame):
             part.setVisible(bool(text))
         for part in self._optional if self._room else ():
             if self._is_whole(layout):
-                return
+                break
             if part is self.more_label:
                 self._shorten(layout)
             else:
                 part.hide()
+        layout.invalidate()
+        self.setMinimumHeight(layout.totalHeightForWidth(self.width()))
 
     def _is_whole(self, layout: QLayout) -> bool:
         layout.invalidate()
@@ -317,12 +311,13 @@ class ResultCard(QFrame):
 
     def show_reading(self) -> None:
         """Show that a run is being read, and hide the result of the run before."""
+        self._show(ResultSummary(Verdict(), "", ()))
         self.summary = None
         self._set_verdict("reading …", Severity.INFO, "")
-        self.simulated_label.hide()
-        self.count_label.setText("")
+        self.note_label.setText("")
         for button in self.buttons.values():
             button.hide()
+        self._fit()
 
     def _set_verdict(self, text: str, severity: Severity, tip: str) -> None:
         self.verdict_label.setText(text)

@@ -18,7 +18,7 @@ from app.common import Progress, typeset
 from app.config.certificate import Certificate, store_certificate
 from app.gui.face import LIGHT
 from app.gui.laboratory.audit_pane import NO_TRAIL
-from app.gui.laboratory.page import AUDIT, CERTIFICATES, CHART, SPECIMENS, LaboratoryPage
+from app.gui.laboratory.page import AUDIT, CERTIFICATES, CHART, SPECIMENS, TO_BEGIN, LaboratoryPage
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.plots import Layer
 from model import quantity_label
@@ -225,7 +225,7 @@ def test_a_folder_without_runs_says_so(open_page: OpenPage, tmp_path: Path) -> N
     for view in (SPECIMENS, CHART):
         page.show_view(view)
         assert re.match("No specimens: no (real|simulated) run in", page.empty_label.text())
-        assert "Measure a specimen" in page.empty_label.text()
+        assert TO_BEGIN in page.empty_label.text()
         assert page.empty_label.isVisible()
         assert not page.message_label.isVisible(), "an empty folder is no error"
     page.show_view(AUDIT)

@@ -133,8 +133,8 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     until(lambda: card._update.points == 8 and card._update.results, "for the fit")
     assert card.isVisible()
     assert find(card, "result.verdict").text() == "● Preliminary"
-    assert find(card, "result.name").text() == "Natural frequency", "the key figure of the finished run"
     natural, *_ = SineDwell().estimates(measured())
+    assert find(card, "result.name").text() == quantity_label(natural.name).capitalize(), "as of the finished run"
     assert float(find(card, "result.figure").text()) == pytest.approx(natural.value, rel=1e-4)
     (mass,) = (value for name, value in card._rows if name == quantity_label("m_add"))
     number, error = (float(word) for word in mass.removesuffix(" g").split(" ± "))

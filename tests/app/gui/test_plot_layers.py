@@ -1,6 +1,7 @@
 """Fit lines, residuals and further layers of result plots: what is drawn below points and curves."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +19,8 @@ from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.registry import PROTOCOLS
+from tests.helpers.main_window import Stage, until
+from tests.helpers.run_files import finished_run
 
 TURN = np.linspace(0, 2 * np.pi, 129)
 
@@ -179,3 +182,23 @@ def test_left_edges_are_in_line_whatever_their_tick_labels(qt: QApplication) -> 
     assert len(widths) == 1
     assert widths.pop() >= max(panel.axes["left"].needed_width() for panel in plots.chart.panels) > 44
     plots.deleteLater()
+
+
+def test_recorded_runs_are_added_to_the_plot_of_a_result_and_removed_again(stage: Stage, tmp_path: Path) -> None:
+    path, page = finished_run(tmp_path / "elsewhere", "T9", size_m=6e-4), stage.window.measure_page
+    plots = page.live_pane.plots
+    page.add_runs([path, path])
+
+    def added() -> list[Any]:
+        return [layer for layer in plots.chart.picture.layers if layer.group.startswith("T9")]
+
+    until(added, "for the run")
+    (layer,) = added()
+    np.testing.assert_allclose((layer.x, layer.y), ([100, 160], [600, 600]))
+    assert layer.tone != "ink", "the present run is told apart"
+    actions = {action.text(): action for action in plots.chart.tools.make_menu().actions()}
+    actions["Remove the added runs"].trigger()
+    assert not added()
+    page.add_runs([tmp_path / "nothing.h5"])
+    until(lambda: not page._worker.pending, "for the file that is not there")
+    assert not added()
