@@ -164,10 +164,9 @@ def load_point(
     before, under, after = (measure_level(part) for part in parts)
     drift = after.value - before.value
     deflection = under.value - (before.value + after.value) / 2
-    zero_error = math.hypot(before.standard_error, after.standard_error) / 2
-    times = _times(parts, record_s)
-    # The time at which the zero moved is unknown: a rectangular distribution from one to the other.
+    zero_error, times = math.hypot(before.standard_error, after.standard_error) / 2, _times(parts, record_s)
     moved = _unexplained_shift(before, under, after, times, record_s)
+    # The time at which the zero moved is unknown: a rectangular distribution from one to the other.
     error = math.hypot(under.standard_error, zero_error, moved / math.sqrt(12))
     detected = {
         Quality.DRIVE_OFF: any(
