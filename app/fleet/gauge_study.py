@@ -108,6 +108,8 @@ def _separable(factors: Mapping[str, Sequence[str]]) -> tuple[dict[str, Array], 
     groups: dict[str, Array] = {}
     reasons = []
     for name, labels in factors.items():
+        if name == INTERACTION and not {SPECIMEN, OPERATOR} <= groups.keys():
+            continue
         numbers = {label: i for i, label in enumerate(dict.fromkeys(labels))}  # in the order of appearance
         codes = np.array([numbers[label] for label in labels], float)
         same = next((other for other, own in groups.items() if np.array_equal(own, codes)), None)
@@ -149,7 +151,8 @@ def _restricted_likelihood(y: Array, groups: Sequence[Array]) -> tuple[Array, Ar
     P, _ = projection(found.x)
     products = [P @ each for each in alike]
     information = 0.5 * np.array([[float(np.sum(a * b.T)) for b in products] for a in products])
-    return np.asarray(found.x), np.asarray(np.linalg.pinv(information), float)
+    size = np.sqrt(information.diagonal())  # variances of repeats may be a billionth of the others
+    return np.asarray(found.x), np.linalg.pinv(information / np.outer(size, size)) / np.outer(size, size)
 
 
 def study_of_runs(folder: Path, selection: FleetSelection) -> tuple[GaugeStudy, dict[str, tuple[str, ...]]]:
