@@ -108,6 +108,8 @@ def _separable(factors: Mapping[str, Sequence[str]]) -> tuple[dict[str, Array], 
     groups: dict[str, Array] = {}
     reasons = []
     for name, labels in factors.items():
+        if name == INTERACTION and not {SPECIMEN, OPERATOR} <= groups.keys():
+            continue
         numbers = {label: i for i, label in enumerate(dict.fromkeys(labels))}  # in the order of appearance
         codes = np.array([numbers[label] for label in labels], float)
         same = next((other for other, own in groups.items() if np.array_equal(own, codes)), None)
@@ -149,7 +151,8 @@ def _restricted_likelihood(y: Array, groups: Sequence[Array]) -> tuple[Array, Ar
     P, _ = projection(found.x)
     products = [P @ each for each in alike]
     information = 0.5 * np.array([[float(np.sum(a * b.T)) for b in products] for a in products])
-    return np.asarray(found.x), np.asarray(np.linalg.pinv(information), float)
+    size = np.sqrt(information.diagonal())  # variances of repeats may be a billionth of the others
+    return np.asarray(found.x), np.linalg.pinv(information / np.outer(size, size)) / np.outer(size, size)
 
 
 def study_of_runs(folder: Path, selection: FleetSelection) -> tuple[GaugeStudy, dict[str, tuple[str, ...]]]:
@@ -214,21 +217,27 @@ def gauge_notes(selection: FleetSelection, study: GaugeStudy) -> Iterator[str]:
 
 
 def gauge_figures(selection: FleetSelection, factors: Mapping[str, Sequence[str]]) -> tuple[PaperFigure, ...]:
-    """Return the values by operator in the order of specimen, operator and mounting, and the means of each group by operator."""
+    """Return the values less their mean by operator, in the order of specimen, operator and mounting, and the means of each group."""
     values = np.array([v.value for v in selection.values])
+    values = values - values.mean()
     order = sorted(range(values.size), key=lambda i: (factors[SPECIMEN][i], factors[OPERATOR][i], factors[MOUNTING][i]))
-    operators = sorted(set(factors[OPERATOR]))
     by = next((name for name in (SPECIMEN, MOUNTING) if len(set(factors[name])) > 1), SPECIMEN)
     names = list(dict.fromkeys(factors[by][i] for i in order))
     every, means = [], []
-    for who in operators:
+    for who in sorted(set(factors[OPERATOR])):
         own = [(place, i) for place, i in enumerate(order, 1) if factors[OPERATOR][i] == who]
-        every.append(Series(np.array([p for p, _ in own], float), values[[i for _, i in own]], label=who))
+        every.append(_curve([p for p, _ in own], [values[i] for _, i in own], who))
         groups = {n: [values[i] for _, i in own if factors[by][i] == n] for n in names}
         at = [n for n in names if groups[n]]
-        x = np.array([names.index(n) + 1 for n in at], float)
-        means.append(Series(x, np.array([np.mean(groups[n]) for n in at]), label=who))
-    axes = selection.label, selection.unit
+        means.append(_curve([names.index(n) + 1 for n in at], [float(np.mean(groups[n])) for n in at], who))
+    axes = f"{selection.label}, less the mean", selection.unit
     first = PaperFigure("values", "value, by specimen, operator and mounting", "", *axes, tuple(every), "Every value.")
     second = PaperFigure("means", f"number of the {by}", "", *axes, tuple(means), f"Mean of each {by} by operator.")
     return first, second
+
+
+def _curve(x: Sequence[float], y: Sequence[float], label: str) -> Series:
+    """Return a curve; a single point is a short line, which can be seen."""
+    if len(x) == 1:
+        x, y = [x[0] - 0.2, x[0] + 0.2], [y[0], y[0]]
+    return Series(np.array(x, float), np.array(y, float), label=label)

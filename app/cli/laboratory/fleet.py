@@ -155,7 +155,7 @@ class RepeatabilityCommand(_FleetOptions):
     exist: restricted maximum likelihood, which needs no balanced plan. Sources that these runs cannot tell apart are named.
     """
 
-    quantity: str = option("quantity of runs, e.g. natural_frequency (default: that of most specimens)", metavar="NAME")
+    quantity: str = option("quantity of runs, e.g. natural_frequency (default: that of most values)", metavar="NAME")
     files: FileOptions = group(FileOptions, "the sources")
 
     def execute(self) -> int:
@@ -165,7 +165,8 @@ class RepeatabilityCommand(_FleetOptions):
         check_output_files(self.files)
         fleet = self.read()
         with usage_errors(FleetError, RunReadError):
-            selection = fleet.of(self.quantity or fleet.names[0])
+            selections = map(fleet.of, [self.quantity] if self.quantity else fleet.names)
+            selection = max(selections, key=lambda each: len(each.values))
             study, factors = study_of_runs(self.folder, selection)
         result = CommandResult(
             "repeatability",

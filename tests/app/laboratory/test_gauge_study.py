@@ -71,6 +71,16 @@ def test_unbalanced_plans_give_the_spreads_that_were_drawn_and_errors_that_hold(
     assert ((scatter / stated > 0.5) & (scatter / stated < 1.6)).all(), scatter / stated
 
 
+def test_repeats_that_hardly_differ_leave_the_other_errors_as_they_are() -> None:
+    means, tiny = np.array([1.0, 2.0, 4.0, 5.0]), 1e-3
+    values = np.repeat(means, 3) + np.tile([-tiny, 0.0, tiny], 4)
+    study = gauge_study(values, {"mounting": [str(i // 3) for i in range(12)]})
+    mounting, repeat = study.components
+    assert mounting.sd == pytest.approx(np.std(means, ddof=1), rel=1e-3)
+    assert mounting.sd_error == pytest.approx(mounting.sd / np.sqrt(2 * 3), rel=0.01)
+    assert repeat.sd == pytest.approx(tiny, rel=0.01)
+
+
 def test_sources_that_change_together_are_named_and_not_shared_out() -> None:
     values = np.array([1.0, 1.1, 2.0, 2.1, 3.0, 3.2])
     names = ["a", "a", "b", "b", "c", "c"]
