@@ -142,6 +142,7 @@ def voltages_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.Monke
 
     def made(self: SimulatedBench, *arguments: object, **named: object) -> None:
         make(self, *arguments, **named)  # type: ignore[arg-type]
+        self.history.keeps_past = True
         benches.append(self)
 
     def closed(self: BenchProcess) -> None:

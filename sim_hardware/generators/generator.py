@@ -12,6 +12,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
+from weakref import WeakValueDictionary
 
 from sim_hardware import plant
 
@@ -125,7 +126,7 @@ class SimulatedGenerator:
         self._burst: plant.PeriodicSegment | None = None
         self._carrier: plant.PeriodicSegment | plant.ChirpSegment | None = None
         self.settings = GeneratorSettings()
-        self._waveform_cache: dict[tuple[bytes, bool], plant.ArbitraryWaveform] = {}
+        self._waveform_cache = WeakValueDictionary[tuple[bytes, bool], plant.ArbitraryWaveform]()
         self._deviations: Mapping[str, str] = {}
         self._triggers = 0
 
@@ -148,7 +149,7 @@ class SimulatedGenerator:
 
     def apply_settings(self, **settings: Any) -> None:
         """Apply new settings at one instant."""
-        if (wave := settings.get("wave")) is not None:  # the history is permanent: store equal waveforms once
+        if (wave := settings.get("wave")) is not None:  # the history has many segments: store equal waveforms once
             key = hashlib.sha256(wave.points.tobytes()).digest(), wave.interpolated
             settings["wave"] = self._waveform_cache.setdefault(key, wave)
 

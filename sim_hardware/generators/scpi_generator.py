@@ -274,7 +274,7 @@ class SimulatedScpiGenerator:
         if (self.traits.get("uneven") == "otherwise") != self.AMPLITUDE_IS_WAVEFORM_SPAN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
         points = self._filtered(points)
-        # Single precision is finer than any converter, and the history keeps every waveform.
+        # Single precision is finer than any converter, and the history keeps many waveforms.
         self._generator.apply_settings(wave=ArbitraryWaveform(points.astype(np.float32), interpolated), **settings)
 
     def _filtered(self, points: Array) -> Array:

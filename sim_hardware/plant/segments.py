@@ -49,7 +49,7 @@ class ConstantSegment:
         return np.full(np.shape(t), self.level_v)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class ArbitraryWaveform:
     """One period of an arbitrary waveform, 1 being the amplitude: smoothed from point to point, or held at each."""
 

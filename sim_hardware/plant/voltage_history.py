@@ -1,7 +1,8 @@
 """Voltage history: time-stamped segments at the amplifier's input, and its high-voltage switch.
 
 Append only: a setting is never used for an earlier sample. Commands and samples come from different threads, so a change is
-stamped under the readers' lock, and never earlier than a read time.
+stamped under the readers' lock, and never earlier than a read time. The past that no instrument reads any more is dropped,
+unless somebody will judge it.
 """
 
 import math
@@ -18,6 +19,9 @@ from numpy.typing import ArrayLike
 from drivers import Clock
 from model import Array, Mask
 from sim_hardware.plant.segments import ConstantSegment, Segment
+
+REMEMBERED_S, REMEMBERED = 120.0, 1000
+"""Time before the last read, and number of changes, that are remembered; a plant remembers 60 s at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +42,9 @@ class VoltageHistory:
 
     def __init__(self, open_circuit_v: float = 0.0) -> None:
         self._lock = threading.RLock()
+        self.keeps_past = False
+        """Whether no change is ever dropped, so that `entries` has the whole history."""
+        self._dropped = 0
         self._entries = [HistoryEntry(-math.inf, ConstantSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
         self._read_until = 0.0
@@ -65,7 +72,7 @@ class VoltageHistory:
     @property
     def change_count(self) -> int:
         """Number of changes."""
-        return len(self._entries)
+        return self._dropped + len(self._entries)
 
     def append(self, start_s: float, segment: Segment) -> None:
         """Let the input follow `segment` from `start_s`.
@@ -109,14 +116,29 @@ class VoltageHistory:
             raise ValueError(f"the past cannot be changed: {start_s} s has been read or written already")
         self._entries.append(HistoryEntry(start_s, segment, self._switched_on and start_s < self._permitted_until))
         self._starts.append(start_s)
+        if len(self._starts) > 2 * REMEMBERED and not self.keeps_past:
+            self._drop_past()
+
+    def _drop_past(self) -> None:
+        unread_s = min(self._read_until, self._readable_until) - REMEMBERED_S
+        count = min(bisect_right(self._starts, unread_s) - 1, len(self._starts) - REMEMBERED)
+        if count > 0:
+            self._dropped += count
+            del self._entries[:count], self._starts[:count]
 
     def mark_read(self, until_s: float) -> None:
         """Close the past: later changes must begin after `until_s`."""
         self._read_until = max(self._read_until, min(until_s, self._readable_until))
 
     def entries(self) -> list[HistoryEntry]:
-        """Return all pieces, the first from minus infinity."""
+        """Return all pieces, the first from minus infinity.
+
+        Raises:
+            ValueError: some were dropped.
+        """
         with self._lock:
+            if self._dropped:
+                raise ValueError(f"{self._dropped} changes were dropped: set keeps_past before the first run")
             return list(self._entries)
 
     def constant_between(self, first_s: float, last_s: float) -> tuple[float, bool] | None:

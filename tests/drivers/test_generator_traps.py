@@ -129,7 +129,37 @@ def test_a_rigol_plays_at_the_rate_it_was_told_whatever_the_size_of_a_waveform(
     bench.clock.sleep(3 * dwell_s + 2 * rise_s + 0.1)
     report = bench.report()
     assert report.outside_rest_s == pytest.approx(dwell_s + 2 * rise_s * 0.98, rel=0.01)
-    assert len(sent(link, "DAC16")) == 1 + packets  # the first is the sine of the preparation
+    assert (
+        len(sent(link, "DAC16")) == 2 + packets
+    )  # first the end of what might be left, and the sine of the preparation
+    assert_safe_voltage(report)
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_packets_that_a_failed_download_left_in_a_rigol_are_not_played(restarted: bool) -> None:
+    """Found by the search: the next drive was played after them, at a multiple of its slope."""
+    source, bench, link = live("DG1032Z")
+    write, packets = link.write, []
+
+    def silent_after_two_packets(message: str) -> None:
+        packets.append("DAC16" in message)
+        write(message)
+        if sum(packets) == 2:
+            bench.inject("scpi-silent")
+
+    link.write = silent_after_two_packets  # type: ignore[method-assign]
+    with pytest.raises(InstrumentError, match="did not answer"):
+        source.start_drive(Steps((2.5, 3.5, 2.5), 3.0, 0.005))
+    bench.clear()
+    link.write = write  # type: ignore[method-assign]
+    link.clear()
+    if restarted:
+        source = BOXES["DG1032Z"](link, bench.clock)
+    source.start_drive(Sine(100.0, 2.5, 2.5, 20))
+    bench.clock.sleep(0.3)
+    report = bench.report()
+    assert report.steepest_v_per_s == pytest.approx(2 * 3.1416 * 100 * 2.5, rel=0.02)
+    assert report.outside_rest_s == pytest.approx(0.2, rel=0.02)
     assert_safe_voltage(report)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.plant.history_report import make_voltage_report
 from sim_hardware.plant.segments import (
@@ -14,7 +15,7 @@ from sim_hardware.plant.segments import (
     PeriodicSegment,
     RelayGlitchSegment,
 )
-from sim_hardware.plant.voltage_history import VoltageHistory
+from sim_hardware.plant.voltage_history import REMEMBERED, REMEMBERED_S, VoltageHistory
 
 RATE = 100e3
 
@@ -162,3 +163,38 @@ def test_a_long_idle_bench_is_cheap_to_report_on():
     seen = report(history, 1e7)  # four months at rest
     assert seen.ends_at_rest
     assert seen.outside_rest_s < 0.11
+
+
+def history_of(changes: int, keeps_past: bool = False, reads: bool = True) -> VoltageHistory:
+    """A change every second, each read at once."""
+    history = VoltageHistory()
+    history.keeps_past = keeps_past
+    for k in range(1, changes + 1):
+        history.append(float(k), ConstantSegment(1e-4 * k))
+        if reads:
+            history.volts([float(k)])
+    return history
+
+
+def test_the_past_that_nothing_reads_any_more_is_dropped() -> None:
+    bounded, whole = history_of(10 * REMEMBERED), history_of(10 * REMEMBERED, keeps_past=True)
+    assert len(bounded._entries) <= 2 * REMEMBERED
+    assert bounded.change_count == whole.change_count == len(whole.entries()) == 10 * REMEMBERED + 1
+    late_s = np.linspace(10 * REMEMBERED - REMEMBERED_S, 10 * REMEMBERED, 1000)
+    np.testing.assert_array_equal(bounded.volts(late_s), whole.volts(late_s))
+    with pytest.raises(ValueError, match="were dropped: set keeps_past"):
+        bounded.entries()
+
+
+def test_a_past_that_was_not_read_yet_is_not_dropped() -> None:
+    assert history_of(5 * REMEMBERED, reads=False).volts([1.5])[0] == pytest.approx(1e-4)
+
+
+def test_no_voltage_report_is_made_of_a_history_without_its_begin() -> None:
+    bench = SimulatedBench(clock=VirtualClock())
+    for k in range(5 * REMEMBERED):
+        bench.clock.sleep(1.0)
+        bench.history.append(bench.clock.now(), ConstantSegment(2.5 + 1e-4 * (k % 2)))
+        bench.history.volts([bench.clock.now()])
+    with pytest.raises(ValueError, match="were dropped"):
+        bench.report()

@@ -214,7 +214,7 @@ class Laboratory:
         for name in ("CACHE", "CONFIG", "DATA", "STATE"):
             os.environ[f"XDG_{name}_HOME"] = str(self.home / name.lower())
         os.chdir(self.home)
-        with _silent():
+        with silent():
             from app.cli.main import main
 
             self._main = main
@@ -227,7 +227,7 @@ class Laboratory:
         shutil.copytree(self.home, self._template)
         for operation in OPERATIONS.values():  # what is imported late is imported now
             if operation.boundary == "file":
-                with _silent():
+                with silent():
                     main(self.arguments(operation))
                 self.restore()
         gc.collect()
@@ -327,7 +327,7 @@ class Laboratory:
                             outcome.broken.append(f"{file.name} cannot be opened: {error}")
         outcome.facts["kept"] = kept
         if operation.repeat and outcome.code:  # a campaign that succeeded would go on with its next item
-            with _silent() as said:
+            with silent() as said:
                 outcome.repeated = _in_child(partial(self._main, self.arguments(operation)))
             outcome.text += said.getvalue()
 
@@ -357,7 +357,12 @@ def _decide(operation: Operation, point: Point, outcome: Outcome, seen: list[str
     if number != point.number:
         return None
     outcome.call = label
-    match point.kind:
+    return decided(point.kind, call)
+
+
+def decided(kind: str, call: Call) -> object:
+    """Return how a system call that fails in this way is answered."""
+    match kind:
         case "error":
             return errno.EIO
         case "end":
@@ -411,6 +416,7 @@ def _observed(facts: dict[str, Any], benches: list[Any], shared: mmap.mmap) -> I
 
     def made(bench: Any, *arguments: Any, **named: Any) -> None:
         make(bench, *arguments, **named)
+        bench.history.keeps_past = True
         benches.append(bench)
 
     def published(bus: Any, event: Any) -> None:
@@ -433,7 +439,7 @@ def _observed(facts: dict[str, Any], benches: list[Any], shared: mmap.mmap) -> I
 
 
 @contextlib.contextmanager
-def _silent() -> Iterator[io.StringIO]:
+def silent() -> Iterator[io.StringIO]:
     text = io.StringIO()
     with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
         yield text

@@ -103,7 +103,7 @@ class TracedChild:
 
     Args:
         work: what the child does; its result is the exit code.
-        folders: beginnings of the paths that count.
+        folders: beginnings of the paths that count; without any, no call is shown.
         decide: is given the number of the call, from 0, and the call; returns None to let it pass, an error number, or
             an `Answer`. It may also keep the call, by `HOLD`.
     """
@@ -121,9 +121,11 @@ class TracedChild:
             code = 70
             try:
                 near.close()
-                listener = _install(program)  # from here on everything waits for the parent
-                # sendmsg is no call on a file
-                far.sendmsg([b"x"], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [listener]))])
+                if folders:
+                    listener = _install(program)  # from here on everything waits for the parent
+                    # sendmsg is no call on a file
+                    far.sendmsg([b"x"], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [listener]))])
+                far.close()
                 code = work()
             except BaseException:  # noqa: BLE001 - the parent reports it
                 traceback.print_exc()
@@ -133,17 +135,20 @@ class TracedChild:
                     sys.stderr.flush()
                 os._exit(code)
         far.close()
-        _, ancillary, _, _ = near.recvmsg(1, 64)
+        self._listener: int | None = None
+        if folders:
+            _, ancillary, _, _ = near.recvmsg(1, 64)
+            self._listener = array.array("i", ancillary[0][2][:4])[0]
         near.close()
-        self._listener = array.array("i", ancillary[0][2][:4])[0]
 
     def serve(self, timeout_s: float) -> int | None:
         """Answer calls until the child has ended; return its exit code, None if it has not ended within the time."""
         until_s = time.monotonic() + timeout_s
         poll = select.poll()
-        poll.register(self._listener, select.POLLIN)
+        if self._listener is not None:
+            poll.register(self._listener, select.POLLIN)
         while True:
-            for _, event in poll.poll(20):
+            for _, event in poll.poll(20 if self._listener is not None else 2):
                 if event & select.POLLIN:
                     self._answer()
             ended, status = os.waitpid(self.pid, os.WNOHANG)
@@ -157,7 +162,8 @@ class TracedChild:
         os.waitpid(self.pid, 0)
 
     def close(self) -> None:
-        os.close(self._listener)
+        if self._listener is not None:
+            os.close(self._listener)
 
     def release(self) -> None:
         """Let the calls that are held pass."""

@@ -18,7 +18,7 @@ def tap(operation: "Operation", point: "Point", facts: dict[str, Any]) -> Iterat
     with contextlib.ExitStack() as stack:
         counter = Counter(point, facts)
         if operation.boundary == "SCPI":
-            stack.enter_context(_scpi(counter))
+            stack.enter_context(scpi_faults(counter))
         if operation.card:
             stack.enter_context(_card(counter, stack))
         yield
@@ -42,7 +42,8 @@ class Counter:
 
 
 @contextlib.contextmanager
-def _scpi(counter: Counter) -> Iterator[None]:
+def scpi_faults(counter: Any) -> Iterator[None]:
+    """Let messages to the source fail: those for which the counter says so, in the way of its `kind`."""
     from dataclasses import replace
 
     from drivers import LinkError

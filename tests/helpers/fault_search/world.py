@@ -1,0 +1,253 @@
+"""Invariants of a run, from the simulated world: the volts of its history, the faults, and what the program has told."""
+
+import logging
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from drivers.bench.rest import REST_TOLERANCE_V
+from drivers.drive_shapes import Hold
+from protocols.base import (
+    BenchArmed,
+    DriveStarted,
+    EntryStarted,
+    Event,
+    Outcome,
+    PointMeasured,
+    Quality,
+    RecordingFinished,
+    RestMeasured,
+    RunEnded,
+    RunStatus,
+    SpecimenMayBeLive,
+    StreamStarted,
+)
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.history_report import VoltageReport, make_voltage_report
+from sim_hardware.testing.safe_volts import STEP_V
+
+REST_V = 2.5
+WARNED_S = 1.0
+"""Longest time from a failure that the program has seen to the warning that the specimen may be live."""
+
+SEEN_S = 0.6
+"""A warning names volts that stood at the input within this time before it: PRESENT_S, and a block."""
+
+REPORT_RATE_HZ = 20_000.0
+"""Grid of the judgement: jumps within one step of it are one jump."""
+
+TOUCHED_V, TOUCHED_SHARE = 0.02, 0.3
+"""A recording is touched if the input differs by so much from what the program commanded, or a fault is active, for this share."""
+
+TOUCHES = ("sensor-stuck", "sensor-out-of-range")
+"""Faults that make a recording worthless; the limited amplifier that of an alternating drive, since it reaches a level."""
+
+
+class ErrorLog(logging.Handler):
+    """Errors that the program logs."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.lines: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        cause = record.exc_info[1] if record.exc_info else None
+        self.lines.append(record.getMessage() + (f": {type(cause).__name__}: {cause}" if cause else ""))
+
+
+@dataclass
+class World:
+    """A simulated bench, and where its volts are not the program's.
+
+    Attributes:
+        disturbed: number of changes before the first that another hand or the loss of the drive made; None without any.
+        touches: time of every change by another hand, with the number of changes before and after it.
+    """
+
+    bench: SimulatedBench
+    disturbed: int | None = None
+    touches: list[tuple[float, int, int]] = field(default_factory=list)
+    lost: int = 0
+    """Messages that the source may not have received: the next step of a ramp is by as many larger."""
+    _part: tuple[int, float] = (0, -math.inf)
+    """Changes before the present part of the history, and its begin."""
+
+    @property
+    def now_s(self) -> float:
+        return float(self.bench.clock.now())
+
+    @property
+    def live(self) -> bool:
+        """Whether high voltage is on and the input is not constant at rest."""
+        self.bench.history.settle(self.now_s)
+        entry = self.bench.history.entries()[-1]
+        constant = self.now_s >= entry.segment.constant_from_s
+        return entry.hv and not (constant and abs(self.volts(self.now_s, self.now_s)[0] - REST_V) <= REST_TOLERANCE_V)
+
+    def volts(self, first_s: float, last_s: float, count: int = 2000) -> Any:
+        """Volts at the input, without a read of the history."""
+        times = np.linspace(first_s, last_s, count) if last_s > first_s else np.array([last_s])
+        entries = self.bench.history.entries()
+        starts = np.array([entry.start_s for entry in entries])
+        which = np.searchsorted(starts, times, side="right") - 1
+        values = np.empty(times.shape)
+        for k in np.unique(which):
+            values[which == k] = entries[k].segment.volts(times[which == k])
+        return values
+
+    def disturb(self, act: Any) -> None:
+        """Let another hand act."""
+        before, at_s = self.bench.history.change_count, self.now_s
+        act()
+        after = self.bench.history.change_count
+        if self.disturbed is None:
+            self.disturbed = before
+        self.touches.append((at_s, before, after))
+
+    def begin_part(self) -> None:
+        """Judge the volts from now on, anew."""
+        self.disturbed, self._part = None, (self.bench.history.change_count - 1, self.now_s)
+
+    def report(self) -> VoltageReport:
+        """Return the report of the present part, until another hand or the loss of the drive made a change."""
+        now_s = self.now_s
+        self.bench.history.settle(now_s)
+        entries = self.bench.history.entries()
+        if self.disturbed is not None and self.disturbed < len(entries):
+            now_s = math.nextafter(entries[self.disturbed].start_s, -math.inf)
+            entries = entries[: self.disturbed]
+        first, begin_s = self._part
+        entries = [replace(entries[first], start_s=max(entries[first].start_s, begin_s)), *entries[first + 1 :]]
+        return make_voltage_report(entries, max(now_s, begin_s), REPORT_RATE_HZ, REST_V, 0.02)
+
+    def wrong_volts(self) -> list[str]:
+        """What the volts owe and did not keep until then."""
+        report, wrong = self.report(), []
+        if report.lowest_v < -1e-9 or report.highest_v > 5 + 1e-9:
+            wrong.append(f"the input left its range: {report.lowest_v:.3f} to {report.highest_v:.3f} V")
+        if report.largest_jump_v > STEP_V * (1 + self.lost) + 1e-6:
+            wrong.append(f"a jump of {report.largest_jump_v:.3f} V")
+        if report.steepest_v_per_s > 10_000:
+            wrong.append(f"a slope of {report.steepest_v_per_s:.0f} V/s")
+        if not report.switched_at_rest:
+            wrong.append("high voltage was switched while the input was not at rest")
+        return wrong
+
+    def is_touched(self, begin_s: float, end_s: float, alternates: bool) -> bool:
+        """Whether another hand or a fault changed what was recorded between two times."""
+        needed_s = TOUCHED_SHARE * (end_s - begin_s)
+        times = np.linspace(begin_s, end_s, 500)
+        faults = (*TOUCHES, "amplifier-limited") if alternates else TOUCHES
+        if any(np.mean(self.bench.faults.was_active(fault, times)) >= TOUCHED_SHARE for fault in faults):
+            return True
+        entries = self.bench.history.entries()
+        for at_s, before, after in self.touches:
+            later = times[times > at_s + 0.01]
+            if before == after or not begin_s - needed_s < at_s < end_s - needed_s:
+                continue
+            old, new = (entries[k - 1].segment.volts(later) for k in (before, after))
+            if entries[after - 1].hv and np.mean(np.abs(new - old) > TOUCHED_V) > TOUCHED_SHARE:
+                return True
+        return False
+
+
+class Watch:
+    """Observer of one run; collects what the program owes and did not keep."""
+
+    def __init__(self, world: World, block_s: float) -> None:
+        self.world, self._block_s = world, block_s
+        self.wrong: list[str] = []
+        self.acknowledged: list[dict[str, float]] = []
+        self.ended: RunEnded | None = None
+        self.warned_s = self.failed_s = math.inf
+        """Time of the first warning; and since when the source does not answer, while the specimen was live."""
+        self._began_s, self._armed = math.inf, False
+        self._rest: RestMeasured | None = None
+        self._rate_hz = math.nan
+        self._touched: dict[int, bool] = {}
+        self._entry = -1
+        self._good: dict[int, bool] = {}
+        self._hv_seen = False
+        self._found_live_s = 0.0
+        """For how long the card has shown, before arming, what an earlier program left."""
+
+    def source_failed(self) -> None:
+        """Note that a message to the source failed."""
+        if math.isinf(self.failed_s) and self.world.live:
+            self.failed_s = self.world.now_s
+
+    def source_answered(self) -> None:
+        """Note that the source answered."""
+        if math.isinf(self.warned_s):
+            self.failed_s = math.inf
+
+    def __call__(self, event: Event) -> None:
+        now_s = self.world.now_s
+        if not math.isnan(self._rate_hz) and not self._armed and math.isinf(self.warned_s) and self.world.live:
+            self._found_live_s = now_s - self._began_s
+        match event:
+            case StreamStarted(rate_hz):
+                self._rate_hz, self._began_s = rate_hz, now_s
+            case BenchArmed():
+                self._armed = True
+            case EntryStarted(index):
+                self._touched[index], self._entry = False, index
+            case DriveStarted():
+                self._hv_seen |= self.world.bench.history.high_voltage_on
+            case RecordingFinished(rows=(first, last), entry=entry, drive=drive):
+                begin_s = now_s - (last - first) / self._rate_hz - self._block_s
+                self._touched[entry] = self._touched.get(entry, False) or self.world.is_touched(
+                    begin_s, now_s, not isinstance(drive, Hold)
+                )
+            case PointMeasured(point=point, entry=entry):
+                values = {name: getattr(point, name) for name in point.__slots__ if name != "quality"}
+                numbers = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
+                self.acknowledged.append({**numbers, "entry": float(entry)})
+                self._good[entry] = Quality(int(point.quality)).usable
+            case SpecimenMayBeLive():
+                self._check_warning(event)
+            case RestMeasured():
+                self._check_rest(event)
+            case RunEnded():
+                self.ended = event
+
+    def _check_warning(self, event: SpecimenMayBeLive) -> None:
+        now_s = self.world.now_s
+        self.warned_s = min(self.warned_s, now_s)
+        if math.isnan(event.low_v):
+            return
+        seen = self.world.volts(now_s - SEEN_S, now_s)
+        if event.low_v < seen.min() - 0.06 or event.high_v > seen.max() + 0.06:
+            self.wrong.append(
+                f"the warning names {event.low_v:.3f} to {event.high_v:.3f} V where {seen.min():.3f} to {seen.max():.3f} V stood"
+            )
+
+    def _check_rest(self, event: RestMeasured) -> None:
+        if event.confirmed and self.world.live:
+            self.wrong.append(f"rest was confirmed with {self.world.volts(0, self.world.now_s)[-1]:.3f} V at the input")
+
+    def conclude(self, high_voltage: bool) -> list[str]:
+        """Return what is wrong when the run has ended."""
+        wrong, ended = list(self.wrong), self.ended
+        if ended is None:
+            return wrong if math.isnan(self._rate_hz) else [*wrong, "the run was not reported as ended"]
+        if "an error of this program" in ended.reason:
+            wrong.append(ended.reason)
+        if self.world.live:
+            volts = self.world.volts(0.0, self.world.now_s)[-1]
+            if ended.status is not RunStatus.UNSAFE:
+                wrong.append(f"the input is at {volts:.3f} V, and the run is {ended.status}")
+            told_s = min(self.warned_s, self.world.now_s)
+            if told_s - self.failed_s > WARNED_S:
+                wrong.append(f"the warning came {told_s - self.failed_s:.1f} s after the failure that the program saw")
+        if self._found_live_s > WARNED_S:
+            wrong.append(f"a source that was left live was seen for {self._found_live_s:.1f} s without a warning")
+        if ended.verdict.outcome is Outcome.GOOD:
+            for entry, touched in self._touched.items():
+                if touched and self._good.get(entry, False):
+                    wrong.append(f"the verdict is good on entry {entry}, which was touched")
+            if high_voltage and not self._hv_seen:
+                wrong.append("the verdict is good although high voltage was never on")
+        return wrong
