@@ -148,7 +148,7 @@ def test_packets_that_a_failed_download_left_in_a_rigol_are_not_played(restarted
             bench.inject("scpi-silent")
 
     link.write = silent_after_two_packets  # type: ignore[method-assign]
-    with pytest.raises(InstrumentError, match="did not answer"):
+    with pytest.raises(InstrumentError, match="DG1032Z"):
         source.start_drive(Steps((2.5, 3.5, 2.5), 3.0, 0.005))
     bench.clear()
     link.write = write  # type: ignore[method-assign]
