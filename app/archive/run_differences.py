@@ -103,5 +103,6 @@ def _difference(a: RunFigure, b: RunFigure) -> str:
         factor, unit = shown_unit(a.unit, a.name)
         change, error = b.value - a.value, math.hypot(a.statistical, b.statistical)
         text = f"{factor * change:+.3g} {typeset(unit)}".strip()
-    of = f", {abs(change) / error:.2g} σ" if error > 0 and math.isfinite(error) else ""
+    sigmas = abs(change) / error if error > 0 else math.nan
+    of = f", {sigmas:.{0 if sigmas > 10 else 1}f} σ" if math.isfinite(sigmas) else ""
     return f"{text}{of}".replace("-", "−")

@@ -35,7 +35,7 @@ class DesignPanel(QWidget):
         self.resonance, self.amplitude, self.frequency = (
             make_line_edit(f"explore.design.{name}", about, text=text)
             for name, text, about in (
-                ("resonance", "160 Hz", "resonance that the added mass is to give"),
+                ("resonance", "160 Hz", "natural frequency that the added mass is to give"),
                 ("amplitude", "100 µm", "peak-to-peak displacement that the drive is to give"),
                 ("frequency", "200 Hz", "frequency of the drive"),
             )

@@ -88,7 +88,7 @@ class ExploreToolbar(QObject):
         self.sheet_button = SheetButton("explore")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
         self.design_button = make_choice(
-            "Design …", "Which added mass for a resonance, and which drive for an amplitude", checkable=True
+            "Design …", "Which added mass for a natural frequency, and which drive for an amplitude", checkable=True
         )
         self.run_chips: dict[Path, QPushButton] = {}
         """A button for each overlaid run, which shows its result."""

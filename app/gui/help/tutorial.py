@@ -54,7 +54,7 @@ TUTORIALS = {
                 lambda view, _: view.outcome is not None and view.outcome.verdict.outcome is Outcome.GOOD,
             ),
             Step(
-                "AT REST in green was measured, not assumed. The card at the left has the verdict and the result: a resonance near 160 Hz, a "
+                "AT REST in green was measured, not assumed. The result card has the verdict and the key figure: a natural frequency near 160 Hz, a "
                 "damping ratio near 0.22, each with its standard error. Choose 'lower plot: residual' above the response: the points depart from the "
                 "curve in a pattern. It is the paper's tactor, and this one has other values, creep and hysteresis."
             ),

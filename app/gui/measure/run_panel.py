@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
@@ -239,6 +239,11 @@ class RunPanel(QWidget):
             self.result_pane.setParent(beside)
             self.result_pane.show()
         self.show_side(self.segments.selected)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the least size of the set-up: the result card fits itself to any height."""
+        least, around = self._setup.minimumSizeHint(), self.segments.sizeHint().height() + self.run_button.height()
+        return QSize(least.width() + px(16), least.height() + around + px(32))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -294,8 +294,6 @@ class ResultCard(QFrame):
                 self._shorten(layout)
             else:
                 part.hide()
-        layout.invalidate()
-        self.setMinimumHeight(layout.totalHeightForWidth(self.width()))
 
     def _is_whole(self, layout: QLayout) -> bool:
         layout.invalidate()
@@ -352,7 +350,7 @@ def _table(lines: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
     rows = []
     for *names, value in lines:
         cells = "".join(f"<td style='padding-right:6px'>{escape(each)}</td>" for each in names if each)
-        rows.append(f"<tr>{cells}<td align='right'><b>{escape(value).replace(' ', '&nbsp;')}</b></td></tr>")
+        rows.append(f"<tr>{cells}<td align='right'><b>{escape(value).replace(' ± ', '&nbsp;±&nbsp;')}</b></td></tr>")
     return f"<table width='100%'>{f'<tr>{head}</tr>' if heads else ''}{''.join(rows)}</table>"
 
 

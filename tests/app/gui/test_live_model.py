@@ -140,7 +140,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     number, error = (float(word) for word in mass.removesuffix(" g").split(" ± "))
     assert abs(number - 8.2) < 4 * error < 0.2
     assert PAPER_MODEL.description in card.note_label.text()
-    assert panel.minimumSizeHint().width() < 270, "a window of 800 points would cut the column"
+    assert card.minimumSizeHint().width() < 270, "a window of 800 points would cut the column"
     stage.happen(RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
     assert find(card, "result.verdict").text() != "● Preliminary"
 
