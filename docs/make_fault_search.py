@@ -1,10 +1,10 @@
 """Fault search: runs with random protocols, sources, operators, faults, kills, delays and second hands; writes docs/fault-search.md.
 
-    python docs/make_fault_search.py [--seed N] [--runs N | --minutes N] [--log LOG] [--page]
+    python docs/make_fault_search.py [--seed N] [--runs N | --minutes N] [--log LOG] [--again] [--page]
 
 Seed N is one run, and gives the same run again; `--runs M` plays the seeds from N on, `--minutes M` as many as the time allows: a night is
 `--minutes 600 --log LOG`, without `--seed` from the first seed that LOG does not have. A run that violates a requirement prints one line with the command that replays
-it. `--page` writes the page from LOG. The exit code is 1 if a run violates a requirement.
+it. `--again` plays those of LOG again, after they were mended. `--page` writes the page from LOG. The exit code is 1 if a run violates a requirement.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ Required of every run, from the volts at the simulated amplifier's input, the fa
 - every point that was shown is in a run file with its values, after the repair of the next start;
 - no verdict is *good* if another hand, or a fault of the sensor or amplifier, changed more than {100 * TOUCHED_SHARE:g} % of a recording whose point is used, or if high voltage was never on;
 - the second run completes, at most after the bench was opened anew;
-- the run ends within {STOPPED_S:g} s of Stop, never {TOO_LONG_S:g} s of real time without an event, without an error of the program in its log.
+- the run ends within {STOPPED_S:g} s of Stop, never {TOO_LONG_S:g} s of real time without an event or work of the process, without an error of the program in its log.
 """
 
 
@@ -47,6 +48,7 @@ def main() -> int:
     """Play the chosen runs, and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--again", action="store_true", help="play the runs of LOG that violate a requirement")
     parser.add_argument("--runs", type=int)
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--log", type=Path)
@@ -57,18 +59,21 @@ def main() -> int:
     if options.page:
         (HERE / "fault-search.md").write_text(page(found), "utf-8")
         return 0
+    if options.again:
+        last_of = {each["seed"]: each for each in found}
+        return int(play([seed for seed, each in last_of.items() if each["wrong"]], float("inf"), log))
     first = options.seed if options.seed is not None else max((each["seed"] for each in found), default=0) + 1
     last = first + (options.runs or (1 if options.minutes is None else sys.maxsize))
     until_s = time.monotonic() + 60 * (options.minutes or sys.maxsize)
-    return int(play(first, last, until_s, log))
+    return int(play(range(first, last), until_s, log))
 
 
-def play(first: int, last: int, until_s: float, log: Path | None) -> int:
-    """Play the seeds until the last or the time; return how many runs violate a requirement."""
+def play(seeds: Iterable[int], until_s: float, log: Path | None) -> int:
+    """Play seeds until the last or the time; return how many runs violate a requirement."""
     bad = count = 0
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         search = Search(Path(folder))
-        for seed in range(first, last):
+        for seed in seeds:
             if time.monotonic() > until_s:
                 break
             result = search.play(drawn(seed))

@@ -162,7 +162,9 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         points = decode_block(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)
         if points.size > self._free_points:
             raise wires.ScpiError(-225)
-        self._waveforms[a[0].upper()] = points
+        # A session stores the same waveform under many names until the memory is full.
+        kept = (each for each in self._waveforms.values() if np.array_equal(each, points))
+        self._waveforms[a[0].upper()] = next(kept, points)
 
     def _clear(self, _: wires.Arguments) -> None:
         self._waveforms.clear()

@@ -10,7 +10,7 @@ import pytest
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
 from drivers.errors import InstrumentError
-from protocols.base import PointMeasured, PromptAnswered, PromptShown, RunEnded, RunStatus
+from protocols.base import PointMeasured, PromptAnswered, PromptShown, RunEnded, RunPaused, RunStatus
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
@@ -59,6 +59,20 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     assert len([e for e in events if isinstance(e, RunEnded)]) == 2
     assert len(list(tmp_path.glob("*.h5"))) == 2
     assert_safe_voltage(laboratories[0].control.report())
+
+
+def test_a_pause_and_a_stop_between_two_runs_do_not_reach_the_next_one(tmp_path: Path) -> None:
+    events: list = []
+    one, _ = session(events)
+    one.start()
+    one.pause()
+    one.stop()
+    one.run(RunRequest(SineDwell(frequencies_hz=(150,), record_s=0.05), tmp_path, "T1"))
+    assert one.finished.wait(60)
+    assert one.outcome is not None
+    assert one.outcome.status == RunStatus.COMPLETED
+    assert not any(isinstance(e, RunPaused) for e in events)
+    assert one.close(60)
 
 
 @pytest.mark.deep

@@ -535,6 +535,18 @@ def test_closing_reaches_every_instrument_although_one_fails(lab: BenchConnectio
     bench.amplifier, bench.digitizer, bench.meters = amplifier, digitizer, meters
 
 
+def test_the_heartbeat_of_the_interlock_ends_at_rest_before_the_operator_is_asked(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with armed_bench(lab, journal) as armed:
+        armed.start_drive(Hold(3.0, 10.0))
+        monkeypatch.setattr(armed.interlock, "end", lambda: journal.note("interlock: ended"))
+        begin = len(journal.lines)
+        with armed.specimen_access(journal):
+            assert journal.lines[begin:][-2:] == ["interlock: ended", "operator: off"]
+            assert journal.volts[-2] == pytest.approx(2.5, abs=1e-3)
+
+
 def test_every_run_of_this_file_was_safe_at_the_amplifier(lab: BenchConnection, journal: Journal) -> None:
     with armed_bench(lab, journal) as armed:
         with armed.specimen_access(journal):

@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import psutil
+
 from app.session.bench_connection import BenchConnection, connect
 from app.session.session import Session, SessionState
 from drivers import Deadline, LinkError
@@ -43,7 +45,10 @@ from tests.helpers.single_faults.wire_faults import scpi_faults
 
 BLOCK_S = 0.2
 TOO_LONG_S = 30.0
-"""Real time without an event of the run after which a trial counts as one that does not end."""
+"""Real time without an event of the run, and without work of the process, after which a trial counts as one that does not end."""
+
+WORK_S, ENDLESS_WORK_S = 0.1, 600.0
+"""Processor time that counts as work, and longest real time without an event all the same."""
 
 _TEXT = 12
 """Place of the facts in the shared memory, after their length and the count of events."""
@@ -436,6 +441,8 @@ class Search:
         self._ticks: dict[str, int] = {}
         self._beat = b"", 0.0
         """The count of events that was seen last, and when it had changed."""
+        self._worked = 0.0, 0.0
+        """When the process was last seen at work, and its processor time then."""
         with silent():
             for name in BUILT_IN_PROTOCOLS:
                 calm = Trial(0, SOURCES[0], False, name, protocol(name).model_dump(), "prompt", (), False)
@@ -457,7 +464,7 @@ class Search:
         failed: list[str] = []
         files = [hazard for hazard in trial.hazards if hazard.kind == "file"]
         began_s = time.monotonic()
-        self._beat = b"", began_s
+        self._beat, self._worked = (b"", began_s), (began_s, 0.0)
         readable, writable = os.pipe()
         child = TracedChild(
             partial(self._work, trial, folder, readable),
@@ -466,17 +473,17 @@ class Search:
         )
         os.close(writable)
         code = None
-        while code is None and self._goes_on():
+        while code is None and self._goes_on(child.pid):
             code = child.serve(0.05)
         wrong: list[str] = []
         if code is None:
             child.release()
             child.kill()
-            wrong.append(f"it did not end: {TOO_LONG_S:g} s without an event")
+            wrong.append(f"it did not end: {TOO_LONG_S:g} s without an event or work")
         child.close()
         facts = self._told()
         while code == -signal.SIGKILL and not select.select([readable], [], [], 0.05)[0]:  # a copy has the other end
-            if not self._goes_on():
+            if not self._goes_on(facts["copy"]):
                 wrong.append(f"the next start did not end: {TOO_LONG_S:g} s without an event")
                 os.kill(facts["copy"], signal.SIGKILL)
                 break
@@ -495,12 +502,17 @@ class Search:
         Played(trial, round(1.1 * self._ticks[trial.protocol]), folder, self._tell, self._count_event).play()
         return 0
 
-    def _goes_on(self) -> bool:
-        """Whether there was an event lately."""
+    def _goes_on(self, pid: int) -> bool:
+        """Whether there was an event lately, or the process, which has to share a busy computer, is at work."""
         count, now_s = self._shared[4:_TEXT], time.monotonic()
         if count != self._beat[0]:
             self._beat = count, now_s
-        return now_s - self._beat[1] < TOO_LONG_S
+            self._worked = now_s, 0.0
+        with contextlib.suppress(psutil.Error):
+            times = psutil.Process(pid).cpu_times()
+            if times.user + times.system > self._worked[1] + WORK_S:
+                self._worked = now_s, times.user + times.system
+        return now_s - self._worked[0] < TOO_LONG_S and now_s - self._beat[1] < ENDLESS_WORK_S
 
     def _told(self) -> dict[str, Any]:
         length = int.from_bytes(self._shared[:4], "little")

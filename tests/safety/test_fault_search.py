@@ -1,0 +1,43 @@
+"""Random protocols, operators, faults, kills, delays and second hands; `docs/fault-search.md` has the counts."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.single_faults.system_calls import supported
+
+ROOT = Path(__file__).parents[2]
+
+FOUND = (47,)
+"""Seeds whose violation was mended."""
+
+
+def assert_searched(*options: str) -> None:
+    command = [sys.executable, "docs/make_fault_search.py", *options]
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
+@pytest.mark.deep
+@pytest.mark.skipif(not supported(), reason="system calls are shown by Linux only")
+def test_runs_drawn_by_fixed_seeds_keep_what_is_required() -> None:
+    """About a minute; `python docs/make_fault_search.py --minutes 600 --log LOG` is a night."""
+    assert_searched("--seed", "1", "--runs", "80")
+
+
+@pytest.mark.deep
+@pytest.mark.skipif(not supported(), reason="system calls are shown by Linux only")
+@pytest.mark.parametrize("seed", FOUND)
+def test_a_run_that_was_found_keeps_what_is_required(seed: int) -> None:
+    assert_searched("--seed", str(seed))
+
+
+def test_the_page_has_no_violation() -> None:
+    text = (ROOT / "docs" / "fault-search.md").read_text("utf-8")
+    assert re.search(r"^\d+ runs, seeds \d+ to \d+, .*; 0 violate a requirement\.$", text, re.MULTILINE), (
+        "run: python docs/make_fault_search.py"
+    )
+    assert "## Violations" not in text
