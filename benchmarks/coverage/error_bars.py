@@ -258,8 +258,8 @@ NOTES = """
 - **mass resonance**: lines within the last 5 s of a piece are disturbed, and the pieces of these short settings meet near the peak.
 - **decay_time of the sweep**: distortions that repeat wave over the lines; the fit averages them out further than its error does.
 - **linear_young_modulus, sag, E_m**: the stated error has the reference and the geometry, which are the same at every seed of one specimen.
-- **linearity of the square dwell**: the errors of both drives' channels are counted; it has no closed form with these edges.
-- **static loading on one specimen**: points whose zero has just not crept back as far as the slope tells have a larger error; the line through them scatters by more than their weights say.
+- **linearity of the square dwell**: not traced.
+- **static loading on one specimen**: the weight of a point changes with what its zero moves beyond its creep, which earlier weights add to; likely, not traced further.
 - **interference_at_rest** has no closed form, because the largest line is chosen.
 """
 
