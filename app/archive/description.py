@@ -43,7 +43,7 @@ def run_record(run: Run) -> dict[str, Any]:
             for e in record.estimates
         ],
         "software": record.software,
-        "mountings": [to_jsonable(each) for each in run.mountings],
+        **({"mountings": [to_jsonable(each) for each in run.mountings]} if run.mountings else {}),
         **({"conditions": asdict(record.conditions)} if record.conditions != RunConditions() else {}),
     }
 
