@@ -68,11 +68,12 @@ def test_a_pause_and_a_stop_between_two_runs_do_not_reach_the_next_one(tmp_path:
     one.pause()
     one.stop()
     one.run(RunRequest(SineDwell(frequencies_hz=(150,), record_s=0.05), tmp_path, "T1"))
-    assert one.finished.wait(60)
+    ended = one.finished.wait(60)
+    assert one.close(60)
+    assert ended
     assert one.outcome is not None
     assert one.outcome.status == RunStatus.COMPLETED
     assert not any(isinstance(e, RunPaused) for e in events)
-    assert one.close(60)
 
 
 @pytest.mark.deep
