@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,7 +25,7 @@ from app.session.session import Session, SessionState
 from drivers import Deadline, LinkError
 from drivers.drive_shapes import Sine
 from protocols import complete_results
-from protocols.base import Event, Prompt, RunStatus, ShutdownStarted
+from protocols.base import Event, Prompt, RunStatus, ShutdownStarted, SpecimenMounted
 from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.runfile import repair_folder
 from protocols.runfile.reader import Run
@@ -80,9 +80,9 @@ class Person:
         self.absent_s = float("inf")
         """Since when a prompt is not answered."""
 
-    def clear_specimen(self) -> None:
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
         if not self._bench.history.high_voltage_on:
-            self._hands.clear_specimen()
+            self._hands.clear_specimen(mountings)
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         self._normal -= 1
