@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from drivers.bench.shutdown import REST_TOLERANCE_V
 
+from drivers.bench.shutdown import REST_TOLERANCE_V
 from drivers.drive_shapes import Hold
 from protocols.base import (
     BenchArmed,
