@@ -1,7 +1,9 @@
 """Supervisor: gives up a session whose thread hangs, warns meanwhile, and answers Stop; in a thread of its own."""
 
+import math
 import threading
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, CallThread, Deadline, OverdueError, threads_left_behind
@@ -91,11 +93,19 @@ class Supervisor(threading.Thread):
         self._session, self._early_stop = session, early_stop
         self.ended = threading.Event()
         self._warned = self._answered = False
+        self._looked_s, self._late_s = math.inf, 0.0
 
     def run(self) -> None:
         while not self.ended.wait(POLL_S):
             if self.look(self._session.signs()):
                 return
+
+    def _running_time(self, signs: Signs) -> Signs:
+        """Return the signs with the silence in which this process ran: a computer that stood still explains the rest."""
+        now_s = time.monotonic()
+        late_s = max(now_s - self._looked_s - POLL_S, 0.0)
+        self._looked_s, self._late_s = now_s, self._late_s + late_s if signs.silent_s > 0 else 0.0
+        return replace(signs, silent_s=signs.silent_s - self._late_s)
 
     def look(self, signs: Signs) -> bool:
         """Act on the signs of life; return whether the session was given up."""
@@ -105,7 +115,7 @@ class Supervisor(threading.Thread):
             reason = f"the run has given no sign of life for {signs.silent_s:.1f} s more than allowed"
             self._session.say(runner.live_warning(reason))
         self._warned = warns or (self._warned and live)
-        if hangs := signs.hang(self._early_stop):
+        if hangs := self._running_time(signs).hang(self._early_stop):
             self._session.give_up(hangs)
             return True
         waits = min(signs.quiet_s, signs.stopped_s) > Deadline.STOP_ANSWER.seconds

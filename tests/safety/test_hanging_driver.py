@@ -218,3 +218,22 @@ def test_the_supervisor_warns_and_answers_once(signs: list[Signs], done: list[st
     for each in signs:
         supervisor.look(each)
     assert session.done == done
+
+
+def test_a_computer_that_stood_still_is_no_run_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    session, now_s = Noted(), 100.0
+    supervisor = Supervisor(session, Deadline.STOP_ANSWER)
+    monkeypatch.setattr("app.session.supervisor.time.monotonic", lambda: now_s)
+    supervisor.look(LIVE)
+    now_s += 20.0  # nothing ran, the supervisor neither
+    supervisor.look(replace(LIVE, silent_s=19.0))
+    assert session.done == []
+    while now_s < 134.0:
+        now_s += 0.1
+        supervisor.look(replace(LIVE, silent_s=now_s - 101.0))
+    assert session.done == []
+    while "given up" not in session.done and now_s < 140.0:
+        now_s += 0.1
+        supervisor.look(replace(LIVE, silent_s=now_s - 101.0))
+    assert session.done[-1] == "given up"
+    assert now_s < 136.5
