@@ -32,7 +32,7 @@ from drivers.generators.waveform import Points
 from drivers.transport import definite_length_block
 
 FULL_SCALE = 16383
-PACKET_POINTS, LEAST_PACKET_POINTS, DG4000_POINTS = 8192, 8, 16_384
+PACKET_POINTS, DG4000_POINTS = 8192, 16_384
 
 PANEL_LOCK = ":SYST:KLOC ON", ":SYST:KLOC OFF"
 NORMAL_POLARITY = NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
@@ -119,19 +119,16 @@ class Dg1000zDialect(RigolDialect):
         self.freeze_range(levels)
 
     def download_waveform(self, points: Points) -> None:
-        # Packets of a download that failed, or of a program that was killed, would be played before this waveform.
-        if not self._packets_ended:
-            self._send_packet("END", np.zeros(LEAST_PACKET_POINTS))
-        self._packets_ended = False
         # Pieces of equal size: none is too small.
         packets = np.array_split(points, math.ceil(points.size / PACKET_POINTS))
-        for number, packet in enumerate(packets, 1):
-            self._send_packet("END" if number == len(packets) else "CON", packet)
+        # Packets of a download that failed, or of a program that was killed, would be played before this waveform: sent twice, it
+        # ends them first. A shorter end would select a waveform also where this one is lost.
+        times, self._packets_ended = 1 if self._packets_ended else 2, False
+        for number, packet in enumerate(packets * times, 1):
+            flag = "CON" if number % len(packets) else "END"
+            block = definite_length_block(converter_codes(packet))
+            self.scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
         self._packets_ended = True
-
-    def _send_packet(self, flag: str, points: Points) -> None:
-        block = definite_length_block(converter_codes(points))
-        self.scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
 
 
 NEUTRAL_DG4000 = (

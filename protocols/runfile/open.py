@@ -19,7 +19,7 @@ from protocols.runfile.errors import (
     UnfinishedStorageError,
 )
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
-from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap
+from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap, stated_size
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
 from protocols.runfile.transaction import has_journal
 
@@ -121,10 +121,14 @@ def _open(path: Path) -> "h5py.File":
         file.close()  # otherwise HDF5 returns the same damaged file at the next opening
     if cut_off:
         present, expected = cut_off.groups()
-        raise RunReadError(
-            f"{path} is cut off, as a half-copied file is: {present} of {expected} bytes are there; copy it again"
-        )
+        raise _cut_off_error(path, present, expected)
     raise RunReadError(f"{path} is damaged and cannot be opened ({_first_line(failure)}); take another copy of it")
+
+
+def _cut_off_error(path: Path, present: object, expected: object) -> RunReadError:
+    return RunReadError(
+        f"{path} is cut off, as a half-copied file is: {present} of {expected} bytes are there; copy it again"
+    )
 
 
 def _has_irregular_end(path: Path, file: "h5py.File") -> bool:
@@ -175,6 +179,9 @@ def _check_readable(path: Path) -> None:
         raise RunReadError(f"{path} is {'no HDF5 file' if path.stat().st_size else 'empty'}; give a run file")
     with translate_read_errors(path):
         if (at := find_endless_heap(path)) is not None:
+            present, expected = path.stat().st_size, stated_size(path)
+            if present < expected:
+                raise _cut_off_error(path, present, expected)
             raise StructureError(f"the list of its texts at byte {at} has no end")
 
 

@@ -131,7 +131,7 @@ class PlotTools(QObject):
 
     def _main_layers(self) -> list[Layer]:
         """The layers that the cursor goes along: measured points first."""
-        layers = [each for each in self._chart.panels[0].layers if np.isfinite(each.y).any()]
+        layers = [each for each in self._chart.panels[0].layers if each.copied and np.isfinite(each.y).any()]
         return sorted(layers, key=lambda each: not each.symbol)
 
     def _visible_x(self) -> tuple[float, float]:
@@ -172,7 +172,9 @@ class PlotTools(QObject):
         for panel in self._chart.panels:
             for layer in panel.layers:
                 name = layer.label or layer.group or layer.name
-                value = None if name in {each[0] for each in found} else layer.value_at(x, reach)
+                is_mark = not layer.copied and layer.line is None
+                seen = is_mark or name in {each[0] for each in found}
+                value = None if seen else layer.value_at(x, reach)
                 if value is not None and np.isfinite(value[0]) and (panel is self._chart.panels[0] or layer.symbol):
                     found.append((name, *value, unit_of(panel.panel.title)))
         return found[:MAX_ROWS]

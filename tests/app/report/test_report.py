@@ -35,6 +35,7 @@ from model import EstimatedQuantity, quantity_label
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
+from model.response.harmonic_response import frequency_response
 from protocols.base import Outcome, Quality, Verdict
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
@@ -183,11 +184,13 @@ def test_what_the_first_page_says_is_what_the_plant_is(
     for name in ("mu", "c0"):  # their errors are those of a ruler
         assert abs(merits[name]["value"] - getattr(TRUTH, name)) < 3 * merits[name]["standard_error"]
         assert merits[name]["standard_error"] < 0.15 * abs(getattr(TRUTH, name))
-    # The peak as measured, against the twelve interface conditions solved at every frequency.
-    f = np.arange(130.0, 165.0, 0.05)
+    # The peak as measured, against the plant of seven shape functions, and against the twelve interface conditions solved at
+    # every frequency, beside which the plant is stiff by a thousandth.
+    f = np.arange(130.0, 165.0, 0.005)
     exact = 2 * 1000.0 * np.abs(exact_response(TRUTH, f))
-    resonance = merits["peak_frequency"]
-    assert abs(resonance["value"] - f[exact.argmax()]) < 3 * resonance["standard_error"] < 2.0  # points are 10 Hz apart
+    resonance, plant = merits["peak_frequency"], np.abs(frequency_response(TRUTH, f))
+    assert abs(resonance["value"] - f[plant.argmax()]) < 3 * resonance["standard_error"] < 0.5  # points are 10 Hz apart
+    assert resonance["value"] == pytest.approx(f[exact.argmax()], rel=2e-3)
     assert merits["amplitude_at_resonance"]["value"] == pytest.approx(exact.max(), rel=0.01)
     assert merits["amplitude_at_resonance"]["standard_error"] > 0.0019 * exact.max()  # 0.2 % of the sensor's gain
     at_top = 2 * 1000.0 * float(np.abs(exact_response(TRUTH, np.array([250.0])))[0]) / 50e-6
@@ -283,7 +286,9 @@ def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(c
     ]
     with Run(dwell) as measured:
         names = [typeset(estimate.name).replace("_", " ") for estimate in measured.record.estimates]
-    assert [row[0] for row in next(iter(cards.values())).rows] == names
+    rows = [row[0] for row in next(iter(cards.values())).rows]
+    assert rows[1].startswith("largest response")
+    assert [*rows[:1], *rows[2:]] == names
     assert known.identification is not None
     assert len(known.identification.observations.runs) == 1
     assert {run["file"]: run["verdict"] for run in report.record["runs"]} == verdicts
@@ -431,5 +436,8 @@ def test_report_and_fleet_agree_on_a_specimen(
         (value,) = fleet.of(name).newest
         figure = merits[name]
         assert figure["value"] == pytest.approx(value.value, rel=1e-12), name
-        assert figure["standard_error"] == pytest.approx(value.total, rel=1e-3), name
+        # The peak of the report is computed from the observations, whose errors contain those of the harmonics.
+        assert figure["standard_error"] == pytest.approx(value.total, rel=0.02 if name == "peak_frequency" else 1e-3), (
+            name
+        )
         assert figure["source"] == Path(value.path).stem
