@@ -1,6 +1,7 @@
 from .errors import FileLostError as FileLostError
 from .errors import NewerFormatError as NewerFormatError
 from .errors import NotARunError as NotARunError
+from .errors import NotesError as NotesError
 from .errors import RunReadError as RunReadError
 from .errors import StorageError as StorageError
 from .mountings import add_mounting as add_mounting
@@ -34,7 +35,6 @@ from .schema import is_response as is_response
 from .schema import point_columns as point_columns
 from .sidecar import LaterVerdict as LaterVerdict
 from .sidecar import Notes as Notes
-from .sidecar import NotesError as NotesError
 from .sidecar import RunCheck as RunCheck
 from .sidecar import change_notes as change_notes
 from .sidecar import listed_record as listed_record

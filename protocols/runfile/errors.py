@@ -71,3 +71,7 @@ def os_error_text(error: BaseException) -> str:
     text = str(error)
     hidden = re.search(r"errno = (\d+)", text)  # HDF5 writes the number into its message
     return os.strerror(int(hidden[1])) if hidden else text
+
+
+class NotesError(Exception):
+    """A file beside the runs, of notes or mountings, cannot be read or written; the message gives file, reason and remedy."""

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from protocols.base import SpecimenMounted, event_record, read_json_file, visible_values, write_atomic
+from protocols.runfile.errors import NotesError
 from protocols.runfile.fields import read_object
 from protocols.runfile.names import mountings_path
-from protocols.runfile.sidecar import NotesError
 
 if TYPE_CHECKING:
     import h5py

@@ -31,7 +31,7 @@ from protocols.base import (
     usable_mask,
     visible_text,
 )
-from protocols.runfile.errors import NewerFormatError, NotARunError, RunReadError
+from protocols.runfile.errors import NewerFormatError, NotARunError, NotesError, RunReadError
 from protocols.runfile.fields import (
     ROWS_PER_READ,
     attribute_integer,
@@ -53,7 +53,7 @@ from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.record import LargestPoint, RunRecord, current_parameters
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
-from protocols.runfile.sidecar import NotesError, read_notes, with_later_verdict
+from protocols.runfile.sidecar import read_notes, with_later_verdict
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
 
 if TYPE_CHECKING:

@@ -23,6 +23,7 @@ from protocols.base import (
     visible_values,
     write_atomic,
 )
+from protocols.runfile.errors import NotesError
 from protocols.runfile.names import notes_path
 from protocols.runfile.record import RunRecord
 
@@ -30,10 +31,6 @@ MAX_HASHED_BYTES = 16_000_000
 """Longest file that is hashed at the end of a run, and for a copy in a list; reading longer files by HDF5 is faster."""
 _DIGEST_BYTES = 16
 _FIELDS = " ".join(field.name for field in fields(RunRecord))
-
-
-class NotesError(Exception):
-    """A sidecar cannot be read or written; the message gives file, reason and remedy."""
 
 
 @dataclass(frozen=True, slots=True)

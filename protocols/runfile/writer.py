@@ -537,8 +537,9 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
 def _store_for_lists(path: Path) -> None:
     """Store the record of an ended run in its sidecar; lists read a run without it from its data."""
     try:
+        from protocols.runfile.errors import NotesError
         from protocols.runfile.reader import Run  # not needed before the end of a run
-        from protocols.runfile.sidecar import NotesError, store_listed
+        from protocols.runfile.sidecar import store_listed
     except ImportError:  # the program was replaced or removed during the run, whose results are in the file
         return
     with suppress(RunReadError, NotesError, OSError, ValueError, TypeError, LookupError):

@@ -26,10 +26,10 @@ from app.common import Progress
 from model import quantity_label
 from protocols.base import CheckResult, Outcome, RunStatus, Verdict
 from protocols.rejudgement import judge_file
-from protocols.runfile.errors import RunReadError
+from protocols.runfile.errors import NotesError, RunReadError
 from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
-from protocols.runfile.sidecar import Notes, NotesError, _digest, change_notes, listed_record, read_notes
+from protocols.runfile.sidecar import Notes, _digest, change_notes, listed_record, read_notes
 from tests.helpers.messages import assert_names
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
 

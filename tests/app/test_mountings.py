@@ -17,9 +17,9 @@ from app.session.session import Session
 from protocols.base import MOUNTED, Prompt, SpecimenMounted
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.paper_campaign import FIX_PAPER_MASS
+from protocols.runfile.errors import NotesError
 from protocols.runfile.mountings import mountings_text, read_mountings
 from protocols.runfile.reader import Run
-from protocols.runfile.sidecar import NotesError
 from protocols.runner.request import RunRequest
 from sim_hardware.plant.parameters import MountingScatter, SimulationParameters
 from sim_hardware.plant.setup_state import apply_action, initial_state
