@@ -304,7 +304,7 @@ class BenchPage(QSplitter):
         self.connect_button.setText("Save and connect" if edited else "Connect again" if self.is_open else "Connect")
         self.connect_button.setEnabled(draft is not None and not busy)
         if self._state is not None:
-            self.wiring.set_state(self._state, self._can_run)
+            self.wiring.set_state(self._state, self.is_open, self._can_run)
         self.commissioning.set_enabled(self._can_run)
         self.live.set_enabled(self._can_run)
         if draft is None:
