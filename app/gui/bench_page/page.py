@@ -317,6 +317,11 @@ class BenchPage(QSplitter):
             QTimer.singleShot(0, self, lambda: self._area.ensureWidgetVisible(self.calibration))
             self.calibration.position_edit.setFocus()
 
+    def _show_wiring(self) -> None:
+        """Put the verdict on the wiring into view: its table where there is space, its line in any case."""
+        for part in (self.wiring.table, self.wiring.table.caption, self.wiring.status_label):
+            self._area.ensureWidgetVisible(part, 0, 6)
+
     def _build(self) -> None:
         configure(self, "bench/columns", childrenCollapsible=False)
         head = row(
@@ -346,6 +351,8 @@ class BenchPage(QSplitter):
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])
         self.calibrate_button.toggled.connect(self._show_calibration)
+        # The table has its place only after the layout, and a check that has ended hides its prompts.
+        self.wiring.ended.connect(lambda: QTimer.singleShot(0, self, self._show_wiring))
         self.live.run_requested.connect(self.run_requested)
         self.calibration.applied.connect(self.editor.use_calibration)
         self.benches.selected.connect(self.show_bench)

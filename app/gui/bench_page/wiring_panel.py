@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from app.gui.plots import CheckTable
@@ -18,6 +19,9 @@ ABOUT_TEXT = (
 
 class WiringPanel(QWidget):
     """Starts the wiring check and shows its last verdict."""
+
+    ended = Signal()
+    """A check has ended, and its outcome is shown."""
 
     def __init__(self, start: Callable[[], object]) -> None:
         super().__init__()
@@ -40,6 +44,7 @@ class WiringPanel(QWidget):
     def set_state(self, view: WindowState, is_open: bool, enabled: bool) -> None:
         """Show the state of the check; its last outcome belongs to the open bench, and is hidden while another one is shown."""
         self.start_button.setEnabled(enabled)
+        before = self._outcome
         if view.protocol == WIRING_CHECK and (view.busy or view.outcome is not None):
             self._outcome = None if view.busy else view.outcome
         runs, last = view.busy and view.protocol == WIRING_CHECK, self._outcome
@@ -50,3 +55,5 @@ class WiringPanel(QWidget):
         self.table.setVisible(is_open and last is not None and bool(last.verdict.checks))
         if last is not None and last.verdict.checks:
             self.table.show_verdict(last.verdict)
+        if is_open and last is not None and last is not before:
+            self.ended.emit()

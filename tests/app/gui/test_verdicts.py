@@ -120,6 +120,7 @@ def test_the_bench_page_shows_the_check_of_the_open_bench_alone(stage: Stage) ->
     table, status = find(page, "bench.check.table"), find(page, "bench.check.status")
     end_with(stage, FAILED_CHECK, begin)
     assert (table.isVisible(), status.text()) == (True, "")
+    until(lambda: not page.wiring.table.caption.visibleRegion().isEmpty(), "for the verdict in view")
     end_with(stage, Verdict(Outcome.GOOD))
     assert (table.isVisible(), status.text()) == (True, ""), "a later run is not the check"
     shown, other = page.draft.name, next(name for name, _ in SIMULATED if name != page.draft.name)
