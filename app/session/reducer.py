@@ -386,8 +386,8 @@ def _after_safety_event(view: WindowState, event: WindowEvent, at_s: float) -> W
 
 
 def _without_results(view: WindowState) -> WindowState:
-    """Clear the results of the previous run."""
-    return replace(view, outcome=None, points=(), entries=(), curves=())
+    """Clear the results of the previous run, and its protocol."""
+    return replace(view, protocol="", outcome=None, points=(), entries=(), curves=())
 
 
 def _with_live_phase(view: WindowState) -> WindowState:

@@ -160,7 +160,7 @@ class WindowState:
     """A pause was requested and has not begun."""
     paused: bool = False
     protocol: str = ""
-    """Name of the protocol of the present or last run."""
+    """Name of the protocol of the present or last run; empty from the request of a run until it begins."""
     high_voltage: bool | None = None
     """Whether high voltage is on, by the operator's answers in the present run; None where that is not known."""
     drive: Drive | None = None

@@ -24,6 +24,10 @@ from app.gui.widgets import (
     row,
 )
 
+NEW_BENCH = (
+    "A new bench has real instruments. For simulated ones, select Simulated bench, type another name, and save it."
+)
+
 
 class BenchEditor(QWidget):
     """Shows a draft and changes it with every edit.
@@ -97,7 +101,7 @@ class BenchEditor(QWidget):
             tile.set_config(draft.config)
         self.further.set_config(draft.config)
         self.simulation.set_config(draft.config, is_open)
-        self.message_label.show_message("")
+        self.message_label.show_message("" if draft.name else NEW_BENCH, persistent=True)
 
     def scan(self) -> None:
         """Look for instruments in the background."""

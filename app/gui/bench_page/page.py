@@ -304,7 +304,7 @@ class BenchPage(QSplitter):
         self.connect_button.setText("Save and connect" if edited else "Connect again" if self.is_open else "Connect")
         self.connect_button.setEnabled(draft is not None and not busy)
         if self._state is not None:
-            self.wiring.set_state(self._state, self._can_run)
+            self.wiring.set_state(self._state, self.is_open, self._can_run)
         self.commissioning.set_enabled(self._can_run)
         self.live.set_enabled(self._can_run)
         if draft is None:
@@ -316,6 +316,11 @@ class BenchPage(QSplitter):
         if shown:
             QTimer.singleShot(0, self, lambda: self._area.ensureWidgetVisible(self.calibration))
             self.calibration.position_edit.setFocus()
+
+    def _show_wiring(self) -> None:
+        """Put the verdict on the wiring into view: its table where there is space, its line in any case."""
+        for part in (self.wiring.table, self.wiring.table.caption, self.wiring.status_label):
+            self._area.ensureWidgetVisible(part, 0, 6)
 
     def _build(self) -> None:
         configure(self, "bench/columns", childrenCollapsible=False)
@@ -346,6 +351,8 @@ class BenchPage(QSplitter):
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])
         self.calibrate_button.toggled.connect(self._show_calibration)
+        # The table has its place only after the layout, and a check that has ended hides its prompts.
+        self.wiring.ended.connect(lambda: QTimer.singleShot(0, self, self._show_wiring))
         self.live.run_requested.connect(self.run_requested)
         self.calibration.applied.connect(self.editor.use_calibration)
         self.benches.selected.connect(self.show_bench)

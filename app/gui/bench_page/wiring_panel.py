@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from app.gui.plots import CheckTable
 from app.gui.widgets import column, make_button, make_label, make_panel, row
 from app.session import WindowState
 from protocols import WIRING_CHECK
+from protocols.base import RunEnded
 
 ABOUT_TEXT = (
     "Rest, a tenth of a volt to either side and a small sine, with the prompts for high voltage: polarity, gain, latency, noise and the "
@@ -18,8 +20,13 @@ ABOUT_TEXT = (
 class WiringPanel(QWidget):
     """Starts the wiring check and shows its last verdict."""
 
+    ended = Signal()
+    """A check has ended, and its outcome is shown."""
+
     def __init__(self, start: Callable[[], object]) -> None:
         super().__init__()
+        self._outcome: RunEnded | None = None
+        """End of the last wiring check; None before the first one and during one."""
         self.start_button = make_button("Check wiring", start, "go", name="bench.check")
         self.status_label = make_label(kind="large", name="bench.check.status")
         self.table = CheckTable()
@@ -34,16 +41,19 @@ class WiringPanel(QWidget):
         )
         column(panel, parent=self)
 
-    def set_state(self, view: WindowState, enabled: bool) -> None:
-        """Show the state of the check, if it is or was the last run."""
+    def set_state(self, view: WindowState, is_open: bool, enabled: bool) -> None:
+        """Show the state of the check; its last outcome belongs to the open bench, and is hidden while another one is shown."""
         self.start_button.setEnabled(enabled)
-        if view.protocol != WIRING_CHECK:
-            return
-        if view.busy:
-            self.status_label.setText("running; the prompts and Stop are above")
-        elif view.outcome is not None:
-            verdict = view.outcome.verdict
-            self.status_label.setText("" if verdict.checks else f"There is no table: {view.outcome.reason}")
-            self.table.setVisible(bool(verdict.checks))
-            if verdict.checks:
-                self.table.show_verdict(verdict)
+        before = self._outcome
+        if view.protocol == WIRING_CHECK and (view.busy or view.outcome is not None):
+            self._outcome = None if view.busy else view.outcome
+        runs, last = view.busy and view.protocol == WIRING_CHECK, self._outcome
+        text = "running; the prompts and Stop are above" if runs else ""
+        if last is not None and not last.verdict.checks:
+            text = f"There is no table: {last.reason}"
+        self.status_label.setText(text if is_open else "")
+        self.table.setVisible(is_open and last is not None and bool(last.verdict.checks))
+        if last is not None and last.verdict.checks:
+            self.table.show_verdict(last.verdict)
+        if is_open and last is not None and last is not before:
+            self.ended.emit()

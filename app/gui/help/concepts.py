@@ -27,6 +27,7 @@ CONCEPTS = {
     "How to": {
         "Learn the window": "Help, Tutorial: ten minutes on the simulated bench.",
         "Set up a bench": "Help, Tutorial: set up my own bench; or the page Bench, Ctrl+5.",
+        "Check the wiring": "Page Bench, Ctrl+5: small voltages show polarity, gain, latency and noise before the first run.",
         "Practise prompts and faults": "F9: who answers prompts, the speed of the simulated bench, and a list of faults.",
         "Continue a stopped run": "Continue on the result card, or Ctrl+4, select it, Ctrl+Enter: the measured points are kept.",
         "Compare many specimens": "Page Laboratory, Ctrl+6: values with limits, control charts, certificates, audit trail.",

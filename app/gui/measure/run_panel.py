@@ -189,9 +189,10 @@ class RunPanel(QWidget):
         self.about_label.setText(text or protocol_summary(self.form.kind))
 
     def choose_protocol(self, name: str) -> None:
-        """Show a protocol with the parameters that it had last."""
+        """Show the set-up of a protocol with the parameters that it had last."""
         if self.protocol_box.isEnabled():
             self.protocol_box.setCurrentIndex(self.protocol_box.findData(name))
+            self.show_side(SETUP)
 
     def _on_protocol_chosen(self) -> None:
         name = self.protocol_box.currentData()

@@ -1,6 +1,6 @@
 """One panel of a plot as items of pyqtgraph: its layers over their grid, its regions, rules and spots with their labels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.face import LABEL_PX, MEDIUM, SEMIBOLD, px, text_font
 from app.gui.plots.axes import TITLE_PX, PlotAxis
-from app.gui.plots.labels import Label, Placer, along, beside, fitting_text
+from app.gui.plots.labels import Label, Placer, along, beside, fitting_text, nearest_to
 from app.gui.plots.picture import MODEL_WIDTH, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
 from app.gui.plots.zoom import ZoomBox
 from model import Array, Mask
@@ -258,7 +258,7 @@ class DrawnPanel:
             scene.removeItem(item)
         self._marks = []
         self._draw_grid(box)
-        placer = Placer(QRectF(0, 0, box.width(), box.height()), self._obstacles())
+        placer = Placer(QRectF(0, 0, box.width(), box.height()), self._obstacles(self._layers))
         regions = [each for each in self.picture.regions if each.panel == self._index]
         for region in regions:
             self._draw_region(region, box)
@@ -296,9 +296,9 @@ class DrawnPanel:
             path.lineTo(box.width(), y)
         self._grid.setPath(path)
 
-    def _obstacles(self) -> Array:
+    def _obstacles(self, layers: Iterable[Layer]) -> Array:
         places = [np.empty((0, 2))]
-        for layer in self._layers:
+        for layer in layers:
             x, y = (layer.x, layer.y) if layer.drawn is None else layer.drawn
             pixels = self.to_pixels(x, y)
             pixels = pixels[np.isfinite(pixels).all(axis=1)]
@@ -382,10 +382,14 @@ class DrawnPanel:
             return
         label = self._add(Label(self.box))
         size = label.show_text(layer.label, layer.tone if layer.width >= MODEL_WIDTH or layer.tone != "ink" else "text")
-        self._place(label, placer, list(along(pixels[inside], size, from_left=bool(layer.symbol))))
+        wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
+        # A label of points is told from other points, and that of a line from other lines: a model's line runs through its points.
+        alike = [e for e in self._layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]
+        own, others = self._obstacles([layer]), self._obstacles(alike)
+        self._place(label, placer, nearest_to(own, others, wishes, size))
 
     @staticmethod
-    def _place(label: Label, placer: Placer, wishes: Sequence[QPointF]) -> None:
+    def _place(label: Label, placer: Placer, wishes: Iterable[QPointF]) -> None:
         at = placer.place(label.boundingRect(), wishes)
         label.setVisible(at is not None)
         if at is not None:

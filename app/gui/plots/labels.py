@@ -1,6 +1,6 @@
 """Texts of a plot: with a halo of the ground, placed beside their curves where they cover neither data nor each other."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,9 @@ PLACES_ALONG = 24
 
 FREE_PX = 2
 """Distance of a label from another one."""
+
+SAME_PX = 1.0
+"""Curves that are not further apart are drawn as one, and a label may stand at either."""
 
 
 class Label(QGraphicsSimpleTextItem):
@@ -52,7 +55,7 @@ class Placer:
         self._area, self._obstacles = area, obstacles
         self.taken: list[QRectF] = []
 
-    def place(self, size: QRectF, wishes: Sequence[QPointF]) -> QPointF | None:
+    def place(self, size: QRectF, wishes: Iterable[QPointF]) -> QPointF | None:
         """Return the place among the wished ones, best first, that covers least; None if each would lie over a text or the edge."""
         best: tuple[float, QPointF] | None = None
         for rank, at in enumerate(wishes):
@@ -105,6 +108,20 @@ def along(points: Array, size: QRectF, from_left: bool) -> Iterator[QPointF]:
         yield QPointF(x - gap - width, y - gap - height)
         yield QPointF(x - gap - width, y + gap)
         yield QPointF(x + gap, y + gap)
+
+
+def nearest_to(own: Array, others: Array, places: Iterable[QPointF], size: QRectF) -> Iterator[QPointF]:
+    """Yield the places at which a text is as near to its own curve as to any other; curves are points (N, 2) in pixels."""
+    for at in places:
+        rect = QRectF(at, size.size())
+        if not others.size or _distance(rect, own) <= _distance(rect, others) + SAME_PX:
+            yield at
+
+
+def _distance(rect: QRectF, points: Array) -> float:
+    x, y = points.T
+    across = np.maximum(np.maximum(rect.left() - x, x - rect.right()), 0.0)
+    return float(np.hypot(across, np.maximum(np.maximum(rect.top() - y, y - rect.bottom()), 0.0)).min())
 
 
 def fitting_text(text: str, width: float, font: QFont) -> str:

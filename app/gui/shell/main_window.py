@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QEvent, QSettings, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QPaintEvent, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit, QMainWindow, QWidget
+from PySide6.QtGui import QAction, QCloseEvent, QKeyEvent, QKeySequence, QPaintEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit, QMainWindow, QWidget
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
@@ -43,7 +43,19 @@ from app.gui.status import (
     WindowStatusLine,
     stops_by_escape,
 )
-from app.gui.widgets import KeyBurstFilter, Told, add_actions, column, configure, make_combo, row, update_actions
+from app.gui.widgets import (
+    ACTIONS,
+    KeyBurstFilter,
+    Told,
+    actions_of,
+    add_actions,
+    column,
+    configure,
+    make_combo,
+    row,
+    tell,
+    update_actions,
+)
 from app.live import SessionAdapter
 from app.session import (
     BenchState,
@@ -65,6 +77,7 @@ ERROR_TEXT = "The program made an error. Ctrl+F1 saves a problem report for its 
 HIDDEN_CONNECT_DELAY_MS = 500
 """A window that is not visible, and so not painted, connects after this time."""
 
+FILES_OF_PLOTS = ("plot.copy-picture", "plot.copy-data", "plot.save-picture", "plot.save-data")
 
 NOTIFICATIONS = (
     (SOUND_KEY, "Sound", "When the operator is needed, a run has ended, or the bench is unsafe"),
@@ -307,6 +320,20 @@ class MainWindow(QMainWindow):
         else:
             self.close_session()
 
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Apply the keys that copy and save a plot, which no focused plot has taken, to the largest visible one."""
+        keys = QKeySequence(event.keyCombination())
+        wanted = [name for name in FILES_OF_PLOTS if keys in map(QKeySequence, ACTIONS[name].shortcuts)]
+        if not wanted:
+            super().keyPressEvent(event)
+            return
+        plots = [plot for plot in self.findChildren(QGraphicsView) if plot.isVisible()]
+        found = [action for info, action in actions_of([*plots]) if info.id in wanted]
+        if found:
+            max(found, key=_shown_area).trigger()
+        else:
+            tell(self, "There is no plot on this page")
+
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         if (grid := class_of(self)) is not self._grid:
@@ -455,3 +482,9 @@ def _make_settings(window: MainWindow) -> "list[Setting]":
         *notifications,
         Setting("Web page", RemoteSetting(window.remote), DESCRIPTION),
     ]
+
+
+def _shown_area(action: QAction) -> int:
+    plot = action.parent()
+    assert isinstance(plot, QWidget)
+    return plot.width() * plot.height()

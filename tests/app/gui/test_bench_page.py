@@ -96,6 +96,10 @@ def test_a_real_bench_has_no_simulation_panel(window: MainWindow) -> None:
     find(page, "bench.new").click()
     until(lambda: page.draft.name == "", "for the new bench")
     assert not page.editor.simulation.isVisible()
+    assert "For simulated ones" in find(page, "bench.message").text()
+    find(page, "bench.list").setCurrentRow(0)
+    until(lambda: page.draft.name, "for the simulated bench")
+    assert not find(page, "bench.message").isVisible()
 
 
 def test_a_run_takes_the_card_from_the_live_values_and_gives_it_back(window: MainWindow) -> None:

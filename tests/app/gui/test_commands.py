@@ -11,7 +11,7 @@ from app.gui.shell.page_host import MEASURE, RUNS
 from app.gui.widgets.actions import ACTIONS
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.run_files import finished_run
-from tests.helpers.session_events import LIVE, OPENED
+from tests.helpers.session_events import LIVE, OPENED, STOPPED, point
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 
@@ -45,6 +45,24 @@ def test_the_palette_finds_commands_protocols_settings_and_runs(open_stage: Open
     palette.search.setText("page runs")
     QTest.keyClick(palette.search, Qt.Key.Key_Return)
     assert stage.window.tabs.currentIndex() == RUNS
+
+
+def test_a_protocol_of_the_palette_shows_its_set_up_over_a_result(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE, point(0, 100.0), *STOPPED)
+    panel = stage.window.measure_page.run_panel
+    panel.show_side("result")
+    assert not panel.form.isVisible()
+    for name in ("hysteresis", "sine dwell"):
+        stage.press(Qt.Key.Key_K, CTRL)
+        palette = stage.window.central.command_palette
+        palette.search.setText(f"measure: {name}")
+        QTest.keyClick(palette.search, Qt.Key.Key_Return)
+        assert panel.form.isVisible()
+        assert not panel.result_pane.isVisible()
+        assert panel.kind.title.casefold().startswith(name)
+        panel.show_side("result")
 
 
 @pytest.mark.deep

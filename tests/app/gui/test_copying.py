@@ -6,6 +6,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QGuiApplication
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog
 
 from app.gui.face import tokens
 from tests.helpers.main_window import OpenStage, Stage, find, until
@@ -45,6 +46,17 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
     curve = [(float(x), float(y)) for name, x, y, _ in table if name == "max − min, curve: the paper's values"]
     x, y = np.array(curve).T
     assert 145 < x[y.argmax()] < 157
+
+
+def test_the_keys_of_a_plot_act_on_the_largest_one_where_none_has_the_focus(stage: Stage) -> None:
+    plots = stage.window.measure_page.live_pane.plots
+    find(stage.window, "measure.specimen").setFocus()
+    QGuiApplication.clipboard().clear()
+    QTest.keyClick(find(stage.window, "measure.specimen"), Qt.Key.Key_P, CONTROL)
+    assert QGuiApplication.clipboard().image() == plots.chart.tools.files.picture().toImage()
+    QTest.keyClick(find(stage.window, "measure.specimen"), Qt.Key.Key_P, CONTROL | Qt.KeyboardModifier.ShiftModifier)
+    assert [box.windowTitle() for box in stage.window.findChildren(QFileDialog)] == ["Save the picture of this plot"]
+    stage.window.findChild(QFileDialog).reject()
 
 
 @pytest.mark.deep

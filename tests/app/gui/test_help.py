@@ -24,7 +24,8 @@ pytestmark = pytest.mark.deep
 
 
 @pytest.mark.parametrize(
-    ("search", "found"), [("membrane sag", "Membrane sag"), ("armed", "Armed"), ("stopped run", "")]
+    ("search", "found"),
+    [("membrane sag", "Membrane sag"), ("armed", "Armed"), ("stopped run", ""), ("wiring", "Check the wiring")],
 )
 def test_f1_explains_words_and_answers_how_to(stage: Stage, search: str, found: str) -> None:
     stage.press(Qt.Key.Key_F1)

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication
 from app.gui.face import LIGHT
 from app.gui.plots import SOLID, Chart, Panel, Picture, Region, Rule, Spot, layer, time_plot
 from app.gui.plots.axes import round_step, stable_range
+from app.gui.plots.labels import Label
 from app.gui.plots.time_plot import TimePlot, rising_edges
 from app.live import feed as live_feed
 from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
@@ -238,6 +239,35 @@ def test_labels_avoid_each_other_and_regions_name_themselves_inside(qt: QApplica
     assert {"one curve", "another curve", "a third curve", "Largest 900 µm at 150 Hz"} <= places.keys()
     edge = chart.panels[0].to_pixels(200.0, 0.0)[0][0] + chart.panels[0].box.sceneBoundingRect().left()
     assert places["Tends to be uncomfortable"].area.left() >= edge
+    chart.deleteLater()
+
+
+@pytest.mark.parametrize("symbol", ["o", ""], ids=["points", "lines"])
+@pytest.mark.parametrize("gap", [30.0, -30.0, 60.0])
+def test_a_label_stands_nearer_to_its_own_curve_than_to_any_other(qt: QApplication, gap: float, symbol: str) -> None:
+    chart = Chart("close curves", headed=False)
+    chart.show()
+    x = np.array([100.0, 130.0, 150.0, 170.0, 200.0])
+    y = np.array([580.0, 790.0, 900.0, 800.0, 490.0])
+    drawn = {"symbol": symbol} if symbol else {"line": SOLID}
+    close, crossing = (y + np.array([gap, *each]) for each in ((3.0, 1.0, 1.0, 1.0), (gap / 2, 0.0, -gap / 2, -gap)))
+    for other in (close, crossing):
+        curves = {"this curve": y, "the other curve": other}
+        layers = tuple(layer(name=name, x=x, y=each, label=name, **drawn) for name, each in curves.items())
+        chart.show_picture(Picture(panels=(Panel(title="Displacement, µm", low=0.0),), layers=layers, x=(0.0, 225.0)))
+        for width, height in ((320, 240), (500, 320), (900, 320)):
+            chart.resize(width, height)
+            QApplication.processEvents()
+            panel = chart.panels[0]
+            grid = np.linspace(x[0], x[-1], 2001) if not symbol else x
+            pixels = {name: panel.to_pixels(grid, np.interp(grid, x, each)) for name, each in curves.items()}
+            labels = [item for item in panel.box.childItems() if isinstance(item, Label) and item.isVisible()]
+            assert {item.text() for item in labels} == set(curves)
+            for item in labels:
+                area = item.mapRectToParent(item.boundingRect())
+                corners = (area.left(), area.top()), (area.right(), area.bottom())
+                apart = {n: np.hypot(*(p - np.clip(p, *corners)).T).min() for n, p in pixels.items()}
+                assert apart[item.text()] <= min(apart.values()) + 1.0, (item.text(), width)
     chart.deleteLater()
 
 

@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QRect
+from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QWidget
 
+from app.gui.bench_page.page import SIMULATED
 from app.gui.face import DARK, LIGHT
 from app.gui.runs.run_table import COLUMNS
 from app.gui.shell.page_host import RUNS
@@ -110,3 +111,26 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
     assert find(page, "run.card.verdict").text() == f"○ {Outcome.NO_RESULT.capitalize()}"
     assert find(page, "run.card.reason").text() == "No result; a remedy"
     assert find(page, "run.card.simulated").isVisibleTo(page.viewer)
+
+
+def test_the_bench_page_shows_the_check_of_the_open_bench_alone(stage: Stage) -> None:
+    stage.press(Qt.Key.Key_5, Qt.KeyboardModifier.ControlModifier)
+    page, begin = stage.window.tabs.bench, RunStarted("wiring-check", "run.h5", 6.0, 4, True)
+    until(lambda: page.draft is not None, "for the page")
+    table, status = find(page, "bench.check.table"), find(page, "bench.check.status")
+    end_with(stage, FAILED_CHECK, begin)
+    assert (table.isVisible(), status.text()) == (True, "")
+    until(lambda: not page.wiring.table.caption.visibleRegion().isEmpty(), "for the verdict in view")
+    end_with(stage, Verdict(Outcome.GOOD))
+    assert (table.isVisible(), status.text()) == (True, ""), "a later run is not the check"
+    shown, other = page.draft.name, next(name for name, _ in SIMULATED if name != page.draft.name)
+    page.show_bench(other)
+    until(lambda: page.draft.name == other, "for the other bench")
+    assert not table.isVisible()
+    stage.window.start_run()
+    stage.happen(begin)
+    assert status.text() == ""
+    page.show_bench(shown)
+    until(lambda: page.draft.name == shown, "for the open bench")
+    assert status.text().startswith("running")
+    assert not table.isVisible()
