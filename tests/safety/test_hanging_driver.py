@@ -193,7 +193,7 @@ class Noted:
         self.done.append(event if isinstance(event, str) else "said")
 
     def give_up(self, hangs: str) -> None:
-        self.done.append("given up")
+        self.done.append("given-up")
 
 
 LIVE = Signs(running=True, may_be_live=True)
@@ -209,7 +209,7 @@ LIVE = Signs(running=True, may_be_live=True)
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True), Signs()] * 2, ["warned", "warned"]),
         ([replace(LIVE, quiet_s=1.6, stopped_s=1.6)] * 3, ["said"]),
         ([replace(LIVE, quiet_s=1.6, stopped_s=1.4)], []),
-        ([replace(LIVE, silent_s=15.1, watchdog_acts=True)], ["warned", "given up"]),
+        ([replace(LIVE, silent_s=15.1, watchdog_acts=True)], ["warned", "given-up"]),
     ],
 )
 def test_the_supervisor_warns_and_answers_once(signs: list[Signs], done: list[str]) -> None:
@@ -232,8 +232,8 @@ def test_a_computer_that_stood_still_is_no_run_that_hangs(monkeypatch: pytest.Mo
         now_s += 0.1
         supervisor.look(replace(LIVE, silent_s=now_s - 101.0))
     assert session.done == []
-    while "given up" not in session.done and now_s < 140.0:
+    while "given-up" not in session.done and now_s < 140.0:
         now_s += 0.1
         supervisor.look(replace(LIVE, silent_s=now_s - 101.0))
-    assert session.done[-1] == "given up"
+    assert session.done[-1] == "given-up"
     assert now_s < 136.5
