@@ -197,11 +197,15 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
 
 
 def _check_estimates(before: dict[str, list[Any]], after: dict[str, list[Any]]) -> None:
-    """Check that estimates are the same within a fifth of their errors, and the errors within a tenth."""
+    """Check that estimates are the same within a fifth of their errors, and the errors alike.
+
+    They may be larger by a fifth: the time at which a weight was put on is an error of static loading now.
+    """
     assert before["name"] == after["name"]
     values, errors = np.array(before["value"]), np.array(before["standard_error"])
     assert np.all(np.abs(np.array(after["value"]) - values) <= 0.2 * errors)
-    assert after["standard_error"] == pytest.approx(errors, rel=0.1)
+    ratios = np.array(after["standard_error"]) / errors
+    assert np.all((ratios > 0.9) & (ratios < 1.2)), ratios
 
 
 @pytest.mark.one_in(100)

@@ -13,6 +13,7 @@ from app.config.bench_file import BenchConfig, load_bench
 from app.config.discovery import FoundDevice
 from app.config.template import TEMPLATE
 from app.gui import application
+from app.gui.bench_page.editor import NEW_BENCH
 from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import STOPPED, CommissioningJob
@@ -96,7 +97,7 @@ def test_a_real_bench_has_no_simulation_panel(window: MainWindow) -> None:
     find(page, "bench.new").click()
     until(lambda: page.draft.name == "", "for the new bench")
     assert not page.editor.simulation.isVisible()
-    assert "For simulated ones" in find(page, "bench.message").text()
+    assert find(page, "bench.message").text() == NEW_BENCH
     find(page, "bench.list").setCurrentRow(0)
     until(lambda: page.draft.name, "for the simulated bench")
     assert not find(page, "bench.message").isVisible()
