@@ -30,7 +30,7 @@ from app.gui.shell.main_window import MainWindow  # noqa: E402
 from app.session.state import BenchState, Lamp  # noqa: E402
 from protocols.measurements.sine_dwell import SineDwell  # noqa: E402
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, INTERLOCK_FAULTS  # noqa: E402
-from tests.helpers.faults_seen import PARTS, SLACK_V, Witness  # noqa: E402
+from tests.helpers.fault_search.witness import PARTS, SLACK_V, Witness  # noqa: E402
 from tests.helpers.main_window import Bench, press, whole_window  # noqa: E402
 
 FAULTS = [name for name in FAULT_DESCRIPTIONS if name not in INTERLOCK_FAULTS]

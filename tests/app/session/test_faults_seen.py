@@ -28,7 +28,7 @@ from protocols.runner.request import RunRequest
 from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS, INTERLOCK_FAULTS, SPECIMEN_FAULTS
-from tests.helpers.faults_seen import PARTS, SLACK_V, Witness
+from tests.helpers.fault_search.witness import PARTS, SLACK_V, Witness
 from tests.helpers.level_protocol import Levels
 from tests.helpers.simulated_bench import simulated
 
