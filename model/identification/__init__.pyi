@@ -25,13 +25,6 @@ from .fit_result import RunResiduals as RunResiduals
 from .fit_result import format_p_value as format_p_value
 from .joint_least_squares import joint_fit as joint_fit
 from .live_fit import LiveFit as LiveFit
-from .mountings import MOUNTING_EFFECTS as MOUNTING_EFFECTS
-from .mountings import MountingDifference as MountingDifference
-from .mountings import MountingRepeatability as MountingRepeatability
-from .mountings import mounting_differences as mounting_differences
-from .mountings import mounting_repeatabilities as mounting_repeatabilities
-from .mountings import unrecorded_parts as unrecorded_parts
-from .mountings import with_mountings as with_mountings
 from .nonidealities import LOADING_TIME_S as LOADING_TIME_S
 from .nonidealities import NONIDEALITIES as NONIDEALITIES
 from .nonidealities import STEP_TIME_S as STEP_TIME_S
@@ -62,6 +55,13 @@ from .parameters import parse_elongation as parse_elongation
 from .posterior import Posterior as Posterior
 from .posterior import sample_posterior as sample_posterior
 from .priors.bounded import prior_moments as prior_moments
+from .priors.mountings import MOUNTING_EFFECTS as MOUNTING_EFFECTS
+from .priors.mountings import MountingDifference as MountingDifference
+from .priors.mountings import MountingRepeatability as MountingRepeatability
+from .priors.mountings import mounting_differences as mounting_differences
+from .priors.mountings import mounting_repeatabilities as mounting_repeatabilities
+from .priors.mountings import unrecorded_parts as unrecorded_parts
+from .priors.mountings import with_mountings as with_mountings
 from .priors.usual import ASSUMED_PARAMETERS as ASSUMED_PARAMETERS
 from .priors.usual import USUAL_EFFECTS as USUAL_EFFECTS
 from .priors.usual import assumed_parameters as assumed_parameters

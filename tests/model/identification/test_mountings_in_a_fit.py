@@ -10,13 +10,13 @@ import pytest
 
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
-from model.identification.mountings import (
+from model.identification.observations import FrequencyResponseObservation, ObservationSet
+from model.identification.priors.mountings import (
     mounting_differences,
     mounting_repeatabilities,
     unrecorded_parts,
     with_mountings,
 )
-from model.identification.observations import FrequencyResponseObservation, ObservationSet
 from model.identification.uncertainty_budget import uncertainty_budget
 from model.parameters import Tactor
 from model.response.closed_form import exact_response

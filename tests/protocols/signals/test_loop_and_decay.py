@@ -9,7 +9,7 @@ from model.response.latency import step_response
 from protocols.signals.decay import fit_decay
 from protocols.signals.loop import fold, measure_loops
 from tests.helpers.coverage import coverage_factor
-from tests.helpers.multisine import Multisine
+from tests.helpers.model.multisine import Multisine
 
 RATE = 5000.0
 

@@ -17,8 +17,8 @@ from protocols.signals.periodic_response import estimate_periodic_response
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import CORRECTED_VARIANCE, estimate_swept_response
 from tests.helpers.coverage import coverage_factor
+from tests.helpers.model.multisine import Multisine
 from tests.helpers.model.sweep_response import sweep_response as exact_sweep
-from tests.helpers.multisine import Multisine
 from tests.helpers.sampled import march
 
 RATE = 5000.0
