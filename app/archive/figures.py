@@ -2,7 +2,7 @@
 
 import math
 
-from model import LENGTH_UNITS
+from app.common import run_figure
 from protocols import aspects_of
 from protocols.base import INTERFERENCE_AT_REST, RunFigure
 from protocols.runfile import RunReadError, RunRecord
@@ -16,10 +16,7 @@ def run_figures(run: RunRecord) -> tuple[RunFigure, ...]:
 def figures_and_fault(run: RunRecord) -> tuple[tuple[RunFigure, ...], str]:
     """Return the finite figures of a run, and the error of its protocol's own figures; empty without an error."""
     gain = run.sensor.gain_relative_uncertainty
-    estimates = [
-        RunFigure.with_gain(e.name, e.value, e.standard_error, e.unit, gain if e.unit in LENGTH_UNITS else 0.0)
-        for e in run.estimates
-    ]
+    estimates = [run_figure(each, gain) for each in run.estimates]
     own = [figure for figure in estimates if figure.name != INTERFERENCE_AT_REST]
     added = [figure for figure in estimates if figure.name == INTERFERENCE_AT_REST]
     try:

@@ -41,7 +41,7 @@ def run_settings(record: RunRecord) -> dict[str, str]:
 
 
 def compare_runs(runs: Sequence[RunSummary]) -> tuple[RunDifference, ...]:
-    """Return every setting, condition, instrument and result of runs, those of any run; results last."""
+    """Return a row for every setting, condition, instrument and result that at least one of the runs has; results last."""
     records = [run.record for run in runs]
     settings = [run_settings(record) | _circumstances(record) for record in records]
     figures = [{figure.name: figure for figure in run.figures} for run in runs]

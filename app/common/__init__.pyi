@@ -48,6 +48,7 @@ from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultLine as ResultLine
 from .result_summary import ResultSummary as ResultSummary
 from .result_summary import round_figure as round_figure
+from .result_summary import run_figure as run_figure
 from .result_summary import summarize_result as summarize_result
 from .terminal import print_line as print_line
 from .terminal import print_message as print_message

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from app.common.formatting import axis_name, typeset
 from model import LENGTH_UNITS, format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
-from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, Verdict
+from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, RunFigure, Verdict
 from protocols.runfile import is_response, point_columns
 
 MAX_POINT_ROWS = 12
@@ -104,6 +104,12 @@ def summarize_result(
     )
 
 
+def run_figure(estimate: EstimatedQuantity, gain: float) -> RunFigure:
+    """Return the figure of an estimate; a relative uncertainty of the sensor's gain acts on lengths only."""
+    gain = gain if estimate.unit in LENGTH_UNITS else 0.0
+    return RunFigure.with_gain(estimate.name, estimate.value, estimate.standard_error, estimate.unit, gain)
+
+
 def round_figure(value: float, uncertainty: float) -> str:
     """Return a value as text, rounded to the first digit of its uncertainty; to five digits without one."""
     if not (uncertainty > 0 and math.isfinite(uncertainty)):
@@ -116,7 +122,7 @@ def _result_line(estimate: EstimatedQuantity, gain_uncertainty: float, label: st
     value, noise = factor * estimate.value, factor * estimate.standard_error
     has_noise = noise > 0 and math.isfinite(noise)
     with_gain = has_noise and estimate.unit in LENGTH_UNITS and gain_uncertainty > 0
-    total = math.hypot(noise, gain_uncertainty * value) if with_gain else noise
+    total = factor * run_figure(estimate, gain_uncertainty).total if with_gain else noise
     unit = typeset(unit)
     return ResultLine(
         label or typeset(quantity_label(estimate.name)),

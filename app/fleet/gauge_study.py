@@ -75,7 +75,7 @@ class GaugeStudy:
 
     @property
     def categories(self) -> int | None:
-        """Number of distinct categories of specimens that the gauge tells apart, at least 1; None without specimens or gauge variance."""
+        """Number of distinct categories (AIAG), at least 1; None where the variance of the specimens or of the gauge is zero."""
         specimens = self.together("", [SPECIMEN])
         if not (specimens.variance > 0 and self.gauge.variance > 0):
             return None
@@ -207,7 +207,7 @@ def _sd_text(component: VarianceComponent, factor: float) -> str:
 
 
 def gauge_notes(selection: FleetSelection, study: GaugeStudy) -> Iterator[str]:
-    """Yield what cannot be told apart, the number of distinct categories, and the method."""
+    """Yield the sources that are confounded, the number of distinct categories, and the method."""
     yield from (f"{text}." for text in study.inseparable)
     if (count := study.categories) is not None:
         yield f"the gauge tells {count} classes of specimens apart (AIAG asks for 5 or more)."

@@ -209,9 +209,8 @@ def _unexplained_shift(
     slope_error = under.standard_error * math.sqrt(12) / record_s
     shift = after.value - before.value - under.drift_per_s * remainder_s
     error = math.hypot(before.standard_error, after.standard_error, slope_error * remainder_s)
-    return math.sqrt(
-        max(shift**2 - (EXPLAINED_SIGMAS * error) ** 2, 0.0)
-    )  # steady: a jump would change weights by chance
+    # Continuous at the limit: a jump would change the weights of points by chance.
+    return math.sqrt(max(shift**2 - (EXPLAINED_SIGMAS * error) ** 2, 0.0))
 
 
 def _times(parts: Sequence[Recording], record_s: float) -> dict[str, float]:

@@ -77,9 +77,8 @@ def fit_sdof(
     if fitted is None or simpler is None:
         raise ValueError(none)
     values, errors, freedom, terms, line = fitted
-    if (
-        f.size < MIN_PATTERN_LINES
-    ):  # neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance
+    # Neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance.
+    if f.size < MIN_PATTERN_LINES:
         errors = errors * np.sqrt(1 + 2 * correlation)
     errors = np.hypot(errors, values - simpler[0])
     natural = float(values[0]) * peak

@@ -78,7 +78,7 @@ class Nonidealities:
         return nominal_kg * (1 + self.weight_error * by)
 
 
-MOUNTED_PARTS = ("mass", "plate", "laser")
+SCATTERED_PARTS = ("mass", "plate", "laser")
 """Parts whose mountings differ; of each the numbers of a mounting are the same in every session."""
 
 
@@ -102,7 +102,7 @@ class MountingScatter:
     def difference(self, part: str, number: int, seed: int) -> float:
         """Return the difference of the mounting `number` of a part, from 1; none before the first."""
         size = {"mass": self.mass_kg, "plate": self.plate_share, "laser": self.laser_share}[part]
-        return size * _drawn(MOUNTED_PARTS.index(part), number, seed) if size and number else 0.0
+        return size * _drawn(SCATTERED_PARTS.index(part), number, seed) if size and number else 0.0
 
 
 @lru_cache(maxsize=64)

@@ -50,10 +50,8 @@ class ArchiveCommand:
         with terminal_progress("archive") as progress, TemporaryDirectory() as scratch:
             catalogue.scan()
             runs = [run for run in catalogue.entries() if run.specimen == self.specimen]
-            beside = (
-                path(self.folder, self.specimen)
-                for path in (sheet_path, mountings_path, calibrations_path, campaign_path)
-            )
+            paths = sheet_path, mountings_path, calibrations_path, campaign_path
+            beside = (path(self.folder, self.specimen) for path in paths)
             documents = [path for path in beside if path.is_file()]
             if runs and not self.no_report:
                 documents += _write_report(self.folder, self.specimen, Path(scratch), progress.part(RUNS_SHARE, 1.0))

@@ -69,10 +69,9 @@ def sheet_result(sheet: SpecimenSheet) -> CommandResult:
     )
     texts = {name: getattr(sheet, name) for name in TEXT_FIELDS}
     notes = [f"{name}: {text}" for name, text in {**texts, **sheet.descriptions}.items() if text]
-    if mounted := ", ".join(
-        f"{p} {format_size(s, None, MOUNTING_EFFECTS[p].unit)}" for p, s in sheet.mountings.items()
-    ):
-        notes.append(f"standard deviation between mountings: {mounted}")
+    sizes = [f"{p} {format_size(s, None, MOUNTING_EFFECTS[p].unit)}" for p, s in sheet.mountings.items()]
+    if sizes:
+        notes.append(f"standard deviation between mountings: {', '.join(sizes)}")
     extra = {
         **texts,
         "mountings": dict(sheet.mountings),

@@ -41,7 +41,7 @@ class Chart(QWidget):
     log_changed = Signal(bool)
     """Whether the vertical axis is logarithmic."""
     _scale: float | None = None
-    """Text size of what is drawn; None before."""
+    """Text scale at which the plot was last drawn; None before the first time."""
 
     def __init__(self, name: str, *, headed: bool = True, zooms: bool = True, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -383,7 +383,7 @@ class DrawnPanel:
         label = self._add(Label(self.box))
         size = label.show_text(layer.label, layer.tone if layer.width >= MODEL_WIDTH or layer.tone != "ink" else "text")
         wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
-        # A label of points is told from other points, and that of a line from other lines: a model's line runs through its points.
+        # Points are compared with points and lines with lines, because a model's line runs through its points.
         alike = [e for e in self._layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]
         own, others = self._obstacles([layer]), self._obstacles(alike)
         self._place(label, placer, nearest_to(own, others, wishes, size))

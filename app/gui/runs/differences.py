@@ -1,4 +1,4 @@
-"""What differs between selected runs: settings, conditions, instruments and results; what is equal is folded."""
+"""Differences between selected runs in settings, conditions, instruments and results; rows with equal values are folded."""
 
 from collections.abc import Sequence
 

@@ -81,7 +81,7 @@ class Thumbnails(QObject):
 
 
 def _read_sketch(path: Path) -> Sketch:
-    """Return the points of a run in a unit square; empty of a file that cannot be read: the list tells that."""
+    """Return the points of a run in a unit square; empty if the file cannot be read, which the list reports."""
     try:
         series = read_sketch(path)
     except Exception:  # noqa: BLE001 - a run without a thumbnail is listed all the same

@@ -172,5 +172,5 @@ def _acts_on(part: str, run: Observation) -> bool:
 
 
 def unrecorded_parts(observations: ObservationSet) -> Iterable[str]:
-    """Return the parts that act on these runs and of which no run states a mounting."""
+    """Return the parts that affect these runs and whose mounting no run records."""
     return [part for part in MOUNTING_EFFECTS if list(mountings_of(observations, part)) == [""]]
