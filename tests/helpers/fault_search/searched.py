@@ -310,7 +310,6 @@ class Played:
         with scpi_faults(self.hazards), watched_links(self.watching):
             person = Person(self.world.bench, trial.operator, trial.seed % 5)
             session = self._session(person)
-            self.hazards.session = session
             watch = self._run(session, made, self.folder, person)
             self.hazards.active = False
             late_s = self.world.now_s - self.hazards.stopped_s
@@ -338,6 +337,9 @@ class Played:
         session = Session(
             partial(opened, self.world, self.trial, person), [self.watching, self.hazards], person, ends_at_stop=False
         )
+        # Hazards of the opening find both, whichever thread is faster.
+        self.hazards.session = session
+        self.watching.watch = Watch(self.world, BLOCK_S)
         session.start()
         return session
 
