@@ -61,6 +61,7 @@ from .specimen import variable_specs as variable_specs
 from .value_text import COVERAGE_FACTOR_95 as COVERAGE_FACTOR_95
 from .value_text import format_estimate as format_estimate
 from .value_text import format_quantity as format_quantity
+from .value_text import format_time as format_time
 from .value_text import format_uncertainty as format_uncertainty
 from .value_text import format_value as format_value
 from .value_text import format_with_uncertainty as format_with_uncertainty

@@ -1,4 +1,4 @@
-"""Text of a value with its standard uncertainty, rounded to two digits of the uncertainty: the only place that writes `±`."""
+"""Text of values with their standard uncertainty, rounded to two digits of it: the only place that writes `±`; text of times."""
 
 import math
 
@@ -45,3 +45,8 @@ def format_value(estimate: EstimatedQuantity) -> str:
 def format_estimate(estimate: EstimatedQuantity) -> str:
     """Format name, value and standard error: `natural frequency 158.350 ± 0.010 Hz`."""
     return f"{quantity_label(estimate.name)} {format_value(estimate)}"
+
+
+def format_time(utc: str, seconds: bool = False) -> str:
+    """Format a stored time (ISO 8601, UTC) to the minute or second: `2026-11-28 03:18`."""
+    return utc[: 19 if seconds else 16].replace("T", " ")

@@ -10,7 +10,7 @@ from app.archive.figures import figures_and_fault
 from app.archive.run_summary import instruments_text
 from app.archive.second_person import describe_check
 from app.common import format_bytes, format_duration, format_outcome, format_point
-from model import format_quantity, format_value, quantity_label
+from model import format_quantity, format_time, format_value, quantity_label
 from protocols import PROTOCOLS, aspects_of, measured_points
 from protocols.base import InjectedFaultChanged, Outcome, RunConditions, RunStatus, to_jsonable
 from protocols.runfile import NotesError, Run, RunReadError, RunRecord, notes_path, read_notes
@@ -112,7 +112,7 @@ def _people_lines(run: Run) -> Iterator[str]:
     if air := conditions.air_text or conditions.origin:
         yield f"air {air}"
     if run.mountings:
-        yield ", ".join(f"{each.part} mounted {each.time[:16].replace('T', ' ')}" for each in run.mountings)
+        yield ", ".join(f"{each.part} mounted {format_time(each.time)}" for each in run.mountings)
     with suppress(NotesError):
         yield from (describe_check(run.path, check) for check in read_notes(notes_path(run.path)).checks)
     if record.configuration.get("identities"):

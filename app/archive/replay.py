@@ -13,7 +13,7 @@ import numpy as np
 
 from app.common import ResultSummary, Severity, format_point, minmax_decimate, minmax_pairs, summarize_result
 from app.session import LogLine, describe_event
-from model import Array, current_column
+from model import Array, current_column, format_time
 from protocols import PROTOCOLS, measured_points
 from protocols.base import (
     EVENTS,
@@ -169,7 +169,7 @@ def read_measured_response(path: Path) -> MeasuredResponse:
             size = size * np.exp(1j * phase)
         return MeasuredResponse(
             path=path,
-            label=f"{run.record.specimen} {run.record.start_time[:16].replace('T', ' ')}",
+            label=f"{run.record.specimen} {format_time(run.record.start_time)}",
             simulated=run.record.simulated,
             peak_to_peak_v=2 * float(np.median(columns["drive_amplitude"])),
             peak_to_peak=Series(f, whole, columns["peak_to_peak_errors"], usable=usable),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from app.archive.notes import write_notes
 from app.common import UsageError
+from model import format_time
 from protocols.base import RunStatus, file_hash
 from protocols.runfile import Run, RunCheck, translate_read_errors
 
@@ -33,4 +34,4 @@ def describe_check(path: Path, check: RunCheck) -> str:
     """Return a check as text, with a note if the file has changed since."""
     changed = "" if file_hash(path) == check.sha256 else "; the file has changed since"
     remark = f": {check.remark}" if check.remark else ""
-    return f"checked by {check.name} on {check.time[:16].replace('T', ' ')} UTC{remark}{changed}"
+    return f"checked by {check.name} on {format_time(check.time)} UTC{remark}{changed}"

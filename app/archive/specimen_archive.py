@@ -17,6 +17,7 @@ from app.archive.backup import COPY_CHUNK_BYTES, CopyResult, copy_stream
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
 from drivers.watchdog import version
+from model import format_time
 from protocols.base import file_hash, open_regular, replacing, visible_text
 from protocols.runfile import notes_path, safe_name
 
@@ -275,7 +276,7 @@ def _describe_run(run: RunSummary, values: list[dict[str, Any]]) -> dict[str, An
         )
     keywords = [*(tag for tag in run.tags.split(",") if tag), run.protocol, *(["SIMULATED"] if run.simulated else [])]
     return {
-        "name": f"{mark}{run.protocol} of {run.specimen}, {run.start_time[:16].replace('T', ' ')}",
+        "name": f"{mark}{run.protocol} of {run.specimen}, {format_time(run.start_time)}",
         "dateCreated": run.start_time,
         "description": f"{run.verdict_text}{f': {run.verdict_reasons}' if run.verdict_reasons else ''}",
         "text": run.note or run.estimates_text,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from app.common import Column, Table, pluralize
 from app.identification.specimen_identification import IdentificationResult
+from model import format_time
 from model.identification import (
     MOUNTING_EFFECTS,
     MountingRepeatability,
@@ -45,7 +46,7 @@ def mounting_tables(identification: IdentificationResult) -> Iterator[Table]:
         "Mountings, and the difference of each from the last one, to which the parameters refer",
         (
             Column("part", "", [each.part for each in every]),
-            Column("time", "", [each.time[:19].replace("T", " ") or UNKNOWN_TIME for each in every], "mounted (UTC)"),
+            Column("time", "", [format_time(each.time, seconds=True) or UNKNOWN_TIME for each in every], "mounted (UTC)"),
             Column("runs", "", [pluralize(len(each.runs), "curve") for each in every], "seen by"),
             Column("difference", "", [format_size(e.value, e.standard_error, u) if e.standard_error else "" for e, u in zip(every, units, strict=True)]),
             Column("labels", "", [", ".join(each.runs) for each in every], displayed=False),

@@ -18,7 +18,7 @@ from app.plotting.panels import (
     new_figure,
     threshold_line,
 )
-from model import Array, Specimen, format_estimate, shown_unit
+from model import Array, Specimen, format_estimate, format_time, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold, fourier_series, frequency_response
 from protocols import aspects_of
 from protocols.base import Figure, ModelState
@@ -54,7 +54,9 @@ def run_figure(
     for axes, (draw, _) in zip(every, panels, strict=True):
         draw(axes, run, specimen)
     figure.suptitle(
-        f"{run.record.title}   {run.record.start_time[:19]} UTC   {run.record.state}", fontsize=11, parse_math=False
+        f"{run.record.title}   {format_time(run.record.start_time, seconds=True)} UTC   {run.record.state}",
+        fontsize=11,
+        parse_math=False,
     )
     if run.record.simulated:
         mark_simulated(figure)

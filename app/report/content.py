@@ -19,6 +19,7 @@ from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
 from drivers.watchdog import version
+from model import format_time
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies import PaperFigure, skin_figures
@@ -125,7 +126,7 @@ def _read_specimen_runs(folder: Path, specimen: str, progress: Progress) -> tupl
 
 
 def _subtitle(runs: tuple[ReportRun, ...]) -> str:
-    days = sorted(run.summary.start_time[:16].replace("T", " ") for run in runs if run.summary.start_time)
+    days = sorted(format_time(run.summary.start_time) for run in runs if run.summary.start_time)
     when = f", {days[0]} to {days[-1]} UTC" if len(set(days)) > 1 else f", {days[0]} UTC" if days else ""
     return f"{pluralize(len(runs), 'run')}{when}"
 
@@ -256,5 +257,5 @@ def audit_blocks(folder: Path) -> Iterator[Block]:
     with suppress(AuditError):
         entries, _ = read_entries(folder)
     if entries:
-        text = f"Audit trail: {len(entries)} entries, the last of {entries[-1].time[:19]} UTC with the hash {entries[-1].hash}. "
+        text = f"Audit trail: {len(entries)} entries, the last of {format_time(entries[-1].time, seconds=True)} UTC with the hash {entries[-1].hash}. "
         yield Paragraph(f"{text}'tactor-bench audit verify --head' with this hash detects any change before it.")

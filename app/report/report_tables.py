@@ -38,7 +38,7 @@ from app.report.rounding import (
 )
 from app.report.runs import InstrumentRecord, ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_description
-from model import QUANTITIES, Membrane, Tactor, quantity_label, shown_unit
+from model import QUANTITIES, Membrane, Tactor, format_time, quantity_label, shown_unit
 from model.identification import SPECIMEN_PARAMETERS
 from protocols import aspects_of
 from protocols.base import Outcome
@@ -392,7 +392,7 @@ def quality_table(runs: Sequence[ReportRun]) -> Table:
         (
             run.name,
             run.summary.protocol,
-            run.summary.start_time[:16].replace("T", " "),
+            format_time(run.summary.start_time),
             run.summary.verdict_text,
             ", ".join(["simulated"] * run.summary.simulated + ["imported"] * run.imported),
             str(run.summary.points),

@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 from app.common import Severity, format_duration, format_point, format_series, outcome_severity, pluralize
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
-from model import format_estimate, format_quantity
+from model import format_estimate, format_quantity, format_time
 from protocols import PROTOCOLS
 from protocols.base import (
     MOUNTED_PARTS,
@@ -120,7 +120,7 @@ def _describe_run_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case PromptAnswered(_, choice):
             return Severity.INFO, f"Answered: {choice}"
         case SpecimenMounted(part, time):
-            return Severity.INFO, f"Recorded: {MOUNTED_PARTS[part]}, {time[:16].replace('T', ' ')} UTC"
+            return Severity.INFO, f"Recorded: {MOUNTED_PARTS[part]}, {format_time(time)} UTC"
         case RunEnded():
             return _describe_outcome(event)
     return None

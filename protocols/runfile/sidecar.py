@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import Deadline
+from model import format_time
 from protocols.base import (
     Verdict,
     file_hash,
@@ -203,7 +204,7 @@ def with_later_verdict(record: RunRecord, run: Path, notes: Notes) -> RunRecord:
     if file_hash(run) == later.sha256:
         return replace(record, verdict=later.verdict)
     caution = (
-        f"the file has changed since {later.time[:16].replace('T', ' ')} UTC: the verdict '{later.verdict.outcome}', "
+        f"the file has changed since {format_time(later.time)} UTC: the verdict '{later.verdict.outcome}', "
         f"which was then stored in {notes_path(run).name}, is not used; judge it again"
     )
     return replace(record, caution=caution)

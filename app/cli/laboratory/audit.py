@@ -8,6 +8,7 @@ from app.cli.options import JSON_OBJECT, CommandGroup, argument, command, option
 from app.cli.output import print_answer
 from app.cli.runs import check_folder
 from app.common import AuditEntry, AuditError, ExitCode, read_entries, terminal_progress, usage_errors
+from model import format_time
 from protocols.base import visible_text
 
 SHOWN_LINES = 40
@@ -81,7 +82,7 @@ class ShowAuditCommand(_AuditOptions):
 
 def _line(entry: AuditEntry) -> str:
     details = ", ".join(f"{name} {value}" for name, value in entry.details.items() if value not in ("", [], None))
-    return f"{entry.number:5} {entry.time[:19]}  {entry.by}: {entry.action} {entry.subject}{f' ({details})' if details else ''}  {entry.hash[:12]}"
+    return f"{entry.number:5} {format_time(entry.time, seconds=True)}  {entry.by}: {entry.action} {entry.subject}{f' ({details})' if details else ''}  {entry.hash[:12]}"
 
 
 @command("runs")

@@ -6,6 +6,7 @@ from app.archive import mount_part
 from app.cli.options import FOLDER, JSON_OBJECT, argument, command, option, specimen_argument
 from app.cli.output import CommandResult, render
 from app.common import Column, Table, UsageError, check_operator, print_message, usage_errors
+from model import format_time
 from protocols.base import MOUNTED_PARTS
 from protocols.runfile import NotesError, read_mountings
 
@@ -36,7 +37,7 @@ class MountingCommand:
             (
                 Column("part", "", [each.part for each in every]),
                 Column("event", "", [MOUNTED_PARTS[each.part] for each in every]),
-                Column("shown_time", "", [each.time[:19].replace("T", " ") for each in every], "time (UTC)"),
+                Column("shown_time", "", [format_time(each.time, seconds=True) for each in every], "time (UTC)"),
                 Column("who", "", [each.who for each in every], "by"),
                 Column("time", "", [each.time for each in every], displayed=False),
             ),

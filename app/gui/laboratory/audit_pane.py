@@ -20,6 +20,7 @@ from app.gui.widgets import (
     make_line_edit,
     set_style_kind,
 )
+from model import format_time
 
 SHOWN_PROBLEMS, SHOWN_FILES = 12, 3
 COLUMNS = ("no.", "time", "who", "action", "subject", "hash", "details")
@@ -147,8 +148,15 @@ class AuditPane(QWidget):
 
 
 def _cells(entry: AuditEntry) -> tuple[int | str, ...]:
-    time = entry.time[:16].replace("T", " ")
-    return entry.number, time, entry.by, entry.action, entry.subject, entry.hash[:12], _details(entry)
+    return (
+        entry.number,
+        format_time(entry.time),
+        entry.by,
+        entry.action,
+        entry.subject,
+        entry.hash[:12],
+        _details(entry),
+    )
 
 
 def _details(entry: AuditEntry) -> str:
