@@ -35,16 +35,17 @@ TRUTH = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
 FREQUENCIES = (25.0, 75.0, 125.0, 150.0, 160.0, 175.0, 200.0, 250.0)
 
 
-def measured() -> list[SinePoint]:
-    """Points as the true tactor gives them, each with an error of a thousandth."""
+def measured(noise: float = 0.0) -> list[SinePoint]:
+    """Points as the true tactor gives them, each with a stated error of a thousandth, and relative noise of its sizes."""
     driven = amplifier_response(TRUTH, np.array(FREQUENCIES))
+    scatter = 1.0 + noise * np.random.default_rng(3).standard_normal(len(FREQUENCIES))
     flags = int(Quality.GOOD | Quality.SIMULATED)
     return [
         SinePoint(
             f, top, 1e-3 * top, abs(w), 1e-3 * abs(w), float(np.angle(w)), 1e-3, 0.1, (abs(w),), 2.5, 2.5, 0, 0, 5e-7,
             80, flags,
         )
-        for f, top, w in zip(FREQUENCIES, driven.peak_to_peak, driven.fundamental, strict=True)
+        for f, top, w in zip(FREQUENCIES, scatter * driven.peak_to_peak, scatter * driven.fundamental, strict=True)
     ]  # fmt: skip
 
 
@@ -128,12 +129,13 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     panel = stage.window.measure_page.run_panel
     card = panel.result_card
     assert not find(panel, "measure.rehearsal").isVisible()
-    for at, point in enumerate(measured()):
+    points = measured(noise=1e-3)  # without it, their fit has an error of no size, and its value as many digits
+    for at, point in enumerate(points):
         stage.happen(PointMeasured(at, point, at))
     until(lambda: card._update.points == 8 and card._update.results, "for the fit")
     assert card.isVisible()
     assert find(card, "result.verdict").text() == "● Preliminary"
-    natural, *_ = SineDwell().estimates(measured())
+    natural, *_ = SineDwell().estimates(points)
     assert find(card, "result.name").text() == quantity_label(natural.name).capitalize(), "as of the finished run"
     assert float(find(card, "result.figure").text()) == pytest.approx(natural.value, rel=1e-4)
     (mass,) = (value for name, value in card._rows if name == quantity_label("m_add"))
