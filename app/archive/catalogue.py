@@ -4,7 +4,6 @@ The index is in the user's cache directory, not in the folder of the runs: a fol
 where SQLite locking is unreliable. Tags and notes are in a small file next to each run, see `protocols.runfile.sidecar`.
 """
 
-import errno
 import hashlib
 import marshal
 import os
@@ -141,7 +140,8 @@ class Catalogue:
                 for path, state, *seen in db.execute(f"SELECT {', '.join(STAMP_COLUMNS)} FROM runs")  # noqa: S608
             }
             gone = indexed.keys() - walk.runs.keys()
-            db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path in gone])
+            read: dict[str, RunSummary | None] = dict.fromkeys(gone)
+            _store(db, read)
             due = []
             for path, stat in walk.runs.items():
                 notes = walk.notes_path_of(path)
@@ -153,18 +153,17 @@ class Catalogue:
             due.sort(key=lambda item: item[0].rpartition("/")[2], reverse=True)
             for done, (path, notes, seen) in enumerate(due, 1):
                 if progress.cancelled:
+                    _store(db, read)
                     return ScanResult(added, changed, len(gone), tuple(walk.skipped), complete=False)
-                entry = self._read(path, notes, seen, left)
-                if entry is None:
-                    db.execute("DELETE FROM runs WHERE path = ?", (path,))
-                else:
-                    _upsert(db, [entry])
+                read[path] = entry = self._read(path, notes, seen, left)
+                if entry is not None:
                     added += path not in indexed
                     changed += path in indexed and indexed[path] != (seen, entry.state)
                 text = f"reading {done} of {len(due)}" if len(due) > SHORT_SCAN_FILES else ""
                 progress.update(done / len(due), text)
                 if done % FILES_PER_COMMIT == 0:
-                    db.commit()
+                    _store(db, read)
+            _store(db, read)
         return ScanResult(added, changed, len(gone), tuple(walk.skipped))
 
     def has_changed_folder(self) -> bool:
@@ -198,9 +197,7 @@ class Catalogue:
         except sqlite3.Error as error:
             if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError):
                 self._remove()
-            raise OSError(
-                errno.EIO, f"this index of runs, a cache, cannot be used ({error}); try again", str(self.index)
-            ) from error
+            raise OSError(f"the index of the runs cannot be used: {error}; try again ({self.index})") from error
 
     def _open(self) -> sqlite3.Connection:
         self.index.parent.mkdir(parents=True, exist_ok=True)
@@ -260,6 +257,14 @@ def _own_temporary_folder() -> Path:
     place.mkdir(mode=0o700, exist_ok=True)
     stat = place.lstat()
     return place if stat.st_uid == os.getuid() and not stat.st_mode & 0o022 else Path(tempfile.mkdtemp())
+
+
+def _store(db: sqlite3.Connection, read: dict[str, RunSummary | None]) -> None:
+    """Write the entries that were read, and remove the paths without one; no file is read while others wait for the lock."""
+    db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path, entry in read.items() if entry is None])
+    _upsert(db, [entry for entry in read.values() if entry is not None])
+    db.commit()
+    read.clear()
 
 
 def _upsert(db: sqlite3.Connection, entries: Sequence[RunSummary]) -> None:

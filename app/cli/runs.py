@@ -65,9 +65,7 @@ def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) 
             print_message(sentence)
         yield catalogue
     except OSError as error:
-        raise UsageError(
-            f"the index {catalogue.index} cannot be used: {error}; free space there or remove the file"
-        ) from None
+        raise UsageError(f"{error}; free space there or remove the file") from None
 
 
 @command("example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'")

@@ -7,9 +7,11 @@ import math
 import os
 import re
 import shutil
+import sqlite3
 import subprocess
 import sys
 import tempfile
+from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
@@ -117,6 +119,29 @@ def test_each_verdict_is_listed_found_and_printed(
 def test_what_has_not_changed_is_not_read_again(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.archive.catalogue.read_run_summary", lambda *_: pytest.fail("it was read"))
     assert catalogue.scan() == ScanResult()
+
+
+def test_another_program_writes_the_index_while_a_scan_reads(catalogue: Catalogue, folder: Path) -> None:
+    entries = catalogue.entries()
+    for path in folder.glob("*.h5"):
+        os.utime(path, ns=(0, 0))
+    (folder / "gone.h5").touch()
+    catalogue.scan()
+    (folder / "gone.h5").unlink()
+    writer, read = sqlite3.connect(catalogue.index, timeout=0.0), []
+
+    def written(path: Path, *rest: object) -> RunSummary | None:
+        writer.execute("UPDATE runs SET summary = summary")
+        writer.commit()
+        read.append(path)
+        return read_run_summary(path, *rest)  # type: ignore[arg-type]
+
+    for path in folder.glob("*.h5"):
+        os.utime(path)
+    with mock.patch("app.archive.catalogue.read_run_summary", written), closing(writer):
+        catalogue.scan()
+    assert len(read) == 2
+    assert {each.path for each in catalogue.entries()} == {each.path for each in entries}
 
 
 def test_files_added_moved_and_deleted_outside_are_noticed(catalogue: Catalogue, folder: Path) -> None:

@@ -97,7 +97,7 @@ def read_records(
     except FleetError as error:
         problem = f"No specimens: {error}"
     except OSError as error:
-        problem = f"The index of {folder} cannot be used: {error}"
+        problem = str(error)
     if (path := folder / LIMITS_FILE_NAME).exists():
         try:
             limits = read_limits(path)
