@@ -36,7 +36,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "drivers/bench/drive_limits.py": "tests/drivers/test_amplifier_commands.py tests/drivers/test_amplifier.py tests/drivers/test_bench.py",
         "drivers/bench/bench.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
         "drivers/bench/armed_bench.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
-        "drivers/bench/shutdown.py": "tests/drivers/test_rest.py tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
+        "drivers/bench/rest.py": "tests/drivers/test_rest.py tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
         "drivers/watchdog/process.py": "tests/safety/test_watchdog_loop.py tests/safety/test_watchdog_process.py",
         "drivers/watchdog/client.py": "tests/safety/test_watchdog_client.py tests/safety/test_watchdog_process.py",
         "drivers/drive_shapes.py": "tests/drivers/test_waveforms.py tests/drivers/test_drive_shapes.py",

@@ -17,9 +17,8 @@ from app.archive import AfterRun
 from app.common import RecentErrors, to_number
 from app.config import BenchConfig, ConfigError
 from app.gui.face import install_fonts
-from app.gui.shell import BENCH, MainWindow
+from app.gui.shell import BENCH, MainWindow, collect_garbage_here
 from app.gui.shell import InitialForm as InitialForm
-from app.gui.widgets import collect_garbage_here
 from app.live import Connect, MakeSession, SessionAdapter
 from app.session import UNSAFE_EXIT, Session, SimulationSettings
 

@@ -10,7 +10,7 @@ from typing import Protocol
 from drivers.bench.card_reading import WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
-from drivers.bench.shutdown import RestMeasurement
+from drivers.bench.rest import RestMeasurement
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.drive_shapes import Drive
 from drivers.errors import AcquisitionError, BenchError, ScansLostError

@@ -17,7 +17,7 @@ from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.card_reading import CardReading, WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
-from drivers.bench.shutdown import REST_TIMEOUT_S, REST_TOLERANCE_V, LiveWarning, SafeShutdown, live_warning
+from drivers.bench.rest import REST_TIMEOUT_S, REST_TOLERANCE_V, LiveWarning, SafeShutdown, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.errors import (

@@ -18,8 +18,8 @@ from drivers.bench import HEARTBEAT_PERIOD_S
 from drivers.deadlines import Deadline
 from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError
-from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.hang_detection import ProcessActivity
 from drivers.watchdog.origin import describe_copy
 from drivers.watchdog.subprocesses import python_command, python_environment, terminate
 

@@ -25,8 +25,8 @@ from drivers.drive_shapes import LevelPulse
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
 from drivers.transport import lock_as_watchdog
-from drivers.watchdog.activity import ProcessActivity, raise_own_priority
 from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.hang_detection import ProcessActivity, raise_own_priority
 from drivers.watchdog.log import append_line
 from drivers.watchdog.origin import describe_copy
 

@@ -15,7 +15,7 @@ from app.session.bench_connection import BenchConnection
 from drivers.bench.armed_bench import ArmedBench, longest_unmoved_s
 from drivers.bench.bench import Bench
 from drivers.bench.card_reading import CardReading
-from drivers.bench.shutdown import LiveWarning, live_warning
+from drivers.bench.rest import LiveWarning, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive_shapes import Hold, Sine
 from drivers.errors import (

@@ -11,7 +11,7 @@ from nidaqmx.constants import ChannelType
 from nidaqmx.errors import DaqError, RpcError
 from nidaqmx.task import InStream
 
-from drivers.bench.shutdown import drive_voltage, verify_rest
+from drivers.bench.rest import drive_voltage, verify_rest
 from drivers.clock import Clock
 from drivers.errors import AcquisitionError, ScansLostError
 from drivers.nidaq.analog_input import BUFFER_S, NiDigitizer

@@ -9,7 +9,7 @@ import pytest
 from app.config.bench_file import BenchConfig
 from app.session.instruments import source_options
 from drivers.bench.drive_limits import HvAmplifier
-from drivers.bench.shutdown import drive_voltage
+from drivers.bench.rest import drive_voltage
 from drivers.drive_shapes import LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer

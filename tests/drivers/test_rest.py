@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from drivers.bench.shutdown import (
+from drivers.bench.rest import (
     MAX_NOISE_RATIO,
     NOISE_MARGIN_V,
     REST_DURATION_S,

@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 import psutil
 
-from drivers.bench.shutdown import REST_TOLERANCE_V
+from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.watchdog.log import LOG_NAME
 from sim_hardware.bench import SimulatedBench

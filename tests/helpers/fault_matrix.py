@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 
 from app.config.bench_file import BenchConfig
 from app.session.bench_connection import connect
-from drivers.bench.shutdown import REST_TOLERANCE_V
+from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.errors import BenchError
 from protocols.base import (

@@ -14,9 +14,10 @@ from PySide6.QtWidgets import QApplication, QLabel, QMainWindow, QWidget
 
 from app.config.bench_file import BenchConfig
 from app.gui.campaign import CampaignController
+from app.gui.shell import collect_garbage_here
 from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.status.bench_strip import LOOKS, look_of
-from app.gui.widgets import Told, collect_garbage_here
+from app.gui.widgets import Told
 from app.live.session_link import SessionAdapter
 from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect

@@ -157,7 +157,7 @@ def test_a_way_to_rest_that_is_interrupted_is_unsafe(tmp_path: Path, monkeypatch
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("drivers.bench.shutdown.SafeShutdown.run", interrupted)
+    monkeypatch.setattr("drivers.bench.rest.SafeShutdown.run", interrupted)
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab, safe=False)
     assert ran.status == RunStatus.UNSAFE

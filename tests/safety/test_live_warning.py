@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench.shutdown import SWITCH_OFF_NOW
+from drivers.bench.rest import SWITCH_OFF_NOW
 from protocols.base import DriveStarted, Event, EventBus, RestMeasured, RunStatus, SpecimenMayBeLive
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest

@@ -12,7 +12,7 @@ import pytest
 from nidaqmx.constants import AcquisitionType
 
 from app.common.exit_codes import ExitCode
-from drivers.bench.shutdown import SWITCH_OFF_NOW
+from drivers.bench.rest import SWITCH_OFF_NOW
 from drivers.clock import WallClock
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.generators.keysight import Keysight33500

@@ -18,9 +18,9 @@ import pytest
 from drivers.deadlines import Deadline
 from drivers.errors import BenchError
 from drivers.watchdog import client as module
-from drivers.watchdog.activity import Silence
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.hang_detection import Silence
 from drivers.watchdog.origin import describe_copy
 from drivers.watchdog.subprocesses import python_command, python_environment
 from tests.safety.test_watchdog_loop import LONG_S

@@ -17,8 +17,8 @@ from drivers.bench.drive_limits import DriveLimits
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 from drivers.watchdog import process
-from drivers.watchdog.activity import Silence
 from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.hang_detection import Silence
 from drivers.watchdog.log import LOG_NAME
 from drivers.watchdog.origin import describe_copy
 from tests.helpers.waiting import wait_until

@@ -14,9 +14,9 @@ import pytest
 
 from drivers.errors import BenchError
 from drivers.watchdog import activity
-from drivers.watchdog.activity import BUSY_EXTRA_S, OWN_PAUSE_S, STARVED_EXTRA_S, ProcessActivity, Silence
 from drivers.watchdog.client import WATCHDOG_SILENCE_S, WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.hang_detection import BUSY_EXTRA_S, OWN_PAUSE_S, STARVED_EXTRA_S, ProcessActivity, Silence
 from drivers.watchdog.log import LOG_NAME, append_line
 from drivers.watchdog.origin import describe_copy
 

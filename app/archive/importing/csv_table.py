@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from app.archive.importing.import_table import UNIT_SUFFIXES, ImportTable, TableColumn, split_heading
-from app.archive.importing.numeric_text import numeric_columns
+from app.archive.importing.plain_numbers import numeric_columns
 from app.common import NO_PROGRESS, Progress, truncate_text
 from protocols.base import TableImportError
 

@@ -1,6 +1,5 @@
 from .actions import ACTIONS as ACTIONS
 from .actions import ActionInfo as ActionInfo
-from .actions import KeyBurstFilter as KeyBurstFilter
 from .actions import actions_of as actions_of
 from .actions import add_action as add_action
 from .actions import add_actions as add_actions
@@ -9,6 +8,7 @@ from .actions import shortcuts_by_group as shortcuts_by_group
 from .actions import tooltip as tooltip
 from .actions import update_actions as update_actions
 from .background import BackgroundWorker as BackgroundWorker
+from .barcode_scanner import KeyBurstFilter as KeyBurstFilter
 from .dropped_files import RUN_SUFFIXES as RUN_SUFFIXES
 from .dropped_files import TABLE_SUFFIXES as TABLE_SUFFIXES
 from .dropped_files import FileDrops as FileDrops
@@ -17,7 +17,6 @@ from .file_dialog import choose_files as choose_files
 from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow
 from .form import ProtocolForm as ProtocolForm
-from .garbage_collection import collect_garbage_here as collect_garbage_here
 from .icon_view import IconView as IconView
 from .icon_view import over as over
 from .key_caps import show_key as show_key

@@ -8,7 +8,7 @@ import threading
 
 from PySide6.QtCore import QCoreApplication
 
-from app.gui.widgets import collect_garbage_here
+from app.gui.shell import collect_garbage_here
 from app.live.session_link import PromptMailbox
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from tests.helpers.main_window import until

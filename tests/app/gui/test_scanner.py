@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QListWidget
 
 from app.gui.shell.page_host import RUNS
-from app.gui.widgets.actions import BURST_GAP_MS, HOLD_MS, KeyBurstFilter
+from app.gui.widgets.barcode_scanner import BURST_GAP_MS, HOLD_MS, KeyBurstFilter
 from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptShown
 from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import LIVE, OPENED

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.bench.shutdown import REST_TOLERANCE_V
+from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.drive_shapes import Hold
 from protocols.base import (
     BenchArmed,

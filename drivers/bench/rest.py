@@ -1,4 +1,4 @@
-"""Safe shutdown of a live bench: brings the source to rest, and the criteria by which the card confirms that it is there."""
+"""Rest of a live bench: the way of the source to rest, and the criteria by which the card confirms that it is there."""
 
 import contextlib
 import math
