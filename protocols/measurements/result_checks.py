@@ -200,7 +200,7 @@ def membrane_absent_check(ratios: Sequence[float], calibrated: bool, source: str
         if calibrated
         else "; if the specimen is of another design, identify it and accept the calibration (tactor-bench identify --accept)"
     )
-    name = f"response around the resonance / that of the free tactor by {source}"
+    name = f"response around the resonance / response of the free tactor by {source}"
     return (CheckResult(name, float(np.median(ratios)), "1", low, high, remedy),)
 
 

@@ -14,7 +14,7 @@ from protocols.runfile import NotesError, read_mountings
 @command("example: tactor-bench mounting T7 plate --by 'K. Tanaka'")
 class MountingCommand:
     """Record that a part of a specimen's set-up was mounted anew: mass (glued), plate (clamped), membrane (put on) or laser
-    (moved). The runs after it are those of a new mounting, and a fit allows for its difference from the others. Without a
+    (moved). The runs after it belong to a new mounting, and a fit allows for its difference from the others. Without a
     part all mountings are listed; campaigns record those that they ask for.
     """
 
