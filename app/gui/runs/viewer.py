@@ -1,10 +1,12 @@
 """Viewer of a finished run: response with model curve, traces, log and result card."""
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.archive import LoadedRun, run_settings
 from app.common import format_duration, format_outcome
+from app.gui.face import class_of, px
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
 from app.gui.runs.trace_plot import TracePlot
@@ -44,7 +46,7 @@ class RunViewer(QWidget):
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
-        area = make_scroll_area(
+        self._card_area = make_scroll_area(
             self.card,
             self.facts_label,
             STRETCH,
@@ -52,11 +54,14 @@ class RunViewer(QWidget):
             spacing=6,
             accessibleName="result of the run",
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-            minimumWidth=CARD_WIDTH,
         )
-        columns = make_splitter("runs/run", (rows, 1), (area, 0), sizes=[900, CARD_WIDTH])
+        columns = make_splitter("runs/run", (rows, 1), (self._card_area, 0), sizes=[900, CARD_WIDTH])
         head = row(self.back_button, (self.heading, 1), self.explore_button)
         column(head, (columns, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._card_area.setMinimumWidth(px(max(CARD_WIDTH, class_of(self).result)))
 
     def show_run(self, run: LoadedRun) -> None:
         """Show a run; its model curve follows."""

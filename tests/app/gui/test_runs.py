@@ -144,6 +144,11 @@ def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path
     choose(page, "T7")
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for the run")
+    for width in (900, 1600):
+        stage.window.resize(width, 900)
+        until(lambda width=width: stage.window.width() == width, "for the size")
+        QApplication.processEvents()
+    assert page.viewer.card.width() > 400 - 24, "the design's width of a result"
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE)
