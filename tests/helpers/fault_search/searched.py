@@ -249,8 +249,10 @@ def watched_links(watch: "Watching") -> Iterator[None]:
             raise
 
     def raised(link: Any, reason: str) -> None:
-        watch.failed()
-        timeout(link, reason)
+        try:
+            timeout(link, reason)
+        finally:
+            watch.failed()  # until the reply is overdue the program sees no failure
 
     def answered(link: Any) -> str:
         text = read(link)
