@@ -73,7 +73,7 @@ class ArmedBench:
     monitor: BlockMonitor | None = None
     """Evaluates every block read from the armed bench; not during the shutdown."""
     on_left_rest: Callable[[str], None] = lambda _: None
-    """Receives the reason of a warning when the input has left rest while no drive is commanded and high voltage may be on."""
+    """Receives the reason of a warning when the input has left rest; it reads no block, because the one that shows it is stored next."""
     _expects_rest: bool = False
     _away_since: int | None = None
     """First scan since which the input is away from rest while no drive is commanded."""
@@ -185,16 +185,14 @@ class ArmedBench:
         """Warn if another hand or program has moved the source from rest, and end the run if it stays away."""
         rest_v = self.amplifier.map.rest_v
         volts = drive_voltage(block, self.scales)
-        moving = volts.std() > REST_NOISE_V
-        away = np.flatnonzero((np.abs(volts - rest_v) > REST_TOLERANCE_V) | moving)
+        away = np.flatnonzero((np.abs(volts - rest_v) > REST_TOLERANCE_V) | (volts.std() > REST_NOISE_V))
         if not away.size:
             self._away_since = None
             return
-        if self._away_since is None:
-            self._away_since = block.start + int(away[0])
+        self._away_since = block.start + int(away[0]) if self._away_since is None else self._away_since
         away_s = (block.stop - self._away_since) / self.rate_hz
-        seen = " to ".join(f"{v:z.3f}" for v in (volts.min(), volts.max()))
-        words = f"the card sees {seen} V at the amplifier's input where no drive is commanded and rest is {rest_v:g} V"
+        seen = f"{volts.min():z.3f} to {volts.max():z.3f} V at the amplifier's input"
+        words = f"the card sees {seen} where no drive is commanded and rest is {rest_v:g} V"
         if away_s > LEFT_REST_S:
             self.on_left_rest(words)
         if away_s > LEFT_REST_LIMIT_S:

@@ -225,7 +225,7 @@ class Bench:
             on_started: callback before the first block, with the card running (its actual rate and scales are available).
             high_voltage: whether to enable high voltage; if not, it is disabled and the drive is measured at rest.
             on_warning: callback, at most once, before the source is brought to rest: a start, arming or an answer failed while
-                high voltage may be on, an earlier program left the source live, or the input has left rest without a command.
+                high voltage may be on, or the source was left live, or has left rest.
 
         Raises:
             BenchError: an instrument is absent or rejects a command; high voltage was not enabled, or rest was confirmed.
@@ -257,9 +257,7 @@ class Bench:
                         armed.catch_up(self.clock.now())
                     on_warning(live_warning(reason, self.reading, self.amplifier.map))
 
-            self.amplifier.on_failure = warn
-            # The block that shows it is stored next: blocks stay in order.
-            armed.on_left_rest = partial(warn, catches_up=False)
+            self.amplifier.on_failure, armed.on_left_rest = warn, partial(warn, catches_up=False)
             failure: BaseException | None = None
             is_armed = False
             try:

@@ -361,6 +361,7 @@ class Played:
         if self.world.live:
             bench.disable_hv()  # as the operator was told
         bench.clear()
+        bench.perform_action("zero-sensor", {})  # it may have been set for a membrane
         bench.clock.sleep(5.0)
         self.world.begin_part()
         made, reason = PROTOCOLS["sine-dwell"](**AFTERWARDS), ""
