@@ -361,8 +361,11 @@ class Played:
         if self.world.live:
             bench.disable_hv()  # as the operator was told
         bench.clear()
-        bench.perform_action("zero-sensor", {})  # it may have been set for a membrane
+        if not bench.history.high_voltage_on:
+            bench.perform_action("tidy-up", {})
         bench.clock.sleep(5.0)
+        if not bench.history.high_voltage_on:
+            bench.perform_action("zero-sensor", {})  # it may have been set for a membrane
         self.world.begin_part()
         made, reason = PROTOCOLS["sine-dwell"](**AFTERWARDS), ""
         person._kind = "prompt"

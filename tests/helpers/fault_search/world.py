@@ -39,9 +39,9 @@ SEEN_S = 0.6
 REPORT_RATE_HZ = 20_000.0
 """Grid of the judgement: jumps within one step of it are one jump."""
 
-TOUCHED_V, TOUCHED_SHARE = 0.02, 0.3
+TOUCHED_V, TOUCHED_SHARE, TOUCHED_DRIVE_SHARE = 0.02, 0.3, 0.1
 """A recording is touched if the input differs by so much from what the program commanded, or a fault is active, for this share of
-the recording; of the drive, if it is shorter and began after another hand had acted."""
+the recording; if the program began its drive after another hand had acted, for this share of the drive."""
 
 TOUCHES = ("sensor-stuck", "sensor-out-of-range")
 """Faults that make a recording worthless; the limited amplifier that of an alternating drive beyond its slope, since it reaches a
@@ -166,7 +166,7 @@ class World:
         """Whether the volts differ from a drive, whichever change of the source between two times began it."""
         seen = self.volts(times[0], times[-1], times.size)
         begins = [e.start_s for e in self.bench.history.entries() if first_s < e.start_s <= last_s]
-        most = TOUCHED_SHARE * min(1.0, drive.duration_s / (times[-1] - times[0]))
+        most = min(TOUCHED_SHARE, TOUCHED_DRIVE_SHARE * drive.duration_s / (times[-1] - times[0]))
         return all(np.mean(np.abs(seen - drive.volts(times - begin_s)) > TOUCHED_V) > most for begin_s in begins)
 
 
