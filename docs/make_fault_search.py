@@ -23,7 +23,7 @@ sys.path.insert(0, str(HERE.parent))
 
 from tests.helpers.fault_search.searched import STOPPED_S, TOO_LONG_S, Search  # noqa: E402
 from tests.helpers.fault_search.trial import HAZARDS, OPERATORS, SOURCES, drawn  # noqa: E402
-from tests.helpers.fault_search.world import TOUCHED_SHARE, WARNED_S  # noqa: E402
+from tests.helpers.fault_search.world import TOUCHED_DRIVE_SHARE, TOUCHED_SHARE, WARNED_S  # noqa: E402
 
 HEAD = f"""# Faults drawn at random
 
@@ -36,9 +36,10 @@ Required of every run, from the volts at the simulated amplifier's input, the fa
 - the volts stay within 0 to 5 V, their slope below 10 kV/s, and no jump exceeds the step of the drive limits (as many steps as messages were lost),
   until another hand or the loss of the drive changes them; high voltage is switched at rest only;
 - where the program says *rest*, the input is constant at rest; where the input is not at rest at the end with high voltage on, the run is *unsafe*, and the warning came within
-  {WARNED_S:g} s of the failure; the warning names volts that stood at the input; a source that an earlier program left live is reported within {WARNED_S:g} s;
+  {WARNED_S:g} s of the failure; the warning names volts that stood at the input; a source that is live before the end of arming is reported within {WARNED_S:g} s;
 - every point that was shown is in a run file with its values, after the repair of the next start;
-- no verdict is *good* if another hand, or a fault of the sensor or amplifier, changed more than {100 * TOUCHED_SHARE:g} % of a recording whose point is used, or if high voltage was never on;
+- no verdict is *good* if another hand, or a fault of the sensor or amplifier, changed more than {100 * TOUCHED_SHARE:g} % of a recording whose point is used
+  ({100 * TOUCHED_DRIVE_SHARE:g} % of its drive, if that began afterwards), or if high voltage was never on;
 - the second run completes, at most after the bench was opened anew;
 - the run ends within {STOPPED_S:g} s of Stop, never {TOO_LONG_S:g} s of real time without an event or work of the process, without an error of the program in its log.
 """
@@ -134,6 +135,18 @@ FOUND = """## Found and mended
 | seed | what was found | what was mended |
 |---|---|---|
 | 47 | a Rigol DG1000Z whose download failed between two packets played the next waveform after them: 31 kV/s on the specimen until the readback of the drive stopped it, 0.2 s | the driver ends the packets that may be left before it sends a waveform |
+| 914, 597, 905, 1395, 1483, 1819 | another hand moved the source from rest while the program asked for high voltage or measured rest again: the warning came up to 35 s later, after the answer and the failed measurement | while no drive is commanded every block is compared with rest: a warning after 0.3 s, the end of the run after 4 s |
+| 909 | a latency was good although the source, whose burst had been switched off, played the step three times | a short drive that begins in a recording is compared as a whole: `DRIVE_OFF` |
+| 1430 | a latency of 2.9 ms instead of 1.2 ms was good: another program had played before the sine | the same |
+| 1449 | a latency was good although the amplifier was at its current limit: no onset reached the threshold | onsets below the threshold make the verdict doubtful |
+| 1898 | the response to a step still moved at its end, for the same reason | such a point is `UNSETTLED` |
+| 1276 | a source that played 10 mV was confirmed at rest, since its mean was rest | noise above 5 mV rms is not rest |
+| 366 | the message of another program that a 33511B had refused failed the next run | the errors of the source are cleared when it is found at rest |
+
+Corrected in the requirements: a live source is timed from when it was live, not from the begin of the acquisition (417); the limited amplifier
+counts only where the drive is faster than it (481); a setting that the program sets again before its drive does not count (650); a recording that
+the program itself has flagged gives no good point (1352); a failure is seen when the reply is overdue, not when it was asked for (1637); a person
+sets the sensor again after a run that has set it for a membrane (366).
 """
 
 

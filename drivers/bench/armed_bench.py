@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from drivers.bench.card_reading import WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
-from drivers.bench.rest import RestMeasurement
+from drivers.bench.rest import REST_NOISE_V, REST_TIMEOUT_S, REST_TOLERANCE_V, RestMeasurement, drive_voltage
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.drive_shapes import Drive
 from drivers.errors import AcquisitionError, BenchError, ScansLostError
@@ -18,6 +20,10 @@ from drivers.interfaces import Block, Scale
 
 CATCH_UP_S = 0.3
 """Longest wait for the present volts of a warning, real seconds."""
+
+LEFT_REST_S, LEFT_REST_LIMIT_S = 0.3, 2 * REST_TIMEOUT_S
+"""Time for which the input is away from rest while no drive is commanded, before the warning, and before the run ends; a measurement
+of rest that fails ends it earlier."""
 
 
 class HighVoltageSwitch(Protocol):
@@ -66,6 +72,11 @@ class ArmedBench:
     """The last block that the card delivered."""
     monitor: BlockMonitor | None = None
     """Evaluates every block read from the armed bench; not during the shutdown."""
+    on_left_rest: Callable[[str], None] = lambda _: None
+    """Receives the reason of a warning when the input has left rest; it reads no block, because the one that shows it is stored next."""
+    _expects_rest: bool = False
+    _away_since: int | None = None
+    """First scan since which the input is away from rest while no drive is commanded."""
 
     @property
     def rate_hz(self) -> float:
@@ -84,6 +95,7 @@ class ArmedBench:
             DriveRejectedError: it exceeds the drive limits, or the source cannot play it.
             InstrumentError: the source rejected it or does not answer.
         """
+        self._expects_rest = False
         if self.monitor is not None:
             self.monitor.drive_commanded()
         self.amplifier.start_drive(drive)
@@ -102,7 +114,12 @@ class ArmedBench:
         rest = self.measure_rest()
         if not rest.confirmed:
             raise BenchError(f"the source was commanded to rest, but {rest.message}")
+        self.expect_rest()
         return rest
+
+    def expect_rest(self) -> None:
+        """Expect the input at rest in every block from now on, until a drive is started."""
+        self._expects_rest, self._away_since = True, None
 
     @contextlib.contextmanager
     def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
@@ -123,7 +140,8 @@ class ArmedBench:
 
         Raises:
             AcquisitionError: the card lost scans or does not answer.
-            BenchError: the watchdog has ended or taken over, or the interlock has switched high voltage off.
+            BenchError: the watchdog has ended or taken over, the interlock has switched high voltage off, or the input has left
+                rest although no drive is commanded.
         """
         block = self.discard_block()
         self.block_sink(block)
@@ -159,7 +177,26 @@ class ArmedBench:
         self.amplifier.renew_hold()
         if self.monitor is not None:
             self.monitor.block_read(block)
+        if self._expects_rest and self.high_voltage_may_be_on:
+            self._check_rest(block)
         return block
+
+    def _check_rest(self, block: Block) -> None:
+        """Warn if another hand or program has moved the source from rest, and end the run if it stays away."""
+        rest_v = self.amplifier.map.rest_v
+        volts = drive_voltage(block, self.scales)
+        away = np.flatnonzero((np.abs(volts - rest_v) > REST_TOLERANCE_V) | (volts.std() > REST_NOISE_V))
+        if not away.size:
+            self._away_since = None
+            return
+        self._away_since = block.start + int(away[0]) if self._away_since is None else self._away_since
+        away_s = (block.stop - self._away_since) / self.rate_hz
+        seen = f"{volts.min():z.3f} to {volts.max():z.3f} V at the amplifier's input"
+        words = f"the card sees {seen} where no drive is commanded and rest is {rest_v:g} V"
+        if away_s > LEFT_REST_S:
+            self.on_left_rest(words)
+        if away_s > LEFT_REST_LIMIT_S:
+            raise BenchError(f"{words}; check that no other program or person controls the generator, and its output")
 
 
 def safety_statement(amplifier: HvAmplifier, watchdog: Watchdog, interlock: Interlock, predicted_rest_s: float) -> str:

@@ -9,6 +9,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Interval, Unit
@@ -224,7 +225,7 @@ class Bench:
             on_started: callback before the first block, with the card running (its actual rate and scales are available).
             high_voltage: whether to enable high voltage; if not, it is disabled and the drive is measured at rest.
             on_warning: callback, at most once, before the source is brought to rest: a start, arming or an answer failed while
-                high voltage may be on, or an earlier program left the source live.
+                high voltage may be on, or the source was left live, or has left rest.
 
         Raises:
             BenchError: an instrument is absent or rejects a command; high voltage was not enabled, or rest was confirmed.
@@ -249,14 +250,14 @@ class Bench:
             )
             warned: list[object] = []
 
-            def warn(reason: object) -> None:
+            def warn(reason: object, catches_up: bool = True) -> None:
                 if armed.high_voltage_may_be_on and not warned:
                     warned.append(reason)
-                    if not isinstance(reason, AcquisitionError):
+                    if catches_up and not isinstance(reason, AcquisitionError):
                         armed.catch_up(self.clock.now())
                     on_warning(live_warning(reason, self.reading, self.amplifier.map))
 
-            self.amplifier.on_failure = warn
+            self.amplifier.on_failure, armed.on_left_rest = warn, partial(warn, catches_up=False)
             failure: BaseException | None = None
             is_armed = False
             try:
@@ -362,6 +363,7 @@ class Bench:
         says_rest = self.amplifier.is_source_at_rest()
         if says_rest:  # an earlier run may have left high voltage on
             armed.high_voltage_may_be_on = True
+            armed.expect_rest()
             self.watchdog.arm()
         else:
             switch.disable()
@@ -386,6 +388,7 @@ class Bench:
         # Before every run, even if the source has been at rest since the last one: a drive must not surprise the operator, and an
         # operator who was asked to switch high voltage off must be asked to switch it on.
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True
+        armed.expect_rest()
         self.watchdog.arm()
         switch.enable()
         self.interlock.begin(armed.read_block)

@@ -26,6 +26,9 @@ REST_REPEATABILITY_V = 0.01
 """Largest deviation of rest from its level at arming. The errors of generator and card are equal at both times, so that a
 remaining level of some 30 mV is detected and not attributed to an instrument error."""
 
+REST_NOISE_V = 0.005
+"""Largest noise at rest, rms: 2 V on the specimen. The smallest sine of a generator, 10 mV, has 7 mV and the mean of rest."""
+
 MAX_NOISE_RATIO, NOISE_MARGIN_V = 2.0, 0.002
 """Largest noise relative to the noise at arming: a small playing sine has the right mean."""
 
@@ -280,7 +283,7 @@ def verify_rest(
         timeout_s: longest wait for rest.
         initial_rest: the measurement at arming.
     """
-    expected_v, limit_v, noise_limit_v = rest_v, REST_TOLERANCE_V, math.inf
+    expected_v, limit_v, noise_limit_v = rest_v, REST_TOLERANCE_V, REST_NOISE_V
     if initial_rest is not None:
         expected_v, limit_v = initial_rest.measured_v, REST_REPEATABILITY_V
         noise_limit_v = MAX_NOISE_RATIO * initial_rest.noise_v + NOISE_MARGIN_V

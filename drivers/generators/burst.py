@@ -130,6 +130,7 @@ class BurstGenerator:
         self.dialect.forget_waveforms()
         if not self.is_output_on() or first_mismatch(self.dialect, Levels(rest_v, low_v, high_v)):
             return False
+        self.dialect.clear_errors()  # of another program, which the next command would be blamed for
         if self.plays_to_the_end:
             self.stop()  # a burst that another program started shows in no setting
         return True

@@ -22,6 +22,7 @@ from protocols.base import (
     EstimatedQuantity,
     PlanEntry,
     Protocol,
+    Quality,
     Record,
     Recording,
     Series,
@@ -221,7 +222,7 @@ class OnsetLatency(Protocol):
             final_errors=onset.final_error,
             drive_step=onset.drive_v,
             edge_time=onset.edge_s,
-            quality=point_quality((recording,), simulated, {}),
+            quality=point_quality((recording,), simulated, {Quality.UNSETTLED: onset.final_drift > band}),
         )
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
@@ -284,6 +285,9 @@ class OnsetLatency(Protocol):
         if edges:
             name = "edge of the drive, recorded / commanded duration, longest"
             checks.append(CheckResult(name, max(edges), "1", None, EDGE_LIMIT, CABLE_REMEDY))
+        felt = sum(math.isfinite(p.latency) for p in good)
+        limit = "check that the amplifier is not at its current limit, and drive higher, or lower threshold_m"
+        checks.append(CheckResult("onsets that reach the threshold", float(felt), "1", float(len(good)), None, limit))
         remedy = "let the specimen rest longer between onsets, and check the clamp"
         groups = group_values(good, lambda p: (p.frequency, p.level), "latency")
         return (*checks, *repeatability_check("latency", groups, remedy))
@@ -298,6 +302,7 @@ class _Onset:
         signed, moved: displacement against rest, and its component in the direction of the final value or its modulus, (N,).
         deviation: deviation from the steady state, (N,); 0 before the onset.
         noise: standard uncertainty of a smoothed sample.
+        final_drift: change of a step's response within the time of its final value, whose mean is final only if it has settled.
         averaged: `moved` averaged over the edge once more; the change bounds the remaining effect of the edge. None for a sine.
         since_begin_s: time from the begin of the drive's edge to the onset.
     """
@@ -311,6 +316,7 @@ class _Onset:
     final_error: float
     drive_v: float
     commanded_v: float
+    final_drift: float = 0.0
     edge_s: float = 0.0
     edge_spread_s: float = 0.0
     since_begin_s: float = 0.0
@@ -369,6 +375,7 @@ def _step_onset(recording: Recording) -> _Onset:
         math.hypot(rest_error, noise / math.sqrt(end.size)),
         edge.step_v,
         drive.levels_v[1] - drive.levels_v[0],
+        abs(float(np.diff([half.mean() for half in np.array_split(end, 2)])[0])),
         edge.duration_s,
         edge.spread_s,
         edge.centroid_s - edge.begin_s,

@@ -18,7 +18,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from drivers import Hold, PeriodicSweep, Sine, SquareWave
+from drivers import Hold, PeriodicSweep, Sine, SquareWave, Steps
 from model import Array
 from protocols.base import Quality, Recording
 from protocols.signals.extremes import smallest_step
@@ -44,7 +44,15 @@ SWEPT_MISFIT_SHARE = RESPONSE_SHARE / 12
 """The same under a periodic sweep, whose frequency jumps where it begins anew; the simulated tactor then has errors up to 0.65 %."""
 
 DRIVE_TOLERANCE, DRIVE_NOISE_V = 0.05, 0.01
-"""Largest deviation of the recorded swing from the commanded one, as a share of it, and the noise of the extremes."""
+"""Largest deviation of the recorded drive and of its swing from the commanded ones, as a share of the swing, and the noise of the
+extremes."""
+
+STRAY_SHARE = 0.05
+"""Longest time in which a drive that begins in the recording deviates, as a share of its duration: the begins of both are compared by
+one scan."""
+
+MAX_COMPARED_CYCLES = 100
+"""Longest sine that is compared by its begin: over 100 cycles, clocks that differ by 100 ppm shift it by 6 % of its amplitude."""
 
 ORDER = 24
 """Number of earlier scans of the displacement, and of the drive, that predict a scan."""
@@ -74,10 +82,13 @@ _ROBUST = 1 / NormalDist().inv_cdf(0.75)
 def judge_recording(recording: Recording) -> Quality:
     """Return the flags of a recording: its own, `DISTURBED` and `DRIVE_OFF`. One too short for the tests of the sensor is not judged.
 
-    The swing of a moving drive is tested; the protocols that hold levels state how exact they have to be.
+    The swing of a moving drive is tested, and its whole course if it is short and begins in the recording; the protocols that hold
+    levels state how exact they have to be.
     """
-    quality = recording.quality
-    for part in recording.parts():
+    quality, parts = recording.quality, recording.parts()
+    if len(parts) == 1 and _strays(parts[0]):
+        quality |= Quality.DRIVE_OFF
+    for part in parts:
         moved, drive_v = np.asarray(part.displacement_m, float), part.drive_v
         commanded_v = part.drive.high_v - part.drive.low_v
         if (
@@ -88,6 +99,26 @@ def judge_recording(recording: Recording) -> Quality:
         if _is_disturbed(moved, drive_v, part):
             quality |= Quality.DISTURBED
     return quality
+
+
+def _strays(recording: Recording) -> bool:
+    """Whether the recorded drive leaves the course of a sine or of steps that begin in the recording: something else was played."""
+    drive, rate, seen_v = recording.drive, recording.rate_hz, recording.drive_v
+    if isinstance(drive, Sine) and drive.cycles <= MAX_COMPARED_CYCLES:
+        quiet = math.ceil(0.5 * rate / drive.frequency_hz)
+    elif isinstance(drive, Steps):
+        quiet = 1
+    else:
+        return False
+    swing_v, idle_v = drive.high_v - drive.low_v, drive.end_levels_v[0]
+    commanded_v = drive.volts(np.arange(math.ceil(drive.duration_s * rate)) / rate)
+    seen_at, begins_at = (np.flatnonzero(np.abs(volts - idle_v) > 0.1 * swing_v)[:1] for volts in (seen_v, commanded_v))
+    if not (seen_at.size and begins_at.size) or seen_at[0] < quiet:
+        return False  # the swing tells a missing drive
+    scans = np.arange(seen_v.size) - seen_at[0] + begins_at[0]
+    nearest = (np.abs(seen_v - drive.volts((scans + shift) / rate)) for shift in (-1.0, -0.5, 0.0, 0.5, 1.0))
+    limit_v = DRIVE_TOLERANCE * swing_v + DRIVE_NOISE_V
+    return min(int((error > limit_v).sum()) for error in nearest) > max(STRAY_SHARE * commanded_v.size, 2)
 
 
 def prediction_noise(displacement_m: Array) -> float:

@@ -166,6 +166,52 @@ def test_the_operator_is_asked_at_rest_where_an_earlier_program_left_the_source_
     assert journal.lines[0] == "watchdog: armed"  # while the source was being ramped
 
 
+@pytest.mark.parametrize(("volts", "left"), [(2.54, False), (2.6, True), (0.0, True)])
+def test_a_source_that_another_hand_moves_from_rest_is_warned_of_while_the_operator_is_waited_for(
+    lab: BenchConnection, journal: Journal, volts: float, left: bool
+) -> None:
+    warnings: list[LiveWarning] = []
+    clock, source = lab.bench.clock, lab.bench.amplifier._source
+
+    def waited(armed: ArmedBench, seconds: float) -> None:
+        until_s = clock.now() + seconds
+        while clock.now() < until_s:
+            armed.read_block()
+
+    blocks: list[int] = []
+    with (
+        pytest.raises(BenchError, match="no drive is commanded") if left else contextlib.nullcontext(),
+        armed_bench(lab, journal, warnings, sink=lambda block: blocks.append(block.start)) as armed,
+    ):
+        waited(armed, 1.0)
+        source.ramp_to(volts, 0.1)
+        moved_s = clock.now()
+        while left and not warnings:
+            armed.read_block()
+            assert clock.now() - moved_s < 0.6
+        waited(armed, 3.0)  # the operator may look first
+        if left:
+            assert len(warnings) == 1
+            assert warnings[0].low_v == pytest.approx(volts, abs=0.01)
+        waited(armed, 3.0)
+    assert len(warnings) == left
+    assert blocks == sorted(blocks)
+    assert lab.control.report().end_v == pytest.approx(2.5, abs=0.01 if left else 0.05)
+
+
+def test_a_commanded_level_is_not_a_source_that_has_left_rest(lab: BenchConnection, journal: Journal) -> None:
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings) as armed:
+        for _ in range(2):
+            armed.start_drive(Hold(3.5, 9.0))
+            until_s = lab.bench.clock.now() + 5.0
+            while lab.bench.clock.now() < until_s:
+                armed.read_block()
+            armed.return_to_verified_rest()
+            armed.read_block()
+    assert warnings == []
+
+
 def test_a_burst_that_ended_before_this_program_began_is_nothing_to_be_warned_of(
     lab: BenchConnection, journal: Journal
 ) -> None:

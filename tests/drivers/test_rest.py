@@ -10,6 +10,7 @@ from drivers.bench.rest import (
     MAX_NOISE_RATIO,
     NOISE_MARGIN_V,
     REST_DURATION_S,
+    REST_NOISE_V,
     REST_REPEATABILITY_V,
     REST_TOLERANCE_V,
     STALE_SAMPLES_S,
@@ -92,6 +93,8 @@ def test_a_small_sine_is_not_rest_although_its_mean_is() -> None:
     seen = watched(noisy(1.1 * limit_v), before)
     assert not seen.confirmed
     assert "noise 0.0044 V" in seen.message
+    assert watched(noisy(0.9 * REST_NOISE_V)).confirmed
+    assert not watched(noisy(1.1 * REST_NOISE_V)).confirmed
 
 
 def words_of(levels: Sequence[float], period_s: float = 0.3) -> str:

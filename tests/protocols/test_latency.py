@@ -15,7 +15,7 @@ from app.report.result_cards import result_tables
 from app.report.runs import read_report_runs
 from model import Tactor
 from model.response import PUBLISHED_LATENCIES, step_latency
-from protocols.base import RunStatus
+from protocols.base import Quality, RunStatus
 from protocols.measurements.latency import SINE, STEP, OnsetLatency
 from protocols.runfile.reader import Run
 from protocols.signals.onset import edge_average, find_edge, first_crossing, last_crossing, smooth
@@ -126,6 +126,18 @@ def test_a_response_that_stays_below_the_threshold_has_no_latency_and_a_warning(
     protocol = OnsetLatency(levels_v=(2.6,))
     assert "does not reach 50 µm under a step" in protocol.warnings(ran.points)[0]
     assert protocol.promised_estimates(ran.points) == ()
+    assert ran.verdict.outcome == "doubtful"
+    (failed,) = (check for check in ran.verdict.checks if not check.passed)
+    assert (failed.value, failed.low) == (0.0, 2.0)
+
+
+def test_an_amplifier_at_its_current_limit_gives_no_good_latency(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        lab.control.inject("amplifier-limited")
+        ran = run(OnsetLatency(repeats=1, frequencies_hz=(), dwell_s=0.03), tmp_path, lab)
+    (point,) = ran.points
+    assert Quality(point.quality) == Quality.UNSETTLED | Quality.SIMULATED
+    assert ran.verdict.outcome == "no result"
 
 
 @pytest.mark.deep

@@ -11,10 +11,10 @@ from tests.helpers.single_faults.system_calls import supported
 
 ROOT = Path(__file__).parents[2]
 
-FOUND = (47,)
-"""Seeds whose violation was mended."""
+FOUND = (47, 366, 905, 909, 914, 1276, 1898)
+"""Seeds whose violation was mended, one of each kind."""
 
-OPEN = {366, 417, 481, 597, 650, 905, 909, 914, 1276, 1352, 1395, 1430, 1449, 1483, 1637, 1819, 1898}
+OPEN: set[int] = set()
 """Seeds with a violation that is not mended yet; a new page must not add to them silently."""
 
 

@@ -249,8 +249,10 @@ def watched_links(watch: "Watching") -> Iterator[None]:
             raise
 
     def raised(link: Any, reason: str) -> None:
-        watch.failed()
-        timeout(link, reason)
+        try:
+            timeout(link, reason)
+        finally:
+            watch.failed()  # until the reply is overdue the program sees no failure
 
     def answered(link: Any) -> str:
         text = read(link)
@@ -359,7 +361,11 @@ class Played:
         if self.world.live:
             bench.disable_hv()  # as the operator was told
         bench.clear()
+        if not bench.history.high_voltage_on:
+            bench.perform_action("tidy-up", {})
         bench.clock.sleep(5.0)
+        if not bench.history.high_voltage_on:
+            bench.perform_action("zero-sensor", {})  # it may have been set for a membrane
         self.world.begin_part()
         made, reason = PROTOCOLS["sine-dwell"](**AFTERWARDS), ""
         person._kind = "prompt"

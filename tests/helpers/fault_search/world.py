@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from drivers.bench.rest import REST_TOLERANCE_V
-from drivers.drive_shapes import Hold
+from drivers.drive_shapes import Drive, Hold
 from protocols.base import (
     BenchArmed,
     DriveStarted,
@@ -26,6 +26,7 @@ from protocols.base import (
 )
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.history_report import VoltageReport, make_voltage_report
+from sim_hardware.plant.plant import CURRENT_LIMIT_SLEW_FRACTION
 from sim_hardware.testing.safe_volts import STEP_V
 
 REST_V = 2.5
@@ -38,11 +39,13 @@ SEEN_S = 0.6
 REPORT_RATE_HZ = 20_000.0
 """Grid of the judgement: jumps within one step of it are one jump."""
 
-TOUCHED_V, TOUCHED_SHARE = 0.02, 0.3
-"""A recording is touched if the input differs by so much from what the program commanded, or a fault is active, for this share."""
+TOUCHED_V, TOUCHED_SHARE, TOUCHED_DRIVE_SHARE = 0.02, 0.3, 0.1
+"""A recording is touched if the input differs by so much from what the program commanded, or a fault is active, for this share of
+the recording; if the program began its drive after another hand had acted, for this share of the drive."""
 
 TOUCHES = ("sensor-stuck", "sensor-out-of-range")
-"""Faults that make a recording worthless; the limited amplifier that of an alternating drive, since it reaches a level."""
+"""Faults that make a recording worthless; the limited amplifier that of an alternating drive beyond its slope, since it reaches a
+level."""
 
 
 class ErrorLog(logging.Handler):
@@ -135,11 +138,14 @@ class World:
             wrong.append("high voltage was switched while the input was not at rest")
         return wrong
 
-    def is_touched(self, begin_s: float, end_s: float, alternates: bool) -> bool:
-        """Whether another hand or a fault changed what was recorded between two times."""
+    def is_touched(self, begin_s: float, end_s: float, drive: Drive, started_s: float) -> bool:
+        """Whether another hand or a fault changed what was recorded between two times under a drive started at `started_s`."""
         needed_s = TOUCHED_SHARE * (end_s - begin_s)
         times = np.linspace(begin_s, end_s, 500)
-        faults = (*TOUCHES, "amplifier-limited") if alternates else TOUCHES
+        amplifier = self.bench.parameters.amplifier
+        most_v_per_s = CURRENT_LIMIT_SLEW_FRACTION * amplifier.slew_v_per_s / amplifier.map.slope_above
+        limited = not isinstance(drive, Hold) and drive.slew_v_per_s > most_v_per_s
+        faults = (*TOUCHES, "amplifier-limited") if limited else TOUCHES
         if any(np.mean(self.bench.faults.was_active(fault, times)) >= TOUCHED_SHARE for fault in faults):
             return True
         entries = self.bench.history.entries()
@@ -147,10 +153,21 @@ class World:
             later = times[times > at_s + 0.01]
             if before == after or not begin_s - needed_s < at_s < end_s - needed_s:
                 continue
+            if at_s < started_s:  # the program has set the source since then
+                if self._differs(times, drive, at_s, started_s):
+                    return True
+                continue
             old, new = (entries[k - 1].segment.volts(later) for k in (before, after))
             if entries[after - 1].hv and np.mean(np.abs(new - old) > TOUCHED_V) > TOUCHED_SHARE:
                 return True
         return False
+
+    def _differs(self, times: Any, drive: Drive, first_s: float, last_s: float) -> bool:
+        """Whether the volts differ from a drive, whichever change of the source between two times began it."""
+        seen = self.volts(times[0], times[-1], times.size)
+        begins = [e.start_s for e in self.bench.history.entries() if first_s < e.start_s <= last_s]
+        most = min(TOUCHED_SHARE, TOUCHED_DRIVE_SHARE * drive.duration_s / (times[-1] - times[0]))
+        return all(np.mean(np.abs(seen - drive.volts(times - begin_s)) > TOUCHED_V) > most for begin_s in begins)
 
 
 class Watch:
@@ -163,15 +180,15 @@ class Watch:
         self.ended: RunEnded | None = None
         self.warned_s = self.failed_s = math.inf
         """Time of the first warning; and since when the source does not answer, while the specimen was live."""
-        self._began_s, self._armed = math.inf, False
+        self._armed = False
         self._rest: RestMeasured | None = None
         self._rate_hz = math.nan
+        self._started_s = -math.inf
         self._touched: dict[int, bool] = {}
-        self._entry = -1
         self._good: dict[int, bool] = {}
         self._hv_seen = False
-        self._found_live_s = 0.0
-        """For how long the card has shown, before arming, what an earlier program left."""
+        self._live_since_s, self._found_live_s = math.inf, 0.0
+        """Since when, and for how long, the card has shown a live source before the end of arming."""
 
     def source_failed(self) -> None:
         """Note that a message to the source failed."""
@@ -185,21 +202,24 @@ class Watch:
 
     def __call__(self, event: Event) -> None:
         now_s = self.world.now_s
-        if not math.isnan(self._rate_hz) and not self._armed and math.isinf(self.warned_s) and self.world.live:
-            self._found_live_s = now_s - self._began_s
+        if not math.isnan(self._rate_hz) and not self._armed and math.isinf(self.warned_s):
+            self._live_since_s = min(self._live_since_s, now_s) if self.world.live else math.inf
+            self._found_live_s = max(self._found_live_s, now_s - self._live_since_s)
         match event:
             case StreamStarted(rate_hz):
-                self._rate_hz, self._began_s = rate_hz, now_s
+                self._rate_hz = rate_hz
             case BenchArmed():
                 self._armed = True
             case EntryStarted(index):
-                self._touched[index], self._entry = False, index
+                self._touched[index] = False
             case DriveStarted():
+                self._started_s = now_s
                 self._hv_seen |= self.world.bench.history.high_voltage_on
-            case RecordingFinished(rows=(first, last), entry=entry, drive=drive):
+            case RecordingFinished(rows=(first, last), entry=entry, drive=drive, quality=quality):
                 begin_s = now_s - (last - first) / self._rate_hz - self._block_s
-                self._touched[entry] = self._touched.get(entry, False) or self.world.is_touched(
-                    begin_s, now_s, not isinstance(drive, Hold)
+                # The flags of a recording are those of its point: a point without them is of another recording.
+                self._touched[entry] = self._touched.get(entry, False) or (
+                    Quality(quality).usable and self.world.is_touched(begin_s, now_s, drive, self._started_s)
                 )
             case PointMeasured(point=point, entry=entry):
                 values = {name: getattr(point, name) for name in point.__slots__ if name != "quality"}

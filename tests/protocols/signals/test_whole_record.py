@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drivers.drive_shapes import Hold, LinearSweep, Sine, SquareWave
+from drivers.drive_shapes import Drive, Hold, LinearSweep, Sine, SquareWave, Steps
 from protocols.base import InterferenceLine, Quality, Recording
 from protocols.measurements.sine_dwell import sine_point
 from protocols.signals import judge_recording, prediction_noise
@@ -132,3 +132,21 @@ def test_a_drive_that_swings_otherwise_than_commanded_is_off() -> None:
         sound = recording(SWING_M + noise())
         seen = recording(SWING_M + noise(), drive_v=2.5 + share * (sound.drive_v - 2.5))
         assert (Quality.DRIVE_OFF in judge_recording(seen)) is is_off, share
+
+
+@pytest.mark.parametrize("drive", [Sine(40.0, 2.5, 2.5, 8), Steps((2.5, 5.0, 2.5), 0.08, 3e-3)])
+def test_a_drive_that_begins_in_the_recording_is_compared_to_its_end_and_before_it(drive: Drive) -> None:
+    begin_s = 0.3137
+
+    def is_off(*others: tuple[Drive, float]) -> bool:
+        volts = drive.volts(T - begin_s) + sum(other.volts(T - at_s) - 2.5 for other, at_s in others)
+        noisy = np.clip(volts, 0, 5) + 3e-4 * np.random.default_rng(4).standard_normal(COUNT)
+        return Quality.DRIVE_OFF in judge_recording(recording(noise(), drive=drive, drive_v=noisy))
+
+    assert not is_off()
+    assert is_off((drive, begin_s + drive.duration_s + 0.01))  # played twice
+    assert is_off((Sine(170.0, 1.0, 2.5, 5), begin_s - 0.05))  # another program's, before it
+    assert is_off((Sine(170.0, 0.4, 2.5, 20), begin_s))
+    assert not is_off((Sine(170.0, 0.05, 2.5, 20), begin_s))
+    late = drive.volts(1.003 * (T - begin_s))
+    assert Quality.DRIVE_OFF not in judge_recording(recording(noise(), drive=drive, drive_v=late))
