@@ -205,7 +205,7 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
             remarks["sensor"] = "stood still under the drive"
         if live and monitor_disagrees(card, view.amplifier):
             remarks["amplifier"] = "its monitor and its input disagree"
-    elif is_read:
+    if card.unread or (is_read and age_s > PRESENT_S):
         remarks["card"] = "is not read"
     if (unread, off_aim, remarks) == (view.unread, view.off_aim, view.remarks):
         return view

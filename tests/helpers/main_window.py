@@ -21,6 +21,7 @@ from app.live.session_link import SessionAdapter
 from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect
 from app.session.session import Observation, SessionEvent
+from app.session.simulation import AnsweredBy, SimulationSettings
 from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest
 
@@ -156,18 +157,22 @@ class Stage:
 
 
 class Bench(SessionAdapter):
-    """Simulated bench on its virtual clock, with fault injection when a point is measured."""
+    """Simulated bench, with fault injection when a point is measured.
 
-    def __init__(self, config: BenchConfig) -> None:
+    Args:
+        speed: of a served bench, whose prompts wait for the window; None is the virtual clock, on which the simulation answers.
+    """
+
+    def __init__(self, config: BenchConfig, speed: float | None = None) -> None:
         self.laboratory: BenchConnection | None = None
         self.at_a_point: Callable[[BenchConnection], None] = lambda _: None
 
         @contextmanager
         def open_bench() -> Iterator[BenchConnection]:
-            with connect(config, None) as self.laboratory:
+            with connect(config, speed) as self.laboratory:
                 yield self.laboratory
 
-        super().__init__(open_bench)
+        super().__init__(open_bench, simulation=SimulationSettings(speed, AnsweredBy.USER))
 
     def observe(self, event: SessionEvent) -> None:
         super().observe(event)

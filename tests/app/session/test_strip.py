@@ -339,6 +339,14 @@ def test_between_runs_a_card_that_is_watched_and_falls_silent_is_suspect() -> No
     assert not strip.danger
 
 
+def test_a_card_that_could_not_be_read_is_suspect_at_once() -> None:
+    for events in ((OPENED,), BEGUN, LIVE):
+        lost, _ = look(view_after(*events), replace(REST, unread=True))
+        assert [(i.role, i.lamp) for i in lost.instruments if i.remark == "is not read"] == [("card", Lamp.SUSPECT)]
+        again, _ = look(lost, REST)
+        assert not any(i.remark == "is not read" for i in again.instruments)
+
+
 @pytest.mark.parametrize(
     ("events", "title", "note"),
     [
