@@ -206,11 +206,16 @@ OpenPage = Callable[[Callable[[], Any]], Any]
 
 @contextmanager
 def whole_window(
-    bench: Bench, config: BenchConfig, protocol: Protocol, folder: Path, settings: QSettings
+    bench: SessionAdapter,
+    config: BenchConfig,
+    protocol: Protocol,
+    folder: Path,
+    settings: QSettings,
+    open_bench: str = "ideal",
 ) -> Iterator[MainWindow]:
-    """A window that is active and has its simulated bench, with specimen T7."""
+    """A window that is active and has its bench, with specimen T7."""
     with collect_garbage_here():
-        window = MainWindow(bench, config, InitialForm(protocol, folder, "T7"), settings, open_bench="ideal")
+        window = MainWindow(bench, config, InitialForm(protocol, folder, "T7"), settings, open_bench=open_bench)
         window.show()
         window.activateWindow()
         assert QTest.qWaitForWindowActive(window, 30_000)

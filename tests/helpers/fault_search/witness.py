@@ -57,8 +57,12 @@ class Witness:
         part, sensor = PARTS.get(self.fault), stream.scales[1].to_volts(block.raw[1])
         if first_s < self.injected_s:
             return
-        # Before it was set up a source may be anywhere.
+        # Before it was set up a source may be anywhere, and on its way to rest it strays until it stands still.
         strays = self.view.phase is not BenchState.ARMING and max(abs(low), abs(high)) > SLACK_V
+        if self.view.phase is BenchState.GOING_TO_REST:
+            lately = self.blocks[-4:]
+            stands = all(max(abs(b_low - low), abs(b_high - high)) < SLACK_V for _, b_low, b_high in lately)
+            strays = strays and stands and lately[0][0] > self.injected_s
         playing = self.view.phase is BenchState.LIVE and self.view.drive is not None
         if (
             part == "generator" and not self.fault.startswith("scpi") and (high - low < 1.0 if playing else strays)
