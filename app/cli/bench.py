@@ -30,11 +30,10 @@ from app.services import operator_reachable
 from drivers import INTERLOCK_RECOMMENDED, REST_REPEATABILITY_V, BenchError
 from protocols import WIRING_CHECK
 from protocols.base import (
-    DISABLE_HIGH_VOLTAGE,
-    ENABLE_HIGH_VOLTAGE,
     CheckResult,
     Outcome,
     PointMeasured,
+    Prompt,
     RestMeasured,
     RunEnded,
     Verdict,
@@ -153,9 +152,8 @@ class CommissionCommand(BenchSelection):
             done = commission(
                 bench.config,
                 bench.speed,
-                _wait_for_high_voltage_off,
+                (lambda _: None) if bench.config.simulated else _wait_for_operator,
                 lambda name, fraction: print_message(f"{100 * fraction:3.0f} % {name} ..."),
-                high_voltage_on=_wait_for_high_voltage_on,
             )
         except BenchError as error:
             raise UsageError(f"not commissioned, and no record is stored: {error}") from None
@@ -178,21 +176,10 @@ class CommissionCommand(BenchSelection):
         return ExitCode.DONE
 
 
-def _wait_for_high_voltage_off() -> None:
-    print_message(
-        f"{DISABLE_HIGH_VOLTAGE.text} The amplifier's input stays connected to the generator and to the card. "
-        "Press Enter when high voltage is off; Ctrl-C ends this here"
-    )
+def _wait_for_operator(prompt: Prompt) -> None:
+    print_message(f"{prompt.text} Press Enter when it is done; Ctrl-C ends this here")
     if not sys.stdin.readline():
-        raise UsageError("standard input has ended without confirmation that high voltage is off; nothing was moved")
-
-
-def _wait_for_high_voltage_on() -> None:
-    print_message(
-        f"The interlock is measured with 300 V on the specimen. {ENABLE_HIGH_VOLTAGE.text} Press Enter when it is on, and switch it off when the result is shown"
-    )
-    if not sys.stdin.readline():
-        raise BenchError("standard input has ended without confirmation that high voltage is on")
+        raise BenchError(f"standard input has ended without confirmation: {prompt.text}")
 
 
 TIMES = {

@@ -1,12 +1,15 @@
-"""Commissioning of the source in a thread of its own, with the operator's answer, progress and Stop."""
+"""Commissioning of a bench in a thread of its own, with prompts to the operator, progress and Stop."""
 
+import itertools
 import logging
 import threading
 from functools import partial
 from typing import TYPE_CHECKING
 
 from app.config import BenchConfig
+from app.live.session_link import SessionAdapter
 from drivers import BenchError
+from protocols.base import Prompt, PromptAnswered, PromptShown
 
 if TYPE_CHECKING:
     from app.session import CommissionedSource
@@ -17,6 +20,11 @@ STOPPED = "stopped by the operator; the source was brought to rest, and no recor
 STOPPED_BEFORE = (
     "stopped by the operator before anything was commanded; the source is as it was, and no record is stored"
 )
+STOPPED_AT_INTERLOCK = "stopped by the operator at rest; switch the high voltage OFF at the amplifier. The interlock is stored as not measured"
+
+POLL_S = 0.05
+_PROMPT_IDS = itertools.count(-1, -1)
+"""Ids of prompts, apart from those of runs."""
 
 
 class _StoppedError(BenchError):
@@ -28,16 +36,16 @@ class CommissioningJob:
 
     Args:
         config: the bench file.
-        speed: of a simulated bench; None is the virtual clock.
+        adapter: shows prompts and events, and has the settings of a simulated bench.
     """
 
-    def __init__(self, config: BenchConfig, speed: float | None) -> None:
-        self.config, self._speed = config, speed
-        self._confirmed, self._stop = threading.Event(), threading.Event()
+    def __init__(self, config: BenchConfig, adapter: SessionAdapter) -> None:
+        self.config, self._adapter = config, adapter
+        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name="commissioning", daemon=False)
         self.started = False
-        self.asks_for_high_voltage_off = False
-        """Whether the sequence waits until the operator has switched high voltage off."""
+        self.asks = False
+        """Whether the sequence waits for the operator's answer."""
         self.exercises: tuple[str, ...] = ()
         """Names of the begun exercises; the last one is being measured."""
         self.fraction = 0.0
@@ -61,26 +69,24 @@ class CommissioningJob:
         self.started = True
         self._thread.start()
 
-    def confirm_high_voltage_off(self) -> None:
-        """Answer that high voltage is off."""
-        self._confirmed.set()
-
     def stop(self) -> None:
         """End with the source at rest, also in the middle of an exercise; returns immediately."""
         self._stop.set()
-        self._confirmed.set()
 
     def _work(self) -> None:
         from app.session import commission
 
+        simulation = self._adapter.simulation
         try:
-            self._check_stop(STOPPED_BEFORE)
+            self._check_stop()
             self.result = commission(
                 self.config,
-                self._speed,
-                self._wait_for_operator,
+                None if simulation is None else simulation.speed,
+                self._ask,
                 self._begin_exercise,
-                partial(self._check_stop, STOPPED),
+                self._check_stop,
+                self._adapter.observe,
+                partial(setattr, self._adapter, "commissioned"),
             )
         except _StoppedError as stopped:
             self.error = str(stopped)
@@ -90,18 +96,28 @@ class CommissioningJob:
             log.exception("the commissioning failed by an error of this program")
             self.error = f"not commissioned, by an error of this program: {type(error).__name__}: {error}"
         finally:
-            self.asks_for_high_voltage_off = False
+            self._adapter.mailbox.clear()
+            self._adapter.commissioned = None
 
-    def _wait_for_operator(self) -> None:
-        self.asks_for_high_voltage_off = True
-        self._confirmed.wait()
-        self.asks_for_high_voltage_off = False
-        self._check_stop(STOPPED_BEFORE)
+    def _ask(self, prompt: Prompt) -> None:
+        """Show a prompt, and wait for the answer unless a simulated operator gives it."""
+        self._check_stop()
+        adapter, ask_id, answer = self._adapter, next(_PROMPT_IDS), "done"
+        adapter.observe(PromptShown(ask_id, prompt))
+        if adapter.simulation is None or adapter.simulation.asks_user:
+            self.asks = True
+            adapter.mailbox.show(ask_id, prompt)
+            while (given := adapter.mailbox.answer(ask_id)) is None:
+                self._check_stop()
+                self._stop.wait(POLL_S)
+            self.asks, answer = False, given
+        adapter.observe(PromptAnswered(ask_id, answer))
 
     def _begin_exercise(self, name: str, fraction: float) -> None:
-        self._check_stop(STOPPED)
+        self._check_stop()
         self.exercises, self.fraction = (*self.exercises, name), fraction
 
-    def _check_stop(self, text: str) -> None:
+    def _check_stop(self) -> None:
         if self._stop.is_set():
-            raise _StoppedError(text)
+            live = self._adapter.commissioned is not None
+            raise _StoppedError(STOPPED_AT_INTERLOCK if live else STOPPED if self.exercises else STOPPED_BEFORE)

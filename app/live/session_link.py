@@ -22,6 +22,7 @@ from app.session import (
     WindowEvent,
     practise,
 )
+from drivers import Bench
 from protocols.base import BlockDiscarded, BlockStored, EventBus, Operator, Prompt, RunEnded, RunStarted, StreamStarted
 
 
@@ -93,6 +94,8 @@ class SessionAdapter:
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
         self._seen = Observation()
+        self.commissioned: Bench | None = None
+        """Bench that is commissioned with high voltage on, after the session has released it."""
         self.on_event: Callable[[], object] = lambda: None
         """Called in any thread when an event waits for the window."""
         self.session = self._new_session()
@@ -140,7 +143,8 @@ class SessionAdapter:
     @property
     def observation(self) -> Observation:
         """The last answers of the instruments, including answers from an earlier session."""
-        seen = self.session.observation
+        bench = self.commissioned
+        seen = self.session.observation if bench is None else Observation(bench.reading, bench.answered_s)
         if seen.card is not None:
             self._seen = seen
         return self._seen

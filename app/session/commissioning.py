@@ -1,4 +1,4 @@
-"""Commissioning of the source of a bench: opens the instruments and exercises the source with high voltage off."""
+"""Commissioning of a bench: exercises its source with high voltage off, and measures its interlock with high voltage on."""
 
 import time
 from collections.abc import Callable
@@ -9,10 +9,23 @@ from app.config import BenchConfig
 from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, allows_second_connection, connect
 from app.session.commissioning_record import save_record, simulated_bench_key
 from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Event, Prompt
 from protocols.commissioning import Commissioned, MessageLog, commission_bench, measure_interlock, worst_verdict
 
 RATES_HZ = (100e3, 50e3, 20e3)
 """Scans per second: the first that the card can do."""
+
+SOURCE_OFF = replace(
+    DISABLE_HIGH_VOLTAGE,
+    text=f"{DISABLE_HIGH_VOLTAGE.text} The amplifier's input stays connected to the generator and to the card.",
+)
+INTERLOCK_ON = replace(
+    ENABLE_HIGH_VOLTAGE,
+    text=f"The interlock is measured with 300 V on the specimen. {ENABLE_HIGH_VOLTAGE.text}",
+)
+INTERLOCK_OFF = replace(
+    DISABLE_HIGH_VOLTAGE, text="The interlock is measured. Switch the amplifier's high voltage OFF at the amplifier."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,20 +41,23 @@ class CommissionedSource:
 def commission(
     config: BenchConfig,
     speed: float | None,
-    high_voltage_off: Callable[[], None],
+    ask: Callable[[Prompt], object],
     progress: Callable[[str, float], object] = lambda _name, _fraction: None,
     check_stop: Callable[[], object] = lambda: None,
-    high_voltage_on: Callable[[], None] | None = None,
+    publish: Callable[[Event], object] = lambda _: None,
+    on_live: Callable[[Bench], object] = lambda _: None,
 ) -> CommissionedSource:
-    """Commission the source of a bench and store the record.
+    """Commission the source of a bench, and after a source that passed the interlock that is wired; store the record.
 
     Args:
         config: the bench file.
-        speed: of a simulated bench; None is the virtual clock.
-        high_voltage_off: function that returns after the operator has switched high voltage off; raises to abandon.
+        speed: of a simulated bench; None is the virtual clock, on which an interlock is bridged.
+        ask: function that returns when the operator has done what a prompt says; raises to abandon. On a simulated bench the
+            simulated operator does it then.
         progress: callback with the name of each exercise at its begin, and the completed fraction.
         check_stop: callback with every block; raises to abandon, with the source brought to rest.
-        high_voltage_on: like high_voltage_off, to measure the bench's interlock after a source that passed; None: not measured.
+        publish: callback with the events of the measurement with high voltage on.
+        on_live: callback with the bench of that measurement, before high voltage is switched on.
 
     Raises:
         BenchError: an instrument is absent, or rejects its set-up.
@@ -52,18 +68,20 @@ def commission(
         bench = connection.bench
         rate_hz = _highest_rate(bench)
         second_client = _second_client(config) if not config.simulated else None
-        switch = _Switch(connection, high_voltage_off)
+        switch = _Switch(connection, ask)
         result = commission_bench(bench, switch, rate_hz, messages, progress, second_client, check_stop)
         identity = bench.amplifier.identity
         path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
     wired = config.interlock.line and (not config.simulated or speed is not None)
-    if high_voltage_on is not None and wired and worst_verdict(result.checks) == "pass":
+    if wired and worst_verdict(result.checks) == "pass":
         progress("interlock", 1.0)
         with connect(config, speed, UNATTENDED_BLOCK_S) as connection:
-            switch = _Switch(connection, high_voltage_off, high_voltage_on)
-            check = measure_interlock(connection.bench, switch, check_stop)
-        result = replace(result, checks=(*result.checks, check))
-        path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
+            on_live(connection.bench)
+            switch = _Switch(connection, ask, is_off=True, may_enable=True)
+            check = measure_interlock(connection.bench, switch, check_stop, publish)
+            result = replace(result, checks=(*result.checks, check))
+            path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
+            switch.disable()
     return CommissionedSource(identity, result, rate_hz, path)
 
 
@@ -90,27 +108,25 @@ class _Switch:
     """Switches high voltage off, and on to measure the interlock; the operator is prompted once for each."""
 
     connection: BenchConnection
-    prompt_off: Callable[[], None]
-    prompt_on: Callable[[], None] | None = None
+    ask: Callable[[Prompt], object]
     is_off: bool = False
+    may_enable: bool = False
 
     def disable(self) -> None:
-        if self.is_off:
-            return
-        if self.connection.control is not None:
-            self.connection.control.disable_hv()
-        else:
-            self.prompt_off()
-        self.is_off = True
+        if not self.is_off:
+            self._switch(INTERLOCK_OFF if self.may_enable else SOURCE_OFF)
+            self.is_off = True
 
     def enable(self) -> None:
-        if self.prompt_on is None:
+        if not self.may_enable:
             raise AssertionError("a source is commissioned with high voltage off")
-        if self.connection.control is not None:
-            self.connection.control.enable_hv()
-        else:
-            self.prompt_on()
         self.is_off = False
+        self._switch(INTERLOCK_ON)
+
+    def _switch(self, prompt: Prompt) -> None:
+        self.ask(prompt)
+        if self.connection.operator is not None:
+            self.connection.operator.show(0, prompt)
 
 
 def _highest_rate(bench: Bench) -> float:

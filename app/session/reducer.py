@@ -90,6 +90,9 @@ PARTS_OF_FLAGS = {
 }
 """Parts that the flags of a point point at."""
 
+BEFORE_HIGH_VOLTAGE = (BenchState.ARMING, BenchState.HV_OFF, BenchState.IDLE, BenchState.AT_REST)
+"""Phases in which the operator is asked to switch high voltage on; the last two in a commissioning."""
+
 OBEY_S, STOP_OBEY_S = 0.3, 1.0
 """How long a bench may stay as it is after the way to rest was begun, and after Stop, real seconds."""
 
@@ -205,7 +208,7 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
             remarks["sensor"] = "stood still under the drive"
         if live and monitor_disagrees(card, view.amplifier):
             remarks["amplifier"] = "its monitor and its input disagree"
-    elif is_read:
+    if card.unread or (is_read and age_s > PRESENT_S):
         remarks["card"] = "is not read"
     if (unread, off_aim, remarks) == (view.unread, view.off_aim, view.remarks):
         return view
@@ -221,7 +224,9 @@ def _is_off_aim(view: WindowState, card: CardReading) -> bool:
     match view.phase:
         case BenchState.LIVE if view.drive is not None:
             return view.off_aim  # compared with the drive by the abort levels
-        case BenchState.LIVE | BenchState.PAUSED | BenchState.HV_OFF | BenchState.AT_REST | BenchState.IDLE:
+        case BenchState.LIVE:
+            return off_rest and (view.off_aim or not card.moves)  # on the way to a drive that begins
+        case BenchState.PAUSED | BenchState.HV_OFF | BenchState.AT_REST | BenchState.IDLE:
             return off_rest
         case BenchState.UNSAFE:
             return off_rest and view.off_aim
@@ -283,9 +288,12 @@ def _after_connection(view: WindowState, event: WindowEvent) -> WindowState | No
             return replace(view, watched=True, problem=problem, suspects=view.suspects - {"card"})
         case MonitorFailed(reason) if not view.busy:
             return replace(view, problem=reason, watched=False, suspects=view.suspects | {"card"})
-        case CommissioningEnded():
-            phase = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
-            return _disconnected(replace(view, phase=phase, busy=False, progress=None, rest=None), Lamp.WAITING)
+        case CommissioningEnded(message):
+            phase, unsafe = BenchState.CONNECTING, view.unsafe
+            if view.rest_lost:
+                phase, unsafe = BenchState.UNSAFE, message
+            view = replace(view, phase=phase, unsafe=unsafe, drive=None, prompt=None, rest=None)
+            return _disconnected(replace(view, busy=False, progress=None), Lamp.WAITING)
         case RunRejected(reason):
             before = view.outcome or RunEnded(RunStatus.FAILED, reason, "")
             outcome = replace(
@@ -304,7 +312,7 @@ def _after_prompt(view: WindowState, event: WindowEvent) -> WindowState | None:
         case PromptShown() if view.phase is BenchState.GOING_TO_REST:
             return view  # shown just before Stop: nothing that it asks for is to be done any more
         case PromptShown(_, prompt):
-            if prompt.action == ENABLE_HIGH_VOLTAGE.action and view.phase in (BenchState.ARMING, BenchState.HV_OFF):
+            if prompt.action == ENABLE_HIGH_VOLTAGE.action and view.phase in BEFORE_HIGH_VOLTAGE:
                 # The operator switches high voltage on before answering: the specimen is live from now on.
                 return replace(view, prompt=event, phase=BenchState.LIVE, high_voltage=True, drive=None)
             # In a run, rest is measured before the prompt to switch off.
@@ -361,7 +369,7 @@ def _after_safety_event(view: WindowState, event: WindowEvent, at_s: float) -> W
     """Return the window state after a drive began or was lost, or the bench went to rest; None after another event."""
     match event:
         case DriveStarted(drive):
-            return _with_live_phase(replace(view, drive=drive))
+            return _with_live_phase(replace(view, drive=drive, off_aim=False))
         case ShutdownStarted(wait_s):
             return _going_to_rest(view, at_s + OBEY_S + wait_s)
         case SpecimenMayBeLive(words=words, part=part):

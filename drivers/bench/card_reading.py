@@ -18,8 +18,11 @@ from drivers.sensors import LaserSensor
 DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
 """Rows of a block."""
 
-WINDOW_S = 0.2
-"""Time over which lowest and highest volts are taken, and how much earlier the block ended with which the last is compared."""
+WINDOW_S = 0.15
+"""Time over which lowest and highest volts are taken, and how much earlier the block ended with which the last is compared.
+
+With a block and its way to a view it is the longest time for which the view shows volts that the last block contradicts: 0.3 s.
+"""
 
 STEADY_V, LEVEL_V, SWINGING_V = 0.02, 0.05, 0.5
 """Volts at the amplifier's input: noise of the card; largest swing of one level; least swing that a sensor must follow."""
@@ -52,6 +55,7 @@ class CardReading:
         monitor_v: volts at the specimen over the last WINDOW_S, by a channel of kind `voltage-monitor`; None without one.
         sensor_in_range: whether the displacement sensor has seen a target in the last block.
         sensor_still: whether its output stood still when the drive swung last.
+        unread: whether the last attempt to read the card failed.
     """
 
     drive_v: Volts
@@ -61,6 +65,7 @@ class CardReading:
     monitor_v: Volts | None = None
     sensor_in_range: bool = True
     sensor_still: bool = False
+    unread: bool = False
 
     def age_s(self, now_s: float) -> float:
         """Return the age of the last sample at a time (time.monotonic)."""
@@ -125,11 +130,15 @@ class WatchedStream(Closeable):
         blocks, measured_s = self._noted
         if blocks is not self._reading_of:
             self._reading, self._reading_of = self._compute(blocks, measured_s), blocks
-        if self._runs or self._reading is None:
-            return self._reading
+        if self._reading is None:
+            return None
+        unread = self._failed_s < math.inf
+        if self._runs:
+            return replace(self._reading, unread=True) if unread else self._reading
         stop_s = blocks[-1].stop / self.rate_hz if blocks else -self._before_s
         passed_s = self._clock.now() - (self.start_time_s + stop_s)
-        return replace(self._reading, measured_s=min(time.monotonic(), self._failed_s) - max(passed_s, 0.0))
+        measured_s = min(time.monotonic(), self._failed_s) - max(passed_s, 0.0)
+        return replace(self._reading, measured_s=measured_s, unread=unread)
 
     def read(self) -> Block:
         """Return the next block.

@@ -5,9 +5,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drivers import DISPLACEMENT_CHANNEL, ArmedBench, Bench, BenchError, HighVoltageSwitch, Hold, UnsafeError
+from drivers import (
+    DISPLACEMENT_CHANNEL,
+    ArmedBench,
+    Bench,
+    BenchError,
+    HighVoltageSwitch,
+    Hold,
+    UnsafeError,
+    longest_unmoved_s,
+)
 from drivers.evidence import OutputCheck
 from model import Array
+from protocols.base import DriveStarted, Event, RestMeasured, ShutdownStarted
 from protocols.commissioning.verdict import CheckedOutput
 
 RATE_HZ = 2000.0
@@ -26,7 +36,10 @@ SEEN_NOISES = 10.0
 
 
 def measure_interlock(
-    bench: Bench, switch: HighVoltageSwitch, check_stop: Callable[[], object] = lambda: None
+    bench: Bench,
+    switch: HighVoltageSwitch,
+    check_stop: Callable[[], object] = lambda: None,
+    publish: Callable[[Event], object] = lambda _: None,
 ) -> CheckedOutput:
     """Return for how long high voltage remains after the last heartbeat, and the limit: the monostable's time and one second.
 
@@ -36,6 +49,7 @@ def measure_interlock(
         bench: bench with an interlock; its source is always brought to rest at the end.
         switch: switches high voltage.
         check_stop: called with every block that is read; raises to abandon.
+        publish: callback with the level that begins, the way to rest, and rest as it is measured.
 
     Raises:
         UnsafeError: rest could not be confirmed.
@@ -43,17 +57,31 @@ def measure_interlock(
     limit_s = bench.interlock.monostable_s + LONGEST_OFF_S
     monitors = [row for row, channel in enumerate(bench.channels, 2) if channel.kind == "voltage-monitor"]
     value, detail = math.nan, f"by {'the voltage monitor' if monitors else 'the displacement'}"
+    started: list[ArmedBench] = []
     try:
-        with bench.armed(RATE_HZ, lambda _: None, switch) as armed:
-            value = _remaining_s(bench, armed, (*monitors, DISPLACEMENT_CHANNEL)[0], limit_s, check_stop)
-    except UnsafeError:
+        with bench.armed(RATE_HZ, lambda _: None, switch, started.append) as armed:
+            try:
+                value = _remaining_s(bench, armed, (*monitors, DISPLACEMENT_CHANNEL)[0], limit_s, check_stop, publish)
+            finally:
+                publish(ShutdownStarted(longest_unmoved_s(bench.amplifier, armed.predicted_rest_s)))
+    except UnsafeError as error:
+        publish(RestMeasured(False, math.nan, str(error)))
         raise
     except BenchError as error:
         detail = str(error)
+    for rest in [armed.final_rest for armed in started if armed.final_rest is not None]:
+        publish(RestMeasured(rest.confirmed, rest.measured_v, rest.message))
     return CheckedOutput(OutputCheck.INTERLOCK, value, "s", None, limit_s, detail)
 
 
-def _remaining_s(bench: Bench, armed: ArmedBench, row: int, limit_s: float, check_stop: Callable[[], object]) -> float:
+def _remaining_s(
+    bench: Bench,
+    armed: ArmedBench,
+    row: int,
+    limit_s: float,
+    check_stop: Callable[[], object],
+    publish: Callable[[Event], object],
+) -> float:
     """Return for how long after the last heartbeat the specimen has more than SAFE_V; NaN if the level is not seen."""
 
     def record(seconds: float) -> tuple[Array, Array]:
@@ -68,7 +96,9 @@ def _remaining_s(bench: Bench, armed: ArmedBench, row: int, limit_s: float, chec
 
     _, before = record(REFERENCE_S)
     level_v, watched_s = bench.amplifier.map.rest_v + LEVEL_V, limit_s + REFERENCE_S
-    armed.start_drive(Hold(level_v, SETTLING_S + REFERENCE_S + watched_s + 1.0))
+    level = Hold(level_v, SETTLING_S + REFERENCE_S + watched_s + 1.0)
+    armed.start_drive(level)
+    publish(DriveStarted(level))
     record(SETTLING_S)
     _, under = record(REFERENCE_S)
     step = float(np.median(under) - np.median(before))

@@ -3,7 +3,9 @@
 import contextlib
 import logging
 import math
+import sys
 import time
+import traceback
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
@@ -79,6 +81,21 @@ def describe_end(
             return RunStatus.FAILED, str(error)
 
 
+def describe_code_error(error: BaseException, protocol: Protocol) -> str:
+    """Return an error in code in a sentence; it names the line of the laboratory's own protocol file, if the error is there.
+
+    An error of this program is logged with its traceback.
+    """
+    module, what = type(protocol).__module__, f"{type(error).__name__}: {error}"
+    file = getattr(sys.modules.get(module), "__file__", None)
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if frame.filename == file and not module.startswith("protocols.")]
+    if lines:
+        return f"an error in {file}, line {lines[-1]}: {what}"
+    log.error("an error of this program", exc_info=error)
+    return f"an error of this program: {what}"
+
+
 class RunConclusion:
     """Concludes a run: publishes the measured rest, estimates and judges the result, and finishes the run file.
 
@@ -111,9 +128,8 @@ class RunConclusion:
         estimates: tuple[EstimatedQuantity, ...] | None = None
         try:
             estimates = (*self._protocol.estimates(self._progress.points), *_interference_estimate(interference))
-        except BaseException as error:
-            log.exception("the analysis failed")
-            reason += f"; the analysis failed: {type(error).__name__}: {error}"
+        except BaseException as error:  # noqa: BLE001 - told in the reason
+            reason += f"; the analysis failed by {describe_code_error(error, self._protocol)}"
         try:
             self._run_file.check_presence()
         except StorageError as error:
@@ -148,11 +164,11 @@ class RunConclusion:
         planned = len(progress.plan)
         try:
             return judge_ended(status, reason, protocol, progress.points, planned, self._reference, estimates)
-        except Exception as error:
-            log.exception("the checks of the result failed")
+        except Exception as error:  # noqa: BLE001 - told in the verdict
+            what = describe_code_error(error, protocol)
             if status is not RunStatus.COMPLETED:
                 return Verdict.of_status(status, reason)
-            return Verdict(Outcome.DOUBTFUL, (f"the result could not be checked: {type(error).__name__}: {error}",))
+            return Verdict(Outcome.DOUBTFUL, (f"the result could not be checked because of {what}",))
 
 
 def _interference_estimate(interference: InterferenceMeasured | None) -> tuple[EstimatedQuantity, ...]:

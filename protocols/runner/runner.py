@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib
-import logging
 import os
 import threading
 from dataclasses import replace
@@ -43,7 +42,7 @@ from protocols.base import (
 from protocols.rehearsal import AdaptedProtocol, adapt_to_source, rehearse
 from protocols.runfile import RunFileWriter, RunRecord, StorageError
 from protocols.runner.acquisition import RunAcquisition
-from protocols.runner.conclusion import RunConclusion, describe_end
+from protocols.runner.conclusion import RunConclusion, describe_code_error, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
 from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
@@ -51,8 +50,6 @@ from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import InterruptCheck, RunCancelled, RunRecorder
 from protocols.runner.request import RunControl, RunRequest
 from protocols.signals import find_lines, folded_frequencies, mark_folded
-
-log = logging.getLogger(__name__)
 
 PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
 """Modules imported before the card runs: importing at the first fit would delay the run by a second or two."""
@@ -225,11 +222,10 @@ class Runner:
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except (RunCancelled, BenchError, StorageError, OSError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
-        except BaseException as error:  # also SystemExit of a driver: the end of a run is always reported
+        except BaseException as error:  # noqa: BLE001 - also SystemExit of a driver: the end of a run is always reported
             status, reason = RunStatus.FAILED, MEMORY_SHORT
             if not is_memory_short(error):
-                log.exception("the run failed by an error of this program")
-                reason = f"an error of this program: {type(error).__name__}: {error}"
+                reason = describe_code_error(error, self._protocol)
         return self._conclude(status, reason)
 
     def _report_folded_lines(self) -> None:

@@ -22,6 +22,7 @@ from app.live.session_link import SessionAdapter
 from app.session import BenchState
 from app.session.bench_connection import BenchConnection, connect
 from app.session.session import Observation, SessionEvent
+from app.session.simulation import AnsweredBy, SimulationSettings
 from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest
 
@@ -157,18 +158,22 @@ class Stage:
 
 
 class Bench(SessionAdapter):
-    """Simulated bench on its virtual clock, with fault injection when a point is measured."""
+    """Simulated bench, with fault injection when a point is measured.
 
-    def __init__(self, config: BenchConfig) -> None:
+    Args:
+        speed: of a served bench, whose prompts wait for the window; None is the virtual clock, on which the simulation answers.
+    """
+
+    def __init__(self, config: BenchConfig, speed: float | None = None) -> None:
         self.laboratory: BenchConnection | None = None
         self.at_a_point: Callable[[BenchConnection], None] = lambda _: None
 
         @contextmanager
         def open_bench() -> Iterator[BenchConnection]:
-            with connect(config, None) as self.laboratory:
+            with connect(config, speed) as self.laboratory:
                 yield self.laboratory
 
-        super().__init__(open_bench)
+        super().__init__(open_bench, simulation=SimulationSettings(speed, AnsweredBy.USER))
 
     def observe(self, event: SessionEvent) -> None:
         super().observe(event)
@@ -202,11 +207,16 @@ OpenPage = Callable[[Callable[[], Any]], Any]
 
 @contextmanager
 def whole_window(
-    bench: Bench, config: BenchConfig, protocol: Protocol, folder: Path, settings: QSettings
+    bench: SessionAdapter,
+    config: BenchConfig,
+    protocol: Protocol,
+    folder: Path,
+    settings: QSettings,
+    open_bench: str = "ideal",
 ) -> Iterator[MainWindow]:
-    """A window that is active and has its simulated bench, with specimen T7."""
+    """A window that is active and has its bench, with specimen T7."""
     with collect_garbage_here():
-        window = MainWindow(bench, config, InitialForm(protocol, folder, "T7"), settings, open_bench="ideal")
+        window = MainWindow(bench, config, InitialForm(protocol, folder, "T7"), settings, open_bench=open_bench)
         window.show()
         window.activateWindow()
         assert QTest.qWaitForWindowActive(window, 30_000)

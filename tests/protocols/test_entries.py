@@ -244,3 +244,31 @@ def test_a_labs_own_file_is_a_protocol_and_a_broken_one_a_sentence(
         bad.write_text(text)
         with pytest.raises(registry.ProtocolFileError, match=says):
             registry.load_protocol_file(bad)
+
+
+@pytest.mark.parametrize(
+    ("method", "status"),
+    [
+        ("plan(self, rest_v)", RunStatus.FAILED),
+        ("measure(self, entry, rest_v)", RunStatus.FAILED),
+        ("point(self, key, recordings, simulated)", RunStatus.FAILED),
+        ("estimates(self, points)", RunStatus.COMPLETED),
+    ],
+)
+def test_an_error_in_a_labs_own_file_names_its_line(
+    method: str, status: RunStatus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(registry, "PROTOCOLS", dict(registry.PROTOCOLS))
+    path = tmp_path / "wrong.py"
+    path.write_text(
+        "from protocols.measurements.sine_dwell import SineDwell\n\nclass Wrong(SineDwell):\n    name = 'wrong'\n"
+        f"    title = 'Wrong'\n    def {method}:\n        return 1 / 0\n"
+    )
+    protocol = registry.load_protocol_file(path)(frequencies_hz=(200.0,), record_s=0.05)
+    with laboratory() as lab:
+        ran = run(protocol, tmp_path, lab)
+    assert ran.status is status
+    assert f"{path}, line 7: ZeroDivisionError" in ran.reason
+    assert not caplog.records, "no traceback of this program"
+    report = lab.control.report()
+    assert report.ends_at_rest or not report.live_s

@@ -1,16 +1,15 @@
-"""Commissioning of the source in the window: high voltage off, progress, checks and the page of traces."""
+"""Commissioning of a bench in the window: progress, checks and the page of traces."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QPixmap, QResizeEvent, QShortcut
+from PySide6.QtGui import QPixmap, QResizeEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.common import Severity
 from app.gui.face import tokens
 from app.gui.widgets import (
-    STRETCH,
     BackgroundWorker,
     StatusLine,
     column,
@@ -25,12 +24,12 @@ from app.gui.widgets import (
     set_tone,
 )
 from app.live import CommissioningJob
-from protocols.base import DISABLE_HIGH_VOLTAGE
 from protocols.commissioning import CheckedOutput, OutputVerdict, worst_verdict
 
 ABOUT_TEXT = (
     "With high voltage off, the source exercises the driver's assumptions, and the card measures them at the amplifier's input: levels, "
-    "polarity, amplitudes, transients, Stop, a lost connection. Takes a minute. Required for high voltage on a real bench."
+    "polarity, amplitudes, transients, Stop, a lost connection. Takes a minute. Then the interlock, where one is wired: with 300 V on the "
+    "specimen the heartbeat ends. Required for high voltage on a real bench."
 )
 PROGRESS_STEPS = 1000
 COLUMNS = ("", "measured at the output", "figure", "limits", "unit", "worst")
@@ -53,26 +52,13 @@ class CommissioningPanel(QWidget):
     ) -> None:
         super().__init__()
         self._worker = worker
-        self._job: CommissioningJob | None = None
+        self.job: CommissioningJob | None = None
         self._shown = False
         self._picture = QPixmap()
         self.start_button = make_button("Commission", start, "go", name="bench.commission")
         self.progress_label = make_label(kind="large", name="bench.commission.progress")
         self.progress_bar = make_progress_bar(PROGRESS_STEPS, 8, "bench.commission.bar")
         self.stop_button = make_button("Stop", stop, "stop", name="bench.commission.stop", minimumHeight=36)
-        self.confirm_button = make_button(
-            "High voltage is off", self._confirm, name="bench.commission.confirm", key="Enter"
-        )
-        self.prompt = make_panel(
-            make_label(
-                f"{DISABLE_HIGH_VOLTAGE.text} The amplifier's input stays connected to the generator and to the card."
-            ),
-            row(self.confirm_button, STRETCH),
-            margins=(12, 8, 12, 8),
-            kind="prompt",
-        )
-        for key in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            QShortcut(key, self.confirm_button, self.confirm_button.click, context=Qt.ShortcutContext.WidgetShortcut)
         self.message_label = configure(StatusLine(), "bench.commission.message")
         self.verdict_label = make_label(kind="caption", name="bench.commission.verdict")
         self.table = make_read_only_table(
@@ -80,18 +66,17 @@ class CommissioningPanel(QWidget):
         )
         self.picture_label = configure(QLabel(), "bench.commission.traces", accessibleName="page of traces")
         panel = make_panel(
-            make_label("Commission the source", "heading", wrap=False),
+            make_label("Commission the source and the interlock", "heading", wrap=False),
             make_label(ABOUT_TEXT),
             row(self.start_button, (self.progress_label, 1), self.stop_button),
             self.progress_bar,
-            self.prompt,
             self.message_label,
             self.verdict_label,
             self.table,
             self.picture_label,
         )
         column(panel, parent=self)
-        for widget in (self.progress_bar, self.prompt, self.stop_button, self.table, self.picture_label):
+        for widget in (self.progress_bar, self.stop_button, self.table, self.picture_label):
             widget.hide()
 
     def set_enabled(self, enabled: bool) -> None:
@@ -100,7 +85,7 @@ class CommissioningPanel(QWidget):
 
     def follow(self, job: CommissioningJob) -> None:
         """Show a commissioning that begins."""
-        self._job, self._shown = job, False
+        self.job, self._shown = job, False
         self.message_label.show_message("")
         for widget in (self.table, self.picture_label):
             widget.hide()
@@ -108,7 +93,7 @@ class CommissioningPanel(QWidget):
 
     def tick(self) -> None:
         """Refresh the progress."""
-        job = self._job
+        job = self.job
         if job is None:
             return
         if job.ended:
@@ -116,26 +101,21 @@ class CommissioningPanel(QWidget):
                 self._shown = True
                 self._show_result(job)
             return
-        if job.asks_for_high_voltage_off != self.prompt.isVisible():
-            self.prompt.setVisible(job.asks_for_high_voltage_off)
-            self.confirm_button.setFocus()
         self.stop_button.setVisible(not job.stopping)
         self.progress_bar.setVisible(job.started)
         self.progress_bar.setValue(round(PROGRESS_STEPS * job.fraction))
         if job.stopping:
             text = "stopping: the source goes to rest …"
+        elif job.asks:
+            text = "waits for your answer"
         elif job.exercises:
             text = f"exercise {len(job.exercises)}: {job.exercises[-1]} …"
         else:
-            text = "waits until high voltage is off" if job.asks_for_high_voltage_off else "opens the instruments …"
+            text = "opens the instruments …"
         self.progress_label.setText(text)
 
-    def _confirm(self) -> None:
-        if self._job is not None:
-            self._job.confirm_high_voltage_off()
-
     def _show_result(self, job: CommissioningJob) -> None:
-        for widget in (self.progress_bar, self.prompt, self.stop_button):
+        for widget in (self.progress_bar, self.stop_button):
             widget.hide()
         self.progress_label.setText("")
         if job.result is None:

@@ -258,9 +258,8 @@ class BenchPage(QSplitter):
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(Path(self.draft.name).resolve().parent)))
 
     def commission(self) -> None:
-        """Commission the source of the open bench."""
-        simulation = self._adapter.simulation
-        job = CommissioningJob(self._config, None if simulation is None else simulation.speed)
+        """Commission the source of the open bench, and its interlock."""
+        job = CommissioningJob(self._config, self._adapter)
         self.commissioning.follow(job)
         self.commissioning_requested.emit(job)
 

@@ -199,17 +199,20 @@ class BenchStrip(QWidget):
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
         self._state = view
-        self._refresh()
+        self._show(self._controller.strip())
 
     def tick(self) -> None:
-        """Paint the age of the measured volts and the time left anew; called at every tick of the window."""
-        if self._state is not None and time.monotonic() - self._painted_s >= REPAINT_S:
-            self._refresh()
+        """Paint other volts at once, their age and the time left every REPAINT_S; called at every tick of the window."""
+        if self.view is None:
+            return
+        view = self._controller.strip()
+        if view.measured != self.view.measured or time.monotonic() - self._painted_s >= REPAINT_S:
+            self._show(view)
 
-    def _refresh(self) -> None:
+    def _show(self, view: StripView) -> None:
         assert self._state is not None
         self._painted_s = time.monotonic()
-        self.show_view(self._controller.strip(), self._state)
+        self.show_view(view, self._state)
 
     def show_view(self, view: StripView, state: WindowState) -> None:
         """Show what is known of the bench."""

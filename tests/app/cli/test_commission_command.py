@@ -163,7 +163,7 @@ def test_a_commissioned_simulated_bench_hastens_the_end_of_a_level(tmp_path: Pat
         config = simulated(generator={"model": "SDG1032X", "traits": f"retime={retime}"})
         with connect(config, None) as before:
             assert not before.bench.amplifier.hastens_levels
-        commission(config, None, lambda: None)
+        commission(config, None, lambda _: None)
         with connect(config, None) as after:
             assert after.bench.amplifier.hastens_levels is hastens
             assert (after.bench.configuration["commissioning"]["level_stop_s"] is not None) is hastens
@@ -263,7 +263,7 @@ def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(
         )
         with connect(config) as before:
             assert before.bench.high_voltage_refusal.startswith("There is no commissioning record")
-        done = commission(config, 1.0, control.disable_hv)
+        done = commission(config, 1.0, lambda _: control.disable_hv())
         assert not [check for check in done.result.checks if not check.passed]
         assert math.isfinite(done.result.times.second_client_s) == answers_two
         with connect(config) as after:

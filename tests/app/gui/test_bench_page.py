@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,10 +18,22 @@ from app.gui.bench_page.editor import NEW_BENCH
 from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import STOPPED, CommissioningJob
+from app.live.session_link import SessionAdapter
+from app.session import commissioning, commissioning_record, connect
 from app.session.state import BenchState
+from drivers import WallClock
+from drivers.evidence.assumption import OutputCheck
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.commissioning.sequence import Commissioned
+from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict
 from protocols.measurements.sine_dwell import SineDwell
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.operator import SimulatedOperator
+from sim_hardware.service.served_bench import ServedBench
 from tests.app.test_bench_editing import comment_of
-from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window
+from tests.helpers.double_faults import INTERLOCK
+from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, sign, until, whole_window, word
+from tests.helpers.simulated_bench import simulated
 
 pytestmark = pytest.mark.deep
 
@@ -345,6 +358,71 @@ def test_closing_during_a_commissioning_waits_until_the_source_is_at_rest(window
     assert job.ended
 
 
+class AtTheAmplifier:
+    """Does what the prompt card says on a simulated bench, answers by Enter, and keeps the words of the sign with the volts."""
+
+    def __init__(self, window: MainWindow, world: SimulatedBench) -> None:
+        self.window, self.operator = window, SimulatedOperator(world)
+        self.asked: dict[int, str] = {}
+        self.shown: set[tuple[str, str]] = set()
+
+    def looks(self) -> None:
+        view, prompt = self.window.strip.view, self.window.state.prompt
+        assert view is not None
+        self.shown.add((sign(self.window), view.measured))
+        card = find(self.window, "notices.prompt")
+        if prompt is None or prompt.ask_id in self.asked or not (card.isVisible() and card.accepts_input):
+            return
+        self.operator.show(0, prompt.prompt)
+        self.asked[prompt.ask_id] = prompt.prompt.action
+        press(self.window, Qt.Key.Key_Return)
+
+
+@pytest.mark.breaks_the_drive  # high voltage goes at a level
+def test_the_interlock_is_measured_after_the_source_with_the_prompts_and_the_volts_of_a_run(
+    qt: QApplication, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checks = (CheckedOutput(OutputCheck.UNEVEN, 1.0, "1", 0.97, 1.03),)
+    passed = Commissioned(checks, MeasuredTimes(0.2, 0.1, 0.1), (), ())
+    monkeypatch.setattr(commissioning, "commission_bench", lambda _, switch, *__: switch.disable() or passed)
+    monkeypatch.setattr(commissioning_record, "user_data_path", lambda *_, **__: tmp_path)
+    truth = simulated(plant_rate_hz=20_000.0, modes=3).simulation_parameters
+    world = SimulatedBench(replace(truth, interlock=INTERLOCK), WallClock(1.0))
+    with ServedBench(world) as served:
+        file = tmp_path / "interlocked.toml"
+        file.write_text(
+            f"""name = "interlocked"
+generator = {{resource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", timeout_s = 1.0}}
+card = {{server = "127.0.0.1:{served.card.port}"}}
+sensor = {{delay_s = 1e-4}}
+watchdog = {{silence_s = 2.0}}
+interlock = {{line = "{INTERLOCK.line}", state_line = "{INTERLOCK.state_line}"}}
+""",
+            "utf-8",
+        )
+        config, dwell = load_bench(str(file)), SineDwell(frequencies_hz=(100.0,))
+        adapter = SessionAdapter(lambda: connect(config))
+        with whole_window(adapter, config, dwell, tmp_path, settings, str(file)) as window:
+            press(window, Qt.Key.Key_5, Qt.KeyboardModifier.ControlModifier)
+            until(lambda: window.tabs.currentIndex() == BENCH and window.tabs.bench.draft is not None, "for the page")
+            page, hand = window.tabs.bench, AtTheAmplifier(window, world)
+            until(lambda: find(page, "bench.commission").isEnabled(), "for the bench")
+            find(page, "bench.commission").click()
+            until(lambda: hand.looks() or find(page, "bench.commission.table").isVisible(), "for the checks")
+            done = page.commissioning.job.result
+            verdict = find(page, "bench.commission.verdict").text()
+            until(lambda: window.state.can_run, "for the bench")
+            assert not window.adapter.session.bench.high_voltage_refusal
+    off, on = DISABLE_HIGH_VOLTAGE.action, ENABLE_HIGH_VOLTAGE.action
+    assert list(hand.asked.values()) == [off, on, off]
+    found = done.result.checks[-1]
+    assert found.check is OutputCheck.INTERLOCK
+    assert found.value == pytest.approx(0.6, abs=0.05)
+    assert OutputVerdict.PASS in verdict
+    assert (word(BenchState.LIVE), "+300 V") in hand.shown
+    assert not world.history.high_voltage_on
+
+
 # -- live view and drives by hand ---------------------------------------------------------------------------------------
 
 
@@ -392,7 +470,7 @@ def test_a_level_beyond_the_amplifier_is_refused_and_nothing_moves(window: MainW
 
 
 def test_a_commissioning_stopped_before_its_first_message_claims_no_rest(config: BenchConfig) -> None:
-    job = CommissioningJob(config, None)
+    job = CommissioningJob(config, Bench(config))
     job.stop()
     job.start()
     until(lambda: job.ended, "for the job")

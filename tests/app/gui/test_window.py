@@ -119,6 +119,10 @@ def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
     assert "160 Hz" in view.run.title
     assert_names(view.run.note, 7, 18)
     assert "15 s left" in view.run.note
+    for drive_v, volts in (((0.0, 2.5), "−500 … 0 V"), ((2.5, 2.5), "0 V"), ((2.5, 5.0), "0 … +1500 V")):
+        stage.session.observation = Observation(CardReading(drive_v, drive_v, time.monotonic() + 3600))
+        stage.window.tick()
+        assert stage.window.strip.view.measured == volts, "other volts wait for no interval"
 
 
 def test_the_time_left_stays_real_when_the_state_changes(stage: Stage) -> None:

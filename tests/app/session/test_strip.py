@@ -9,7 +9,16 @@ import pytest
 from app.common import Severity
 from app.session.reducer import observe, reduce
 from app.session.session import BenchFailed, MonitorFailed, MonitorStarted, Observation
-from app.session.state import BenchState, Lamp, OperatorAction, RunRequested, TimedEvent, WindowEvent, WindowState
+from app.session.state import (
+    BenchState,
+    CommissioningEnded,
+    Lamp,
+    OperatorAction,
+    RunRequested,
+    TimedEvent,
+    WindowEvent,
+    WindowState,
+)
 from app.session.strip import StripView, format_measured_volts, strip_view
 from drivers.bench.card_reading import CardReading
 from drivers.drive_shapes import Hold, LinearSweep, Sine
@@ -97,6 +106,23 @@ TABLE = {
     "arming": Row(BEGUN, ZERO, BenchState.ARMING, False, "about −500 V", IF_ON, "measure rest, 0 V", ""),
     "high voltage on": Row(
         (*BEGUN, PromptShown(2, ENABLE_HIGH_VOLTAGE)), REST, BenchState.LIVE, False, "0 V", "specimen,", "rest, 0 V", ""
+    ),
+    "high voltage on, a drive begins": Row(
+        (*BEGUN, PromptShown(2, ENABLE_HIGH_VOLTAGE)), card(1.44, moves=True), BenchState.LIVE, False, "−212 V",
+        "specimen,", "rest, 0 V", "",
+    ),
+    "high voltage on, another voltage": Row(
+        (*BEGUN, PromptShown(2, ENABLE_HIGH_VOLTAGE)), ZERO, BenchState.DRIVE_LOST, True, "about −500 V", IF_ON,
+        "rest, 0 V", "OFF",
+    ),
+    "commissioning, high voltage on": Row(
+        (OPENED, RunRequested("Commissioning"), PromptShown(-1, ENABLE_HIGH_VOLTAGE), DriveStarted(Hold(3.0, 1.0))),
+        card(3.0), BenchState.LIVE, False, "+300 V", "specimen,", "level held, +300 V", "",
+    ),
+    "commissioning, high voltage on, rest is not reached": Row(
+        (OPENED, RunRequested("Commissioning"), PromptShown(-1, ENABLE_HIGH_VOLTAGE), DriveStarted(Hold(3.0, 1.0)),
+         ShutdownStarted(), RestMeasured(False, 3.0, "3.0 V"), CommissioningEnded("UNSAFE: …", passed=False)),
+        card(3.0), BenchState.UNSAFE, True, "about +300 V", IF_ON, "rest, not reached, 0 V", "OFF",
     ),
     "live": Row(
         LIVE, SWING, BenchState.LIVE, False, "−500 … +1500 V", "specimen,", "sine, 160 Hz, −500 … +1500 V", ""
@@ -324,6 +350,21 @@ def test_the_lamp_of_the_part_changes_in_the_same_message_as_the_state() -> None
         assert suspect(look(seen, SWING)[0]) == set()
 
 
+def test_an_unsafe_end_of_a_commissioning_waits_for_its_acknowledgement() -> None:
+    view = view_after(
+        OPENED, RunRequested("Commissioning"), UNSAFE, CommissioningEnded("UNSAFE: by hand", passed=False)
+    )
+    assert view.unsafe == "UNSAFE: by hand"
+    assert not reduce(view, TimedEvent(OPENED, WHEN)).can_run
+
+
+def test_a_drive_that_begins_is_not_lost_before_the_card_was_compared_with_it() -> None:
+    lost, _ = look(view_after(*BEGUN, PromptShown(2, ENABLE_HIGH_VOLTAGE)), ZERO)
+    assert lost.bench_state is BenchState.DRIVE_LOST
+    begun = reduce(lost, TimedEvent(DriveStarted(SINE), WHEN))
+    assert look(begun, SWING)[0].bench_state is BenchState.LIVE
+
+
 def test_old_volts_change_no_state() -> None:
     view = view_after(*LIVE, RunPaused("rest"))
     assert look(view, card(0.0, age_s=0.6))[0].bench_state is BenchState.PAUSED
@@ -337,6 +378,14 @@ def test_between_runs_a_card_that_is_watched_and_falls_silent_is_suspect() -> No
     watched, strip = look(view_after(OPENED, MonitorStarted(1e4, ())), silent)
     assert [i.role for i in watched.instruments if i.remark] == ["card"]
     assert not strip.danger
+
+
+def test_a_card_that_could_not_be_read_is_suspect_at_once() -> None:
+    for events in ((OPENED,), BEGUN, LIVE):
+        lost, _ = look(view_after(*events), replace(REST, unread=True))
+        assert "card" in [i.role for i in lost.instruments if i.remark and i.lamp is Lamp.SUSPECT]
+        again, _ = look(lost, REST)
+        assert "card" not in [i.role for i in again.instruments if i.remark]
 
 
 @pytest.mark.parametrize(

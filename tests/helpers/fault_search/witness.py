@@ -10,6 +10,7 @@ from app.session.bench_connection import BenchConnection
 from app.session.state import BenchState, WindowState
 from drivers.errors import AcquisitionError, InstrumentError
 from drivers.interfaces import Block
+from drivers.nidaq.analog_input import NiStream
 from model.amplifier_map import AmplifierMap
 from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
@@ -48,7 +49,7 @@ class Witness:
         self.fault, self.injected_s = fault, self.now()
         self.lab.control.inject(fault)
 
-    def block(self, block: Block, stream: SimulatedStream) -> None:
+    def block(self, block: Block, stream: SimulatedStream | NiStream) -> None:
         volts = stream.scales[0].to_volts(block.raw[0])
         low, high = AmplifierMap().specimen_v([volts.min(), volts.max()])
         first_s, last_s = (stream.start_time_s + scan / stream.rate_hz for scan in (block.start, block.stop))
@@ -56,8 +57,12 @@ class Witness:
         part, sensor = PARTS.get(self.fault), stream.scales[1].to_volts(block.raw[1])
         if first_s < self.injected_s:
             return
-        # Before it was set up a source may be anywhere.
+        # Before it was set up a source may be anywhere, and on its way to rest it strays until it stands still.
         strays = self.view.phase is not BenchState.ARMING and max(abs(low), abs(high)) > SLACK_V
+        if self.view.phase is BenchState.GOING_TO_REST:
+            lately = self.blocks[-4:]
+            stands = all(max(abs(b_low - low), abs(b_high - high)) < SLACK_V for _, b_low, b_high in lately)
+            strays = strays and stands and lately[0][0] > self.injected_s
         playing = self.view.phase is BenchState.LIVE and self.view.drive is not None
         if (
             part == "generator" and not self.fault.startswith("scpi") and (high - low < 1.0 if playing else strays)
@@ -76,12 +81,12 @@ class Witness:
         self.shown_s = min(self.shown_s, self.now())
 
     @contextmanager
-    def noting(self) -> Iterator[None]:
-        """Note every block and every error of this process."""
-        read = SimulatedStream.read
+    def noting(self, streams: type[SimulatedStream | NiStream] = SimulatedStream) -> Iterator[None]:
+        """Note every block of these streams and every error of this process."""
+        read = streams.read
 
-        def noted(stream: SimulatedStream) -> Block:
-            block = read(stream)
+        def noted(stream: SimulatedStream | NiStream) -> Block:
+            block = read(stream)  # type: ignore[arg-type]
             self.block(block, stream)
             return block
 
@@ -90,7 +95,7 @@ class Witness:
             self.error(error)
 
         with (
-            mock.patch.object(SimulatedStream, "read", noted),
+            mock.patch.object(streams, "read", noted),
             mock.patch.object(InstrumentError, "__init__", made, create=True),
         ):
             yield
