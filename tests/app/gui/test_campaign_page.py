@@ -20,7 +20,6 @@ from app.gui.campaign.page import CampaignPage
 from app.gui.shell.main_window import MainWindow
 from protocols.base import Prompt
 from protocols.measurements.sine_dwell import SineDwell
-from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.main_window import Bench, OpenStage, Stage, find, press, until, until_read, whole_window
@@ -80,6 +79,26 @@ def window(
         assert bench.laboratory is not None
         report = bench.laboratory.control.report()
     assert_safe_voltage(report)
+
+
+@pytest.mark.deep
+def test_the_result_card_of_a_wiring_check_offers_to_accept_it(window: MainWindow, tmp_path: Path) -> None:
+    controller = window.tabs.campaign.controller
+    press(window, Qt.Key.Key_2, CTRL)
+    settle(window.tabs.campaign)
+    press(window, Qt.Key.Key_F5)
+    until(lambda: window.state.busy, "for a run")
+    press(window, Qt.Key.Key_1, CTRL)
+    until(lambda: not window.state.busy, "for its end")
+    accept = window.measure_page.run_panel.result_card.buttons["accept"]
+    until(accept.isVisible, "for the offer")
+    assert accept.property("kind") == "go"
+    accept.click()
+    settle(window.tabs.campaign)
+    (run,) = on_disk(tmp_path)["wiring"]["accepted"]
+    assert run == Path(window.state.outcome.path).name
+    assert controller.acceptable == {}
+    assert not accept.isVisible()
 
 
 @pytest.mark.deep
