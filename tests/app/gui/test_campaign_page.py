@@ -20,6 +20,7 @@ from app.gui.campaign.page import CampaignPage
 from app.gui.shell.main_window import MainWindow
 from protocols.base import Prompt
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.main_window import Bench, OpenStage, Stage, find, press, until, until_read, whole_window
