@@ -4,6 +4,7 @@ import math
 from enum import StrEnum
 from typing import NamedTuple
 
+from app.common.formatting import typeset
 from model import shown_unit
 from protocols.base import CheckResult, Outcome
 
@@ -85,6 +86,7 @@ def check_row(check: CheckResult) -> CheckRow:
         factor *= scale
     low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
     limits = f"{low} … {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-    figure = f"{factor * check.value:.4g}".replace("-", "−") if math.isfinite(check.value) else "not seen"
+    figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
     name = f"{check.name} ({check.detail})" if check.detail else check.name
+    name, figure, limits = (typeset(text) for text in (name, figure, limits))
     return CheckRow(check.passed, name, figure, limits, unit, "" if check.passed else check.remedy)

@@ -261,7 +261,7 @@ class HvAmplifier:
             raise DriveRejectedError(
                 f"not armed: the way to rest would take {predicted_s:.1f} s, because {self.identity} answers slowly "
                 f"(limit {self.limits.way_to_rest_s:g} s). Connect it by a faster wire (a LAN cable in the place of Wi-Fi or VPN, "
-                "a higher baud rate), or raise way_to_rest_s under [amplifier] in the bench file"
+                "a higher baud rate), or raise the bench's 'way to rest' of the amplifier"
             )
         return predicted_s
 

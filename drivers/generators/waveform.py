@@ -32,13 +32,13 @@ def reason_memory_too_small(drive: ArbitraryDrive, max_points: int, max_step_v: 
     if isinstance(drive, LevelPulse):
         return (
             f"a level of {drive.level_v:g} V held for {drive.hold_s:g} s is a waveform of {needed} points, which ends at rest by itself, "
-            f"and the instrument holds {max_points}; shorten the hold, raise amplifier.step_v in the bench file, or use the "
+            f"and the instrument holds {max_points}; shorten the hold, raise the bench's 'step' of the amplifier, or use the "
             "card's analogue output. Nothing was sent"
         )
     return (
         f"this {drive.kind} needs {needed} points to move by no more than {max_step_v:g} V at a time, and the "
         f"instrument holds {max_points}; shorten it, lower its amplitude or its top frequency, lengthen its rise, or raise "
-        "amplifier.step_v in the bench file. Nothing was sent"
+        "the bench's 'step' of the amplifier. Nothing was sent"
     )
 
 

@@ -68,7 +68,7 @@ class WatchdogClient:
             if not self._wait_until_ready():
                 raise BenchError(
                     f"the watchdog does not watch{': ' + self._failed if self._failed else ''}. The bench does not go live "
-                    "without it: mend that, or write 'enabled = false' under [watchdog] in the bench file"
+                    "without it: mend that, or switch off 'enabled' of the bench's watchdog"
                 )
         self.takeover_reason = self.takeover_outcome = ""
         self.brought_to_rest, self._takeovers_at_allow = False, self._takeovers

@@ -261,7 +261,7 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
 QUESTIONABLE = {
     Quality.CALIBRATION_EXPIRED: (
         "points with an expired sensor calibration",
-        "calibrate the displacement sensor and enter the date under [sensor] in the bench file",
+        "calibrate the displacement sensor and enter the date into the bench's form of the sensor",
     ),
     Quality.LEVEL_EXCEEDED: ("points in which an abort level was exceeded", "see the log for the level and its value"),
 }

@@ -202,17 +202,17 @@ class WiringCheck(Protocol):
             _limit("noise floor", rest.noise, "m", None, self.noise_limit_m, "check for vibration, light, a loose shield"),
             _limit(
                 "polarity (1 right, -1 wrong)", (1.0 if agreed else -1.0) if moves else math.nan, "1", 1.0, None,
-                "swap the sign of gain_m_per_v under [sensor], or the tactor's wires with high voltage off" if moves else optics,
+                "swap the sign of the bench's gain of the sensor, or the tactor's wires with high voltage off" if moves else optics,
             ),
             _limit("gain above rest", gains[0], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
             _limit("gain below rest", gains[1], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
             _limit(
                 "gain above / below", gains[0] / gains[1] if moves else math.nan, "1", self.slopes_low,
-                self.slopes_high, "check the amplifier's range and [amplifier] in the bench file" if moves else optics,
+                self.slopes_high, "check the amplifier's range, and its slopes on the page Bench" if moves else optics,
             ),
             _limit(
                 "latency beyond the sensor's", sine.latency if moves else math.nan, "s", -0.2 * self.latency_limit_s, self.latency_limit_s,
-                "check the sensor's averaging and delay_s under [sensor]" if moves else optics,
+                "check the sensor's averaging, and its delay on the page Bench" if moves else optics,
             ),
         )  # fmt: skip
 

@@ -248,7 +248,7 @@ class LevelMonitor:
                 "stroke",
                 ("displacement", stroke_m, settings.stroke_limit_m, "m"),
                 f"the specimen moved {1e3 * stroke_m:.3f} mm from rest (limit {1e3 * settings.stroke_limit_m:.3g} mm, its gap or "
-                "levels.stroke_m in the bench file); lower the drive, or enter the specimen's true gap",
+                "the bench's abort level 'stroke'); lower the drive, or enter the specimen's true gap",
             )
         rate = self._displacement_rate(raw, valid)
         if rate > settings.rate_m_per_s:

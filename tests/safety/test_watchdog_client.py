@@ -198,7 +198,7 @@ def test_a_bench_is_not_armed_without_it(
     with pytest.raises(BenchError) as failed:
         client.arm()
     assert str(failed.value).startswith(f"the watchdog does not watch{why}")
-    assert "write 'enabled = false' under [watchdog] in the bench file" in str(failed.value)
+    assert "switch off 'enabled' of the bench's watchdog" in str(failed.value)
     assert len(children) == 2
     client.send_heartbeat()
     client.raise_for_status()

@@ -7,7 +7,7 @@ from datetime import UTC, date, datetime, timedelta
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.common import UnitError, to_number
+from app.common import UnitError, to_number, typeset
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
 from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
@@ -102,7 +102,7 @@ class CalibrationPanel(QWidget):
             self.volts_label.setText(f"{reading.sensor_v:.4f} V")
         else:
             text = format_with_uncertainty(reading.sensor_v, reading.sensor_error_v, "V")
-            self.volts_label.setText(text.replace("-", "−"))
+            self.volts_label.setText(typeset(text))
         self.take_button.setEnabled(reading is not None)
         self.move_button.setEnabled(reading is not None)
 
@@ -203,7 +203,7 @@ class CalibrationPanel(QWidget):
             )
             for point, residual_m in zip(self.points, residuals_m, strict=True)
         ]
-        fill_table(self.table, [[cell.replace("-", "−") for cell in cells] for cells in rows])
+        fill_table(self.table, [[typeset(cell) for cell in cells] for cells in rows])
         self.plot.show_points(self.points, self.result)
 
     def _build(self) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QWidget
 
-from app.common import UsageError
+from app.common import UsageError, typeset
 from app.config import SensorTable
 from app.gui.plots import TimePlot
 from app.gui.widgets import (
@@ -102,7 +102,7 @@ class LivePanel(QWidget):
         share = (reading.sensor_v - low) / (high - low)
         self.range_bar.setValue(round(BAR_STEPS * min(max(share, 0.0), 1.0)))
         where = f"{100 * share:.0f} % of its range: aim at 50 %" if 0 <= share <= 1 else "OUT OF RANGE: move the sensor"
-        self.range_label.setText(f"{round(reading.sensor_v, 3) + 0.0:.3f} V, {where}".replace("-", "−"))
+        self.range_label.setText(typeset(f"{reading.sensor_v:z.3f} V, {where}"))
 
     def tick(self) -> None:
         """Redraw the traces."""

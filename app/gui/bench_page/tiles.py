@@ -7,6 +7,7 @@ from PySide6.QtCore import QSize, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 
+from app.common import typeset
 from app.config import BenchConfig, FoundDevice
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
@@ -77,7 +78,7 @@ class Tile(QFrame):
 
     def show_reading(self, reading: LiveValues | None) -> None:
         """Show the live value; None: there is none."""
-        self.live_label.setText("" if reading is None else self._live_text(reading).replace("-", "−"))
+        self.live_label.setText("" if reading is None else typeset(self._live_text(reading)))
 
     def use(self, device: FoundDevice) -> None:
         """Fill in an instrument of the scan; no scan covers the tiles that do not override this."""
@@ -215,8 +216,7 @@ class CardTile(Tile):
 
     def _live_text(self, reading: LiveValues) -> str:
         card = self.form.record
-        drive_v, sensor_v = round(reading.drive_v, 3) + 0.0, round(reading.sensor_v, 4) + 0.0  # no negative zero
-        return f"{card.drive_channel} {drive_v:.3f} V\n{card.displacement_channel} {sensor_v:.4f} V"
+        return f"{card.drive_channel} {reading.drive_v:z.3f} V\n{card.displacement_channel} {reading.sensor_v:z.4f} V"
 
 
 class SensorTile(Tile):
@@ -230,4 +230,4 @@ class SensorTile(Tile):
     def _live_text(self, reading: LiveValues) -> str:
         if math.isnan(reading.displacement_um):
             return "out of range"
-        return f"{round(reading.displacement_um, 2) + 0.0:+.2f} µm"
+        return f"{reading.displacement_um:+z.2f} µm"

@@ -104,6 +104,8 @@ class RunPanel(QWidget):
         )
         self.segments = Segments("measure.side", "left column", (("Set-up", SETUP), ("Result", RESULT)))
         self._busy = False
+        self._left_editor: QWidget | None = None
+        """What had the keyboard when the run began, and gets it back at its end."""
         self.run_button = make_button(
             "Run", self.run_pressed.emit, "go", name="measure.run", key=ACTIONS["run"].shortcut
         )
@@ -205,6 +207,10 @@ class RunPanel(QWidget):
 
     def set_state(self, view: WindowState) -> None:
         """Show whether a run can begin, and why not."""
+        focused = self.window().focusWidget()
+        if view.busy and not self._busy and focused is not None and self.isAncestorOf(focused):
+            self._left_editor = focused  # a disabled editor would give the keyboard to a control at random
+            self.parentWidget().setFocus()
         for editor in (self.form, self.protocol_box, *self._editors, self._browse, self.preset_button):
             editor.setEnabled(not view.busy)
         self.rehearsal_label.setVisible(not view.busy)
@@ -219,6 +225,10 @@ class RunPanel(QWidget):
         self._can_run = view.can_run or view.can_queue
         self._blocked_reason = "" if view.can_queue else view.blocked_reason
         self._update_rehearsal()
+        if not view.busy and self._left_editor is not None:
+            if self.window().focusWidget() is self.parentWidget():
+                self._left_editor.setFocus()
+            self._left_editor = None
 
     def show_side(self, side: object) -> None:
         """Show the set-up or the result; both stand side by side in a wide window."""

@@ -17,8 +17,8 @@ from app.gui.plots.picture import color_of, number_text
 X_GAP_PX, DATE_GAP_PX, Y_GAP_PX = 48, 64, 28
 """Least distance of the labels of two ticks."""
 
-LEFT_PX, RIGHT_PX, TITLE_PX, TICK_PX = 44, 12, 25, 4
-"""Width of the left axis and of the space at the right, height of the row of a title, length of a tick."""
+LEFT_PX, RIGHT_PX, TITLE_PX, TITLE_ROW_PX, TICK_PX = 44, 12, 25, 17, 4
+"""Width of the left axis and of the space at the right, height of the rows of a vertical and of a horizontal axis' title, length of a tick."""
 
 DAY_S = 86400.0
 ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -58,7 +58,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         self.ends_above = False
         """Whether another panel's title follows below a vertical axis."""
         self.heading = Label(self)
-        """Title of the horizontal axis, at its right end in the row of its labels."""
+        """Title of the horizontal axis, at its right end below its labels: it covers no number."""
         self.show_theme()
 
     def show_theme(self) -> None:
@@ -67,12 +67,13 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         self.setPen(pg.mkPen(color_of("outline")))
         self.setTextPen(pg.mkPen(color_of("text2")))
         if self._side == "bottom":
-            self.setHeight(px(LABEL_PX) + px(8) + px(TICK_PX) if self.labelled else 1)
             self.show_title(self.heading.text())
 
     def show_title(self, title: str) -> None:
         """Set the title of a horizontal axis."""
         self.heading.show_text(title if self.labelled else "")
+        rows = px(LABEL_PX) + px(8) + px(TITLE_ROW_PX) * bool(title)
+        self.setHeight(rows + px(TICK_PX) if self.labelled else 1)
         self.picture = None
         self.update()
 
@@ -80,7 +81,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         if "heading" not in vars(self):  # pyqtgraph sets its size while it is made
             return
         size = self.heading.boundingRect()
-        self.heading.setPos(self.size().width() - size.width(), px(TICK_PX) + 1)
+        self.heading.setPos(self.size().width() - size.width(), px(TICK_PX) + px(TITLE_ROW_PX))
 
     def places(self) -> list[tuple[float, str]]:
         """Return the ticks: the place on the axis, in view coordinates, and its label."""
@@ -128,9 +129,9 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
             x = bounds.left() + share * bounds.width()
             ticks.append((self.pen(), QPointF(x, bounds.top()), QPointF(x, bounds.top() + px(TICK_PX))))
             rect = QRectF(x - width / 2, bounds.top() + px(TICK_PX) + 1, width, metrics.height())
-            title = self.heading.mapRectToParent(self.heading.boundingRect()).adjusted(-px(6), 0, 0, 0)
+            rect.moveRight(min(rect.right(), bounds.right() + px(RIGHT_PX) - 2))
             reaches_out = self.has_dates and rect.left() < bounds.left()  # onto the lowest label of the vertical axis
-            if self.labelled and not reaches_out and not (self.heading.text() and rect.intersects(title)):
+            if self.labelled and not reaches_out:
                 texts.append((rect, flags | Qt.AlignmentFlag.AlignHCenter, text))
         none = pg.mkPen(None)
         pen = self.pen() if self._side == "bottom" and self.labelled else none

@@ -194,6 +194,7 @@ class Chart(QWidget):
     def _make_chips(self) -> None:
         for button in self.chips.values():
             self._chip_row.removeWidget(button)
+            button.hide()  # now: it is deleted when the event loop turns
             button.deleteLater()
         self.chips = {}
         for group, layer in self.picture.groups.items():

@@ -8,7 +8,7 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QButtonGroup, QFrame
 
-from app.common import format_duration
+from app.common import format_duration, typeset
 from app.gui.face import CLASS_S, Tokens, class_of, follow_tokens, set_length, tokens
 from app.gui.plots.axes import stable_range
 from app.gui.plots.chart import Chart
@@ -75,7 +75,7 @@ class PresentValue(QFrame):
 
         def text(value: float) -> str:
             shown = 0 if abs(value) >= 100 else places
-            return f"{round(value, shown) + 0.0:.{shown}f}".replace("-", "−")
+            return typeset(f"{value:z.{shown}f}")
 
         if not values.size:
             self.value.setText("–")

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt
-from PySide6.QtGui import QGuiApplication, QPainter, QPen, QPixmap
+from PySide6.QtCore import QEvent, QMarginsF, QObject, QPointF, QRectF, Qt
+from PySide6.QtGui import QGuiApplication, QPageSize, QPainter, QPdfWriter, QPen, QPixmap
+from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
 from app.gui.face import LABEL_PX, SEMIBOLD, Tokens, icon, px, text_font
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from app.gui.plots.drawn_panel import DrawnPanel
 
 CLOSER, FURTHER = 0.7, 1 / 0.7
+SCREEN_DPI, POINTS_PER_INCH = 96, 72
 NEAR_PX = 9
 """Distance of the pointer from a point that it touches."""
 
@@ -303,7 +305,7 @@ class PlotFiles:
 
     def choose_picture(self) -> None:
         """Ask for a file and write the picture."""
-        self._choose_file("picture", "Pictures (*.png)", "plot.png", self.write_picture)
+        self._choose_file("picture", "Pictures (*.png *.svg *.pdf)", "plot.png", self.write_picture)
 
     def choose_data(self) -> None:
         """Ask for a file and write the table."""
@@ -312,17 +314,32 @@ class PlotFiles:
     def picture(self) -> QPixmap:
         """Return the plot as it is displayed; a plot of simulated data says SIMULATED."""
         shown: QPixmap = self._chart.canvas.viewport().grab()
+        self._mark(QPainter(shown))
+        return shown
+
+    def _mark(self, painter: QPainter) -> None:
+        """Draw the mark of simulated data into a picture, and end the painter."""
         if self._chart.picture.simulated:
-            painter = QPainter(shown)
-            font = text_font(LABEL_PX, SEMIBOLD)
-            painter.setFont(font)
+            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
             width = painter.fontMetrics().horizontalAdvance("SIMULATED") + px(16)
-            tag = QRectF(shown.deviceIndependentSize().width() - width - px(12), 0, width, px(20))
+            tag = QRectF(self._chart.canvas.viewport().width() - width - px(12), 0, width, px(20))
             painter.fillRect(tag, color_of("violet"))
             painter.setPen(Qt.GlobalColor.white)
             painter.drawText(tag, Qt.AlignmentFlag.AlignCenter, "SIMULATED")
-            painter.end()
-        return shown
+        painter.end()
+
+    def _draw_lines(self, device: QSvgGenerator | QPdfWriter) -> bool:
+        """Draw the plot as lines and text, in its present size; return whether the file could be written."""
+        painter = QPainter()
+        if not painter.begin(device):
+            return False
+        canvas = self._chart.canvas
+        area = QRectF(canvas.viewport().rect())
+        painter.scale(device.logicalDpiX() / SCREEN_DPI, device.logicalDpiY() / SCREEN_DPI)
+        painter.fillRect(area, color_of("surface"))
+        canvas.render(painter, area, canvas.viewport().rect())
+        self._mark(painter)
+        return True
 
     def _choose_file(self, content: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
         choose_files(self._chart.canvas, f"Save the {content} of this plot", write, kinds, name, Mode.AnyFile)
@@ -330,7 +347,22 @@ class PlotFiles:
     def write_picture(self, paths: list[Path]) -> None:
         """Write the picture to a file."""
         path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
-        self._report(self.picture().save(str(path)), path)
+        size = self._chart.canvas.viewport().size()
+        match path.suffix.lower():
+            case ".svg":
+                drawing = QSvgGenerator()
+                drawing.setFileName(str(path))
+                drawing.setSize(size)
+                drawing.setViewBox(QRectF(QPointF(), size))
+                drawing.setResolution(SCREEN_DPI)
+                self._report(self._draw_lines(drawing), path)
+            case ".pdf":
+                paper = QPdfWriter(str(path))
+                paper.setPageSize(QPageSize(size * POINTS_PER_INCH / SCREEN_DPI, "plot"))
+                paper.setPageMargins(QMarginsF())
+                self._report(self._draw_lines(paper), path)
+            case _:
+                self._report(self.picture().save(str(path)), path)
 
     def write_data(self, paths: list[Path]) -> None:
         """Write the table to a file."""

@@ -1,6 +1,6 @@
 """Result card of a run: verdict, key figure with its uncertainties, further quantities, checks, hints, file, next actions."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -19,6 +19,7 @@ from app.common import (
     outcome_severity,
     pluralize,
     summarize_result,
+    typeset,
 )
 from app.gui.face import px, tokens
 from app.gui.widgets import (
@@ -32,6 +33,7 @@ from app.gui.widgets import (
     make_label,
     make_pane,
     row,
+    set_style_kind,
     set_tone,
     tooltip,
 )
@@ -45,6 +47,7 @@ MAX_CHECKS = 6
 """Checks that are listed, those that did not pass first."""
 
 BUTTONS = {
+    "accept": ("Accept", "Let this result count in the campaign: its values are carried over to the next measurements"),
     "next": ("Next", "Show the next measurement and its reason on the page Campaign"),
     "again": ("Again", tooltip("run", "Measure with the parameters of the form")),
     "continue": ("Continue", "Measure the missing points, into a file beside this one"),
@@ -123,6 +126,9 @@ class ResultCard(QFrame):
             for name, (text, tip) in BUTTONS.items()
             if name in actions
         }
+        self._acceptable: Set[str] = frozenset()
+        if "accept" in self.buttons:
+            set_style_kind(self.buttons["accept"], "go")
         head = (self.verdict_label, self.count_label, self.simulated_label)
         self._build(prefix, *head)
 
@@ -223,13 +229,24 @@ class ResultCard(QFrame):
         self._set_verdict(f"{OUTCOME_SYMBOLS[outcome]} {outcome.capitalize()}", outcome_severity(outcome), reasons)
         written = bool(summary.path) and bool(summary.measured)
         for name, button in self.buttons.items():
-            button.setVisible(written or name == "again")
+            button.setVisible(name == "again" or (written and (name != "accept" or self._is_acceptable)))
         if (resuming := self.buttons.get("continue")) is not None:
             resuming.setVisible(written and outcome in UNFINISHED)
             of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
             resuming.setText(f"Continue{of}")
         self.note_label.setText(NOTE)
         self._fit()
+
+    @property
+    def _is_acceptable(self) -> bool:
+        return self.summary is not None and Path(self.summary.path).name in self._acceptable
+
+    def offer_acceptance(self, names: Set[str]) -> None:
+        """Offer to accept the result, as the next step, if its run is one of these files."""
+        self._acceptable = names
+        if self._outcome is not None:
+            self.buttons["accept"].setVisible(self._is_acceptable)
+            self._fit()
 
     def _show(self, summary: ResultSummary) -> None:
         self.summary = summary
@@ -240,9 +257,9 @@ class ResultCard(QFrame):
         brief = reasons
         if not self._scrolls and len(reasons) > MAX_REASON_LENGTH:
             brief = f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
-        self.reason_label.setText(f"{brief[:1].upper()}{brief[1:]}")
+        self.reason_label.setText(typeset(f"{brief[:1].upper()}{brief[1:]}"))
         self.reason_label.setToolTip(reasons if brief is not reasons else "")
-        self.hints_label.setText("\n".join(f"⚠ {hint}." for hint in summary.hints))
+        self.hints_label.setText(typeset("\n".join(f"⚠ {hint}." for hint in summary.hints)))
         self._show_figure(summary.lines[0] if summary.lines else _checks_passed(summary.verdict.checks))
         self._rows = [(line.name, line.text) for line in (*summary.lines[1:], *summary.others)]
         self._points_text = "" if summary.lines else _point_table(summary)
@@ -257,7 +274,9 @@ class ResultCard(QFrame):
         self.name_label.setText(f"{line.name[:1].upper()}{line.name[1:]}")
         self.figure_label.setText(line.figure)
         self.unit_label.setText(line.unit)
-        self.total_label.setText(f"{line.total} total" if line.total else "total not known" if line.noise else "")
+        self.total_label.setText(
+            f"{line.total} total" if line.total else "total: after Identify …" if line.noise else ""
+        )
         self.noise_label.setText(f"{line.noise} noise" if line.noise else "")
         self.bar.noise_share = line.noise_share
         self.bar.update()

@@ -1,6 +1,7 @@
 """Details of the selected runs: plot, results, tags, note, export."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,8 +14,7 @@ from app.common import typeset
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
-from app.gui.runs.differences import DifferencesPane
-from app.gui.runs.run_table import protocol_title
+from app.gui.runs.differences import LETTERS, DifferencesPane
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
@@ -31,6 +31,7 @@ from app.gui.widgets import (
     set_style_kind,
     tooltip,
 )
+from app.session import protocol_title
 from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
 
@@ -103,6 +104,12 @@ class RunDetailsPane(QWidget):
         for kind in FORMATS:
             action = menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
             action.setObjectName(f"runs.export-{kind}")
+        menu.addSeparator()
+        picture = menu.addAction("Picture of the plot (PNG, SVG, PDF) …", self._save_picture)
+        picture.setObjectName("runs.export-picture")
+        menu.aboutToShow.connect(
+            lambda: picture.setEnabled(not (self.plot.isHidden() and self.result_plots.isHidden()))
+        )
         self.export_button.setMenu(menu)
         self._build()
 
@@ -141,6 +148,10 @@ class RunDetailsPane(QWidget):
             spacing=6,
         )
         self.plot.hide()  # until something is chosen
+
+    def _save_picture(self) -> None:
+        """Ask for the file of the picture of the plot that is shown."""
+        (self.result_plots.chart if self.plot.isHidden() else self.plot).tools.files.choose_picture()
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""
@@ -182,6 +193,8 @@ class RunDetailsPane(QWidget):
 
     def show_runs(self, runs: Sequence[MeasuredResponse], selected_count: int) -> None:
         """Plot the points of the selected runs."""
+        if 1 < len(runs) == selected_count <= len(LETTERS):
+            runs = [replace(run, label=f"{letter}  {run.label}") for letter, run in zip(LETTERS, runs, strict=False)]
         self.plot.show_runs(
             runs, f"{len(runs)} of {selected_count} are shown" if 0 < len(runs) < selected_count else ""
         )

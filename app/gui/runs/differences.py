@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHeaderView, QWidget
 
 from app.archive import RunSummary, compare_runs
-from app.gui.face import tokens
+from app.gui.face import follow_tokens, tokens
 from app.gui.widgets import STRETCH, Segments, column, fill_table, make_label, make_read_only_table, row
 
-MAX_RUNS = 3
-"""More runs have no place side by side."""
 LETTERS = "ABC"
+"""Of the compared runs, in the order of the list; more have no place side by side."""
 
 
 class DifferencesPane(QWidget):
@@ -29,13 +29,24 @@ class DifferencesPane(QWidget):
         column(row(heading, STRETCH, self.segments), self.table, self.note_label, parent=self, spacing=4)
         self.segments.chosen.connect(lambda _: self._fill())
         self.hide()
+        follow_tokens(self, lambda _: self._fill())
 
     def show_runs(self, runs: Sequence[RunSummary]) -> None:
         """Compare runs, in the order of the list."""
-        self.setVisible(1 < len(runs) <= MAX_RUNS)
+        self.setVisible(1 < len(runs) <= len(LETTERS))
         if tuple(runs) != self._runs:
             self._runs = tuple(runs)
             self._fill()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit_rows()
+
+    def _fit_rows(self) -> None:
+        """Give each row the height of its name, and the table that of its rows."""
+        self.table.resizeRowsToContents()
+        heights = sum(self.table.rowHeight(at) for at in range(self.table.rowCount()))
+        self.table.setFixedHeight(heights + self.table.horizontalHeader().sizeHint().height() + 4)
 
     def _fill(self) -> None:
         if self.isHidden():
@@ -58,9 +69,7 @@ class DifferencesPane(QWidget):
             lambda _row, place: colors[place],
             right_aligned=range(1, len(titles)),
         )
-        self.table.resizeRowsToContents()
-        heights = sum(self.table.rowHeight(at) for at in range(len(shown)))
-        self.table.setFixedHeight(heights + self.table.horizontalHeader().sizeHint().height() + 4)
+        self._fit_rows()
         same = len(rows) - len(differing)
         self.note_label.setText(
             f"{same} settings and results are equal; σ: standard uncertainty of the difference by the noise of both runs"

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import RunSummary
 from app.gui.runs.details import RunDetailsPane
+from app.gui.runs.differences import LETTERS
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
 from app.gui.runs.run_table import RunTableModel, RunTableView
@@ -46,8 +47,11 @@ class RunListPane(QWidget):
     @property
     def selected(self) -> list[RunSummary]:
         """The selected runs in the order of the list."""
-        rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
-        return [self.model.summaries[row] for row in rows]
+        return [self.model.summaries[row] for row in self._selected_rows]
+
+    @property
+    def _selected_rows(self) -> list[int]:
+        return sorted(index.row() for index in self.table.selectionModel().selectedRows())
 
     def select_paths(self, paths: Sequence[str]) -> None:
         """Select runs by their paths."""
@@ -104,5 +108,9 @@ class RunListPane(QWidget):
         self._on_selection_changed()
 
     def _on_selection_changed(self) -> None:
-        self.details.show_selection(self.selected)
+        chosen = self.selected
+        rows = [row for row in self._selected_rows if self.model.summaries[row].readable]
+        compared = 1 < len(rows) <= len(LETTERS)
+        self.model.show_letters(dict(zip(rows, LETTERS, strict=False)) if compared else {})
+        self.details.show_selection(chosen)
         self.selection_changed.emit()

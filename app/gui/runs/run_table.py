@@ -1,41 +1,52 @@
-"""Table of runs: model over run summaries (ten thousand without a delay), and view."""
+"""Table of runs: model over run summaries (ten thousand without a delay), and view with the days as groups."""
 
 from collections.abc import Sequence
+from datetime import date
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QAbstractTableModel, QMimeData, QModelIndex, QPersistentModelIndex, Qt, QUrl, Signal
-from PySide6.QtGui import QColor, QKeyEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
+from PySide6.QtCore import QAbstractTableModel, QMimeData, QModelIndex, QPersistentModelIndex, QRectF, Qt, QUrl, Signal
+from PySide6.QtGui import QColor, QKeyEvent, QPainter
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTableView,
+)
 
 from app.archive import RunSummary
-from app.common import format_duration, typeset
-from app.gui.face import px, tokens
+from app.common import pluralize, round_figure, typeset
+from app.gui.face import LABEL_PX, SEMIBOLD, px, text_font, tokens
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure
-from protocols import PROTOCOLS
-from protocols.base import Outcome
+from app.session import protocol_title
+from model import shown_unit
+from protocols.base import Outcome, RunFigure
 
 Index = QModelIndex | QPersistentModelIndex
-RIGHT_ALIGNED = ("points", "length")
+FIGURES = {
+    "natural fr., Hz": ("natural_frequency",),
+    "largest, µm": ("amplitude_at_resonance", "square_wave_amplitude"),
+}
+"""Names of the figures of a run that have a column."""
+
+RIGHT_ALIGNED = ("points", *FIGURES)
 SORT_KEYS = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
     "protocol": lambda e: protocol_title(e.protocol),
     "verdict": lambda e: e.verdict_text,
+    **{column: lambda e, column=column: figure.value if (figure := _figure(e, column)) else -1.0 for column in FIGURES},
     "points": lambda e: e.points,
-    "length": lambda e: e.seconds,
     "found": lambda e: e.estimates_text,
     "tags": lambda e: e.tags.casefold(),
 }
 COLUMNS = tuple(SORT_KEYS)
 THUMBNAIL_COLUMN = COLUMNS.index("begun")
-ROW_HEIGHT = 40
-
-
-def protocol_title(name: str) -> str:
-    """Return a protocol as the form calls it; the stored name of one that is not known here."""
-    return PROTOCOLS.title(name) if name in PROTOCOLS else name
+ROW_HEIGHT, DAY_HEIGHT, BADGE_PX = 40, 28, 18
+"""Height of a row, of the band above the first one of a day, diameter of the letter of a compared run."""
 
 
 class RunTableModel(QAbstractTableModel):
@@ -47,6 +58,10 @@ class RunTableModel(QAbstractTableModel):
         self.thumbnails = Thumbnails(self)
         self.thumbnails.changed.connect(self._on_thumbnails)
         self.summaries: list[RunSummary] = []
+        self.days: dict[int, str] = {}
+        """Day and number of its runs, by the first row of each day; empty in another order than that of time."""
+        self.letters: dict[int, str] = {}
+        """Letters of the compared runs by their rows."""
         self._sort_column, self._descending = 0, True
 
     def set_summaries(self, folder: Path, summaries: Sequence[RunSummary]) -> None:
@@ -54,7 +69,21 @@ class RunTableModel(QAbstractTableModel):
         self.beginResetModel()
         self.folder = folder
         self.summaries = sorted(summaries, key=SORT_KEYS[COLUMNS[self._sort_column]], reverse=self._descending)
+        self.days, self.letters = {}, {}
+        if COLUMNS[self._sort_column] == "begun":
+            at, today = 0, date.today()
+            for day, runs in groupby(self.summaries, lambda e: e.started_at.date() if e.started_at else None):
+                count = sum(1 for _ in runs)
+                self.days[at] = f"{_day_text(day, today)}   {pluralize(count, 'run')}"
+                at += count
         self.endResetModel()
+
+    def show_letters(self, letters: dict[int, str]) -> None:
+        """Mark the runs that are compared."""
+        changed, self.letters = {*self.letters, *letters}, letters
+        for row in changed:
+            at = self.index(row, THUMBNAIL_COLUMN)
+            self.dataChanged.emit(at, at, [Qt.ItemDataRole.DecorationRole])
 
     def _on_thumbnails(self) -> None:
         if self.summaries:
@@ -75,6 +104,8 @@ class RunTableModel(QAbstractTableModel):
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         entry, column = self.summaries[index.row()], COLUMNS[index.column()]
         match role:
+            case Qt.ItemDataRole.DisplayRole if column == "begun" and self.days and entry.started_at:
+                return f"{entry.started_at:%H:%M}"
             case Qt.ItemDataRole.DisplayRole:
                 return _cell_text(entry, column)
             case Qt.ItemDataRole.DecorationRole if index.column() == THUMBNAIL_COLUMN:
@@ -112,14 +143,63 @@ def _cell_text(summary: RunSummary, column: str) -> str:
             return f"{summary.symbol} {summary.verdict_text}" + (", SIMULATED" if summary.simulated else "")
         case "points":
             return str(summary.points) if summary.readable else ""
-        case "length":
-            return format_duration(summary.seconds) if summary.readable else ""
+        case _ if column in FIGURES:
+            return _figure_text(_figure(summary, column))
         case "found":
             if summary.outcome is not Outcome.NOT_JUDGED and not summary.outcome.has_result:
                 return summary.explanation
             return typeset(summary.estimates_text) or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
         case _:
             return str(getattr(summary, column))
+
+
+def _figure(summary: RunSummary, column: str) -> RunFigure | None:
+    return next((each for each in summary.figures if each.name in FIGURES[column]), None)
+
+
+def _figure_text(figure: RunFigure | None) -> str:
+    """Return a figure with its total uncertainty in the unit of its column; empty without one."""
+    if figure is None:
+        return ""
+    factor, _ = shown_unit(figure.unit, figure.name)
+    value, total = factor * figure.value, factor * figure.total
+    return f"{round_figure(value, total)} ± {round_figure(total, total)}" if total > 0 else round_figure(value, total)
+
+
+def _day_text(day: date | None, today: date) -> str:
+    if day is None:
+        return "Of unknown time"
+    name = {0: "Today, ", 1: "Yesterday, "}.get((today - day).days, "")
+    return f"{name}{day.day} {day:%B}{'' if day.year == today.year else f' {day.year}'}"
+
+
+class RunDelegate(QStyledItemDelegate):
+    """Draws the band of a day above its first row, and the letter of a compared run on its thumbnail."""
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        model: Any = index.model()
+        colors, day, letter = tokens(), model.days.get(index.row()), model.letters.get(index.row())
+        first = index.column() == THUMBNAIL_COLUMN
+        if day is not None:
+            band = QRectF(option.rect.x(), option.rect.y(), option.rect.width(), px(DAY_HEIGHT))
+            painter.fillRect(band, QColor(colors.window))
+            option.rect.setTop(option.rect.top() + px(DAY_HEIGHT))
+            if first:
+                painter.setFont(text_font(LABEL_PX, SEMIBOLD))
+                painter.setPen(QColor(colors.text))
+                painter.drawText(band.adjusted(px(8), 0, 0, 0), Qt.AlignmentFlag.AlignVCenter, day)
+        super().paint(painter, option, index)
+        if letter and first:
+            painter.save()
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            disc = QRectF(option.rect.x() + px(3), option.rect.y() + px(2), px(BADGE_PX), px(BADGE_PX))
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(colors.layers[ord(letter) - ord("A")]))
+            painter.drawEllipse(disc)
+            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
+            painter.setPen(QColor(colors.surface))
+            painter.drawText(disc, Qt.AlignmentFlag.AlignCenter, letter)
+            painter.restore()
 
 
 class RunTableView(QTableView):
@@ -129,6 +209,8 @@ class RunTableView(QTableView):
 
     def __init__(self, model: RunTableModel) -> None:
         super().__init__()
+        self._tall_rows: set[int] = set()
+        """First rows of the days, which have a band above them."""
         self.setModel(model)
         configure(
             self,
@@ -144,14 +226,24 @@ class RunTableView(QTableView):
             tabKeyNavigation=False,
             minimumWidth=420,
         )
-        self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+        self.setItemDelegate(RunDelegate(self))
         configure(self.verticalHeader(), visible=False, defaultSectionSize=px(ROW_HEIGHT))
+        model.modelReset.connect(self._make_place_for_days)
+        self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         header = self.horizontalHeader()
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
-        for at, count in enumerate((20, 12, 19, 29, 8, 9, 34, 9)):
+        for at, count in enumerate((16, 9, 17, 21, 15, 13, 7, 20, 9)):
             self.setColumnWidth(at, count * wide + (px(SIZE.width()) if at == THUMBNAIL_COLUMN else 0))
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+
+    def _make_place_for_days(self) -> None:
+        model: Any = self.model()
+        for row in self._tall_rows - model.days.keys():
+            self.setRowHeight(row, px(ROW_HEIGHT))
+        for row in model.days:
+            self.setRowHeight(row, px(ROW_HEIGHT + DAY_HEIGHT))
+        self._tall_rows = set(model.days)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):

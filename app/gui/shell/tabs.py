@@ -172,6 +172,8 @@ class MainTabs(PageHost):
         page.restore_state(self._settings)
         self.sheets.add(page.board.header.sheet_button, lambda: self.subject.specimen_of(controller))
         controller.changed.connect(self.sheets.update_changed)
+        card = self.measure.run_panel.result_card
+        controller.changed.connect(lambda: card.offer_acceptance(controller.acceptable.keys()))
         page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
 
@@ -247,6 +249,8 @@ class ResultActions:
             self.open_run(path)
         elif action == "explore":
             self.overlay_runs([path])
+        elif action == "accept":
+            self._tabs.campaign.controller.accept(path.name)
         elif action == "next":
             self._tabs.setCurrentIndex(CAMPAIGN)
         elif action == "report":

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen, QResizeEvent
@@ -29,7 +29,7 @@ from app.gui.face import (
 from app.gui.status.ribbon import draw_hatch
 from app.gui.status.session_controller import SessionController
 from app.gui.widgets import configure
-from app.session import StripView, WindowState
+from app.session import KNOWN_S, StripView, WindowState
 
 REPAINT_S = 0.2
 """Interval at which the age of the measured volts and the time left are painted anew."""
@@ -81,9 +81,13 @@ LOOKS: dict[str, Look] = {
 
 
 def look_of(view: StripView) -> Look:
-    """Return how a strip looks; danger is red whatever the state."""
+    """Return how a strip looks: red is UNSAFE or DRIVE LOST only; volts off rest before the first arming are amber."""
     look = LOOKS[str(view.state)]
-    return Look(look.word, "danger", "red", "red", hazard=True) if view.danger else look
+    if not view.danger:
+        return look
+    if view.state == "not armed" and view.age_s <= KNOWN_S:
+        return replace(look, tint="amber_tint")
+    return look if look.icon == "danger" else LOOKS["unsafe"]
 
 
 def stops_by_escape(state: str) -> bool:

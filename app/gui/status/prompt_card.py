@@ -9,6 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 
+from app.common import typeset
 from app.gui.status.setup_drawing import SetupDrawing
 from app.gui.widgets import (
     STRETCH,
@@ -147,7 +148,7 @@ class PromptCard(OverlayCard):
             return
         if self._laser_at_start_um is None:
             self._laser_at_start_um = displacement_um
-        text = "" if displacement_um is None else f"{round(displacement_um, 1) + 0.0:+.1f} µm".replace("-", "−")
+        text = "" if displacement_um is None else typeset(f"{displacement_um:+z.1f} µm")
         shown = bool(text) and self._prompt.prompt.hands_on
         self.laser_label.setText(text)
         self.laser_note.setText("laser now")

@@ -6,6 +6,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QFrame, QWidget
 
+from app.common import typeset
 from app.gui.face import BOLD, LABEL_PX, PRESENT_PX, SEMIBOLD, VALUE_PX, px, set_length, text_font, tokens
 from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row
 from app.session import WindowState
@@ -126,7 +127,7 @@ class InputScale(QWidget):
         rest = f"{amplifier.rest_v:.3f} is rest"
         used = float(px(20))
         if self._volts is not None:
-            low = round(self._volts[0], 3) + 0.0
+            low = self._volts[0]
             painter.setBrush(QColor(colors.red_line))
             painter.setPen(Qt.PenStyle.NoPen)
             at = place(low)
@@ -136,7 +137,7 @@ class InputScale(QWidget):
             painter.setPen(QColor(colors.red_text))
             painter.setFont(text_font(LABEL_PX, SEMIBOLD))
             specimen = float(amplifier.specimen_v([low])[0])
-            text = f"{low:.3f} now, about {specimen:+.0f} V".replace("-", "−")
+            text = typeset(f"{low:z.3f} now, about {specimen:+.0f} V")
             left_of = min(max(at - px(8), px(2)), self.width() / 2)
             painter.drawText(below.adjusted(left_of, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, text)
             used = left_of + painter.fontMetrics().horizontalAdvance(text) + px(12)
@@ -204,7 +205,7 @@ class UnsafeCard(OverlayCard):
         if not view.unsafe:
             self.dismiss()
             return
-        detail = view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". ")
+        detail = typeset(view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". "))
         self.detail_label.setText(detail)
         self.detail_label.setVisible(bool(detail))
         if self.isHidden():
@@ -214,9 +215,7 @@ class UnsafeCard(OverlayCard):
         """Show what the card measures at the amplifier's input."""
         self.scale.show_volts(volts)
         seen = (
-            "nothing is measured"
-            if volts is None
-            else "lowest {:.3f} V, highest {:.3f} V".format(*(round(each, 3) + 0.0 for each in volts)).replace("-", "−")
+            "nothing is measured" if volts is None else typeset(f"lowest {volts[0]:z.3f} V, highest {volts[1]:z.3f} V")
         )
         text = f"Measured by the card\n{seen}\nMend after step 2 what the message names"
         if text != self.measured_label.text():

@@ -129,9 +129,9 @@ class ProtocolForm(FieldForm):
             getattr(protocol, row.field.name) != self.kind.model_fields[row.field.name].get_default()
             for row in self._further_rows
         )
+        self.result: FormResult[Any] = FormResult(protocol, {})
         self.more_button.setChecked(changed)
         self._show_more(changed)
-        self.result: FormResult[Any] = FormResult(protocol, {})
 
     def set_protocol(self, protocol: Protocol) -> None:
         """Show the parameters of a protocol of the same kind."""
@@ -150,18 +150,29 @@ class ProtocolForm(FieldForm):
     def _further_rows(self) -> list[FieldRow]:
         return list(self.rows.values())[MAIN_FIELDS:]
 
+    def show_errors(self, errors: Mapping[str, str]) -> None:
+        super().show_errors(errors)
+        for row in self._further_rows:  # a form that opened itself would move the field that is typed in
+            row.note_label.setVisible(self.more_button.isChecked() and row.field.name in errors)
+
+    def _name_more(self) -> None:
+        """Name the button after the fields that it shows, and those of them that are at fault."""
+        faults = [row.field.label for row in self._further_rows if row.field.name in self.result.errors]
+        hidden = f"More: {len(self._further_rows)} fields" + (f", correct {' and '.join(faults)}" if faults else "")
+        self.more_button.setText("Fewer fields" if self.more_button.isChecked() else hidden)
+
     def _show_more(self, shown: bool) -> None:
-        self.more_button.setText("Fewer fields" if shown else f"More: {len(self._further_rows)} fields")
+        self._name_more()
         for row in self._further_rows:
             for widget in (row.label, row.editor, row.unit):
                 widget.setVisible(shown)
+            row.note_label.setVisible(shown and bool(row.note_label.text()))
             self._layout.setRowMinimumHeight(self._gaps[row.field.name], ROW_GAP * shown)
 
     def _on_edited(self) -> None:
         self.result = self.check()
         self.show_errors(self.result.errors)
-        if any(row.field.name in self.result.errors for row in self._further_rows):
-            self.more_button.setChecked(True)
+        self._name_more()
         self.changed.emit()
 
 

@@ -83,6 +83,26 @@ def window(
 
 
 @pytest.mark.deep
+def test_the_result_card_of_a_wiring_check_offers_to_accept_it(window: MainWindow, tmp_path: Path) -> None:
+    controller = window.tabs.campaign.controller
+    press(window, Qt.Key.Key_2, CTRL)
+    settle(window.tabs.campaign)
+    press(window, Qt.Key.Key_F5)
+    until(lambda: window.state.busy, "for a run")
+    press(window, Qt.Key.Key_1, CTRL)
+    until(lambda: not window.state.busy, "for its end")
+    accept = window.measure_page.run_panel.result_card.buttons["accept"]
+    until(accept.isVisible, "for the offer")
+    assert accept.property("kind") == "go"
+    accept.click()
+    settle(window.tabs.campaign)
+    (run,) = on_disk(tmp_path)["wiring"]["accepted"]
+    assert run == Path(window.state.outcome.path).name
+    assert controller.acceptable == {}
+    assert not accept.isVisible()
+
+
+@pytest.mark.deep
 def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow, bench: Bench, tmp_path: Path) -> None:
     press(window, Qt.Key.Key_2, CTRL)
     page = window.tabs.campaign

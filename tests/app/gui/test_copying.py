@@ -57,7 +57,7 @@ def test_the_keys_of_a_plot_act_on_the_largest_one_where_none_has_the_focus(stag
     QTest.keyClick(find(stage.window, "measure.specimen"), Qt.Key.Key_P, CONTROL | Qt.KeyboardModifier.ShiftModifier)
     (dialog,) = stage.window.findChildren(QFileDialog)
     assert dialog.acceptMode() is QFileDialog.AcceptMode.AcceptSave
-    assert dialog.nameFilters() == ["Pictures (*.png)"]
+    assert dialog.nameFilters() == ["Pictures (*.png *.svg *.pdf)"]
     dialog.reject()
 
 

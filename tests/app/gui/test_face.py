@@ -1,6 +1,7 @@
 """Face of the window: nothing moves, fonts and colours are those of the design, keys mean one thing in each state."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 
 from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
 from app.gui.shell.page_host import MEASURE
-from app.gui.status.bench_strip import LOOKS, BenchStrip
+from app.gui.status.bench_strip import LOOKS, BenchStrip, look_of
 from app.session import BenchState
 from app.session.strip import RunLine, StripView
 from protocols.base import Outcome, Prompt, PromptShown, RunPaused
@@ -265,6 +266,7 @@ LOST_RUN = RunLine("⚠ UNSAFE", "Sine dwell, 5 of 18 points", 0.3, Outcome.UNSA
 VIEWS = {
     "connecting": StripView("connecting", False, "", "not measured yet", 9e9, "", "", NO_RUN),
     "not armed": StripView("not armed", False, "about 0 V", IF_ON, 0.1, "", "", NO_RUN),
+    "off rest": StripView("not armed", True, "about −500 V", IF_ON, 0.1, "", OFF, NO_RUN),
     "arming": StripView("arming", False, "about 0 V", IF_ON, 0.1, "measure rest, 0 V", "", RUN),
     "live": StripView("live", False, "−500 … +1500 V", AT, 0.1, "sine, 155 Hz, −500 … +1500 V", "", RUN),
     "pausing": StripView("pausing", False, "−500 … +1500 V", AT, 0.1, "rest, 0 V", "", RUN),
@@ -277,6 +279,18 @@ VIEWS = {
     "card gone": StripView("unsafe", True, "unknown", "last −500 … +1500 V, 4 s ago", 4.0, "rest, no answer, 0 V", OFF, LOST_RUN),
     "no bench": StripView("no bench", False, "", "nothing measures", 9e9, "", "", NO_RUN),
 }  # fmt: skip
+
+
+def test_red_is_unsafe_and_drive_lost_alone() -> None:
+    for view in VIEWS.values():
+        look = look_of(view)
+        assert ("red" in (look.ground, look.tint)) == (
+            look.word in (word(BenchState.UNSAFE), word(BenchState.DRIVE_LOST))
+        )
+        unread = replace(view, danger=True, measured="unknown", age_s=4.0)
+        assert look_of(unread).tint == "red", "a danger is red, with one of these words"
+    strays = look_of(VIEWS["off rest"])
+    assert (strays.word, strays.ground, strays.tint) == ("NOT ARMED", "grey", "amber_tint")
 
 
 @pytest.mark.parametrize("name", VIEWS)

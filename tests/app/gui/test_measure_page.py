@@ -334,3 +334,29 @@ def test_the_result_stands_beside_the_plot_of_a_wide_window_and_under_a_switch_i
     window.resize(1280, 800)
     segments.buttons["set-up"].click()
     assert (card.isVisible(), protocol.isVisible()) == (False, True)
+
+
+def test_a_fault_in_a_folded_field_is_named_and_moves_nothing(stage: Stage) -> None:
+    stage.happen(OPENED)
+    form = stage.window.measure_page.run_panel.form
+    *_, folded = form.rows.values()
+    form.rows["frequencies_hz"].editor.setFocus()
+    folded.set_value("abc")
+    assert not form.more_button.isChecked()
+    assert not folded.note_label.isVisible()
+    assert form.more_button.text().endswith(f"correct {folded.field.label}")
+    form.more_button.click()
+    assert folded.note_label.isVisible(), "unfolded, the fault stands below its field"
+
+
+def test_a_run_gives_the_keyboard_back_to_the_field_that_had_it(stage: Stage) -> None:
+    stage.happen(OPENED)
+    page = stage.window.measure_page
+    editor = page.run_panel.form.rows["peak_to_peak_v"].editor
+    editor.setFocus()
+    stage.press(Qt.Key.Key_F5)
+    assert stage.window.focusWidget() is page, "no control has it by chance"
+    stage.happen(*LIVE)
+    assert stage.window.focusWidget() is page
+    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "", "run.h5"))
+    assert stage.window.focusWidget() is editor

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pypdfium2 import PdfDocument
 from pyqtgraph import GraphicsView
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QAction, QPixmap, QWheelEvent
@@ -105,6 +106,18 @@ def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) 
     tools.files.write_picture([tmp_path / "response.png"])
     picture = QPixmap(str(tmp_path / "response.png"))
     assert picture.size() == plot.canvas.viewport().grab().size()
+    tools.files.write_picture([tmp_path / "response.svg"])
+    drawn = (tmp_path / "response.svg").read_text("utf-8")
+    assert drawn.count("<path") + drawn.count("<polyline") > 20, "lines, not pixels"
+    assert all(f">{text}<" in drawn for text in ("SIMULATED", "Frequency, Hz"))
+    tools.files.write_picture([tmp_path / "response.pdf"])
+    with PdfDocument(tmp_path / "response.pdf") as document:
+        (page,) = document
+        width, height = page.get_size()
+        assert width / height == pytest.approx(picture.width() / picture.height(), rel=0.01)
+        assert page.render(scale=96 / 72).to_pil().getbbox() is not None
+        rendered = page.render(scale=96 / 72).to_pil().convert("L")
+        assert sum(rendered.histogram()[:128]) > 1000, "ink"
     tools.files.write_data([tmp_path / "no" / "folder.tsv"])
     assert str(tmp_path / "no" / "folder.tsv") in find(plot.canvas, "plot.read-out").text()
 

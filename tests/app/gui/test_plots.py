@@ -303,3 +303,25 @@ def test_the_labels_of_a_vertical_axis_have_place_at_every_size(qt: QApplication
         axis = chart.panels[0].axes["left"]
         assert axis.width() >= axis.needed_width() > 0
     chart.deleteLater()
+
+
+def test_a_title_takes_no_number_from_its_axis(qt: QApplication) -> None:
+    chart = Chart("test")
+    title = "Milliseconds before rising edge"
+    axis_range = (-100.0, 0.0)
+    for width in (240, 500, 1000):
+        chart.resize(width, 300)
+        x = np.linspace(*axis_range, 50)
+        panel = Panel(title="Drive, V")
+        chart.show_picture(
+            Picture(x_title=title, panels=(panel,), layers=(layer(name="drive", x=x, y=x, line=SOLID),), x=axis_range)
+        )
+        chart.grab()
+        QApplication.processEvents()
+        axis = chart.panels[0].axes["bottom"]
+        assert axis.heading.text() == title
+        shown = [text for *_, text in axis.generateDrawSpecs(None)[2]]
+        assert shown == [text for _, text in axis.places()]
+        assert shown[0] == "−100"
+        assert list(faults_of_plot(chart.canvas)) == []
+    chart.deleteLater()

@@ -38,7 +38,7 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     stage.happen(*LIVE, point(0, 100.0), AT_REST, ended)
     assert not card.isHidden()
     assert "Not judged" in find(card, "result.verdict").text()
-    assert shown_figure(card) == (NATURAL, "158 Hz", "total not known", "± 1.6 Hz noise")
+    assert shown_figure(card) == (NATURAL, "158 Hz", "total: after Identify …", "± 1.6 Hz noise")
     assert "moment per volt" in find(card, "result.more").text()
     assert find(card, "result.file").text() == "one.h5"
     assert find(card, "result.simulated").isVisibleTo(card)

@@ -1,5 +1,6 @@
 """Runs page: search, open, compare, annotate, export, drag and drop."""
 
+import json
 import re
 import shutil
 import threading
@@ -517,3 +518,27 @@ def test_what_differs_between_two_runs_is_listed_and_the_rest_is_folded(page: Ru
     find(pane, "runs.differences.True").click()
     assert drive in rows(), "everything is listed"
     assert len(rows()) > len(shown)
+
+
+def test_runs_stand_under_their_days_with_their_values_and_the_letters_of_compared_ones(
+    page: RunsPage, folder: Path
+) -> None:
+    model, table = page.list.model, page.list.table
+    titles = [model.headerData(c, Qt.Orientation.Horizontal) for c in range(model.columnCount())]
+    assert len(model.days) == 1
+    assert model.days[0].endswith("3 runs")
+    assert table.rowHeight(0) > table.rowHeight(1), "the day stands above its first run"
+    figures = [["natural_frequency", 159.83, 0.2, 0.6, "Hz"], ["amplitude_at_resonance", 1.147e-3, 4e-7, 1.1e-5, "m"]]
+    with_figures = model.summaries[0]._replace(figures_json=json.dumps(figures), protocol="sine-dwell")
+    model.set_summaries(folder, [with_figures, *model.summaries[1:]])
+    row = {title: model.index(0, at).data() for at, title in enumerate(titles)}
+    assert (row["natural fr., Hz"], row["largest, µm"]) == ("159.8 ± 0.6", "1147 ± 11")
+    page.list.select_paths([entry.path for entry in model.summaries[:2]])
+    assert model.letters == {0: "A", 1: "B"}
+    until(lambda: not page._worker.pending, "for the points")
+    assert [each.label[0] for each in page.details.plot.picture.layers] == ["A", "B"]
+    page.list.select_paths([model.summaries[0].path])
+    assert model.letters == {}
+    table.sortByColumn(titles.index("specimen"), Qt.SortOrder.AscendingOrder)
+    assert model.days == {}
+    assert table.rowHeight(0) == table.rowHeight(1)
