@@ -593,6 +593,32 @@ def test_the_heartbeat_of_the_interlock_ends_at_rest_before_the_operator_is_aske
             assert journal.volts[-2] == pytest.approx(2.5, abs=1e-3)
 
 
+@pytest.mark.parametrize("moved", ["off", "on"])
+def test_rest_is_measured_on_both_sides_of_high_voltage_after_access_to_the_specimen(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch, moved: str
+) -> None:
+    """Somebody turns the offset at the generator's front panel meanwhile: nothing is driven from there."""
+
+    def turn_offset() -> None:
+        link = lab.control.link()
+        link.write("VOLT:OFFS 2.54;:VOLT:OFFS 2.58;:VOLT:OFFS 2.6;*IDN?")
+        link.read()
+
+    with (
+        pytest.raises(BenchError, match=r"\b2\.6\d\d V") as failed,
+        armed_bench(lab, journal) as armed,
+    ):
+        if moved == "on":
+            enable = journal.enable
+            monkeypatch.setattr(journal, "enable", lambda: (enable(), turn_offset()))
+        with armed.specimen_access(journal):
+            if moved == "off":
+                turn_offset()
+    assert type(failed.value) is BenchError, "rest was confirmed in the end"
+    assert journal.lines.count("operator: on") == (2 if moved == "on" else 1)
+    assert_safe_voltage_at_end(lab)
+
+
 def test_every_run_of_this_file_was_safe_at_the_amplifier(lab: BenchConnection, journal: Journal) -> None:
     with armed_bench(lab, journal) as armed:
         with armed.specimen_access(journal):

@@ -44,6 +44,9 @@ def test_a_call_that_does_not_return_is_given_up_with_all_that_follow(answer: th
     assert threads_left_behind() == [calls.name]
     with pytest.raises(OverdueError, match="disk"):
         calls.call(lambda: seen.append("made"), 30.0)
+    calls.end()
+    with pytest.raises(OverdueError, match="disk"):
+        calls.call(lambda: seen.append("made"), 30.0)
     answer.set()
     calls.join()
     assert "made" not in seen
@@ -56,7 +59,9 @@ def test_a_call_that_cannot_be_broken_off_is_overdue_for_another_thread(monkeypa
     assert overdue_s(here) <= 0.0
     with in_progress(Deadline.CARD_DRIVER), in_progress(Deadline.DISK):
         assert overdue_s(here) >= 1.0
-    assert overdue_s(here) <= 0.0
+    with pytest.raises(LinkError), in_progress(Deadline.CARD_DRIVER):
+        raise LinkError("no answer")
+    assert overdue_s(here) <= 0.0, "a failed call is over, too"
 
 
 Details = namedtuple("Details", "method timeout")

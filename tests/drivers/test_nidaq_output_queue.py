@@ -13,10 +13,10 @@ import pytest
 from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive_shapes import Hold, LinearSweep, Sine, Steps
-from drivers.errors import InstrumentError
+from drivers.errors import AcquisitionError, InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
-from drivers.nidaq.output_task import PlaybackProgress
+from drivers.nidaq.output_task import OutputTask, PlaybackProgress
 from drivers.nidaq.rendering import MAX_SAMPLES, QUEUE_S, SAMPLE_RATES_HZ, sample_count, sample_rate_for
 from model.amplifier_map import AmplifierMap
 from sim_hardware.bench import SimulatedBench
@@ -261,6 +261,51 @@ def test_a_task_is_kept_while_its_output_is_not_measured_at_rest() -> None:
         assert report.end_v == pytest.approx(2.5, abs=1e-3)
         source.reconnect()
         assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
+def test_a_drive_that_plays_on_after_its_stop_is_not_released_although_its_mean_is_the_idle_level(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The samples of the fade were lost on their way: a block shows whole cycles around the idle level."""
+    monkeypatch.setattr(OutputTask, "rewrite", lambda *_: True)
+    with live() as (source, bench), acquiring(bench).stream(5000.0, 250):
+        source.start_drive(Sine(40.0, 1.0, 2.5, 400))
+        bench.clock.sleep(0.2)
+        with pytest.raises(InstrumentError, match=r"\b2\.500 V\b.*\b1\.\d\d\d to 3\.\d\d\d V"):
+            source.stop()
+        bench.clock.sleep(10.0)
+        report = bench.report()
+        assert report.largest_jump_v < 0.05
+        assert report.end_v == pytest.approx(2.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("cable_off_v", [0.0, 0.4], ids=["cable", "cable off"])
+def test_a_task_that_was_lost_is_continued_from_its_present_sample_if_the_card_sees_that(
+    monkeypatch: pytest.MonkeyPatch, cable_off_v: float
+) -> None:
+    """The converter is busy with the run's acquisition, so that the level cannot be measured inside the card."""
+    with live() as (source, bench), acquiring(bench).stream(5000.0, 250):
+        source.start_drive(Sine(0.5, 2.0, 2.5, 5))
+        bench.clock.sleep(0.3)
+
+        def lost() -> int:
+            raise AcquisitionError("the server does not answer")
+
+        monkeypatch.setattr(source._task, "generated", lost)
+        cable = bench.card._history.volts
+        monkeypatch.setattr(bench.card._history, "volts", lambda t: cable(t) - cable_off_v)
+        source.reconnect()
+        monkeypatch.undo()
+        stuck_v = bench.report().end_v
+        assert stuck_v > 3.0
+        if cable_off_v:
+            with pytest.raises(InstrumentError, match="prepare"):
+                source.ramp_to(2.5, 0.5)
+        else:
+            assert source.idle_level_v() == pytest.approx(stuck_v, abs=0.02)
+            source.ramp_to(2.5, 0.5)
+            assert source.is_at_rest(2.5, 0.0, 5.0)
+        assert bench.report().largest_jump_v < 0.05
 
 
 def test_what_is_left_of_a_stopped_drive_does_not_follow_its_fade(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from annotated_types import Unit
 from pydantic import Field
 
 from drivers.drive_shapes import Sine
-from protocols.base import EstimatedQuantity, PlanEntry, Protocol, Recording, Settle, Step
+from protocols.base import EstimatedQuantity, PlanEntry, Prompt, Protocol, Recording, Settle, Step
 from protocols.measurements.sine_dwell import SineDwell
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
@@ -51,3 +51,18 @@ class Scripted(Protocol):
 
 
 SETTLE = Settle(Sine(100, 1, 2.5, 300), 0.02, 0.01, 1.0)
+
+
+class Hesitant:
+    """Answers the run's prompts late, as an operator does; the card continues sampling meanwhile."""
+
+    def __init__(self, hands: Any, polls: int) -> None:
+        self.hands, self.polls = hands, polls
+
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        self.left = self.polls
+        self.hands.show(ask_id, prompt)
+
+    def answer(self, ask_id: int) -> str | None:
+        self.left -= 1
+        return self.hands.answer(ask_id) if self.left <= 0 else None

@@ -1,5 +1,6 @@
 """Executor: results of steps, unsupported steps reported, the card read during analysis."""
 
+import re
 import threading
 import tracemalloc
 from collections.abc import Sequence
@@ -9,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers import Hold
 from protocols.base import (
     Ask,
     BlockDiscarded,
     Log,
+    Play,
     PointMeasured,
     Prompt,
     ReadMeter,
@@ -23,7 +26,7 @@ from protocols.base import (
     SettlingFinished,
 )
 from protocols.runfile.reader import Run
-from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted, Spot
+from tests.helpers.scripted_protocol import SETTLE, SHORT, Hesitant, Scripted, Spot
 from tests.helpers.simulated_bench import Trigger, laboratory, run
 
 
@@ -42,21 +45,6 @@ def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:
     with Run(ran.path) as file:
         assert file.points()["mean"].tolist() == [recording.displacement_m.mean()]
         assert next(file.recordings()).drive_v.tolist() == recording.drive_v.tolist()
-
-
-class Hesitant:
-    """Answers the run's prompts late, as an operator does; the card continues sampling meanwhile."""
-
-    def __init__(self, hands: Any, polls: int) -> None:
-        self.hands, self.polls = hands, polls
-
-    def show(self, ask_id: int, prompt: Prompt) -> None:
-        self.left = self.polls
-        self.hands.show(ask_id, prompt)
-
-    def answer(self, ask_id: int) -> str | None:
-        self.left -= 1
-        return self.hands.answer(ask_id) if self.left <= 0 else None
 
 
 @pytest.mark.deep
@@ -79,9 +67,27 @@ def test_what_the_bench_cannot_do_is_a_sentence(script: tuple, says: str, tmp_pa
     with laboratory() as lab:
         ran = run(Scripted(script=script), tmp_path, lab)
     assert ran.status == RunStatus.FAILED
-    import re
-
     assert re.search(says, ran.reason)
+
+
+@pytest.mark.parametrize(
+    ("script", "is_long_enough"),
+    [
+        ((Play(Hold(3.5, 1.0), 0.9), Record(1.0)), True),
+        ((Play(Hold(3.5, 1.0), 5.0),), False),
+        ((Play(Hold(3.5, 1.0), 0.9), Record(5.0)), False),
+        ((Record(5.0, Hold(3.5, 1.0)),), False),
+    ],
+)
+def test_nothing_is_recorded_or_waited_beyond_the_end_of_a_level(
+    script: tuple, is_long_enough: bool, tmp_path: Path
+) -> None:
+    """The generator plays a level as a finite waveform: what is recorded afterwards would be taken for the level."""
+    with laboratory() as lab:
+        ran = run(Scripted(script=script), tmp_path, lab)
+    assert ran.status == (RunStatus.COMPLETED if is_long_enough else RunStatus.FAILED)
+    assert (re.search(r"the held level returns to rest by itself in \d\.\d s", ran.reason) is None) == is_long_enough
+    assert ran.report.ends_at_rest
 
 
 @pytest.mark.deep

@@ -10,6 +10,7 @@ import pytest
 from app.session.bench_connection import UNATTENDED_BLOCK_S, connect
 from drivers import Block, Hold, LevelAction, LevelSettings, LinearSweep, Scale, Sine, SquareWave
 from protocols.base import (
+    Ask,
     BlockStored,
     DriveReadbackChanged,
     DriveStarted,
@@ -17,9 +18,11 @@ from protocols.base import (
     LogMessage,
     Outcome,
     PointMeasured,
+    Prompt,
     PromptShown,
     Protocol,
     Quality,
+    Record,
     RunStatus,
 )
 from protocols.measurements.mass_resonance import MassResonance
@@ -33,7 +36,7 @@ from protocols.runner.abort_levels import LevelMonitor
 from protocols.runner.readback import DriveReadback
 from sim_hardware.clock import VirtualClock
 from tests.helpers.messages import assert_names
-from tests.helpers.scripted_protocol import SHORT
+from tests.helpers.scripted_protocol import SETTLE, SHORT, Hesitant, Scripted
 from tests.helpers.simulated_bench import Ran, Trigger, laboratory, run, simulated
 
 REPORTED_WITHIN_S = 0.1
@@ -158,6 +161,22 @@ def test_the_operator_may_ignore_a_level_for_the_rest_of_the_run(tmp_path: Path)
     assert ran.status == RunStatus.COMPLETED
     assert [event.action for event in exceeded(ran)] == ["ask", "warning", "warning"]
     assert ran.kinds().count("Paused") == ran.kinds().count("Resumed") == 1
+
+
+def test_no_drive_begins_before_the_question_about_a_level_that_was_exceeded_while_the_run_waited(
+    tmp_path: Path,
+) -> None:
+    waits = Prompt("look", "Look at the specimen.")
+    with laboratory() as lab:
+        fault = Trigger(
+            lambda e: isinstance(e, PromptShown) and e.prompt == waits,
+            lambda: lab.control.inject("sensor-out-of-range"),
+        )
+        protocol = Scripted(script=(SETTLE, Ask(waits), SETTLE, Record(0.1)))
+        ran = run(protocol, tmp_path, lab, fault, operator=Hesitant(lab.operator, 10))
+    assert [event.level for event in exceeded(ran)] == ["laser_lost"]
+    assert ran.status == RunStatus.STOPPED
+    assert ran.kinds().count("DriveStarted") + ran.kinds().count("Playing") == 1
 
 
 class Unreachable(Answering):

@@ -1,11 +1,13 @@
 """A driver that hangs: the watchdog brings the source to rest, and Ctrl-C ends the program all the same."""
 
+import re
 import signal
 import threading
 import time
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,13 +15,17 @@ import pytest
 from app.common.exit_codes import ExitCode
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, Session, SessionState
-from app.session.supervisor import Signs, Supervisor
+from app.session.supervisor import Rescue, Signs, Supervisor
+from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.deadlines import Deadline, in_progress
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.interfaces import Block
+from protocols.base import LogMessage, RunEnded, RunStatus
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runner.request import RunRequest
 from tests.helpers.messages import assert_names
 from tests.helpers.program import program, safe
-from tests.helpers.simulated_bench import simulated
+from tests.helpers.simulated_bench import assert_safe_voltage, laboratory, simulated
 
 HANGS = """
 import sys, threading
@@ -146,6 +152,7 @@ def test_a_card_that_hangs_between_runs_does_not_keep_the_program(
         session._thread.join()
 
 
+@pytest.mark.one_in(1)  # both sides of each deadline
 @pytest.mark.parametrize(
     ("signs", "given_up"),
     [
@@ -171,6 +178,91 @@ def test_a_card_that_hangs_between_runs_does_not_keep_the_program(
 )
 def test_a_session_is_given_up_beyond_its_deadlines_alone(signs: Signs, given_up: bool) -> None:
     assert bool(signs.hang(Deadline.STOP_ANSWER)) is given_up
+
+
+def test_the_signs_of_a_session_count_from_the_first_stop_and_from_its_own_last_event(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    now_s = 100.0
+    clock = SimpleNamespace(monotonic=lambda: now_s, sleep=time.sleep)
+    monkeypatch.setattr("app.session.session.time", clock)
+    session = Session(nullcontext, [], None)  # type: ignore[arg-type]
+    session.stop()
+    now_s = 103.0
+    session.stop()
+    session.say(LogMessage("the stop waits"))  # of the supervisor
+    assert (session.signs().stopped_s, session.signs().quiet_s) == (3.0, 3.0)
+    session._events.publish(LogMessage("a sign of life"))
+    assert session.signs().quiet_s == 0.0
+    session.run(RunRequest(SineDwell(), tmp_path, "T1"))
+    assert session.signs().stopped_s < 0, "a stop before the request is not of this run"
+
+    session.close(0.0)
+    now_s = 105.0
+    session.close(0.0)
+    assert session.signs().closing_s < 0, "while it connects"
+    session.state = SessionState.IDLE
+    assert session.signs().closing_s == 2.0
+
+    session.outcome = RunEnded(RunStatus.UNSAFE, "the card sees 3 V", "")
+    assert session.signs().told_unsafe
+    session.finished.set()
+    assert not session.signs().told_unsafe
+
+    for watchdog, acts in ((NoWatchdog(), False), (NoWatchdog("the bench file disables it"), True)):
+        session.bench = SimpleNamespace(watchdog=watchdog)  # type: ignore[assignment]
+        assert session.signs().watchdog_acts is acts
+
+
+class Asked(NoWatchdog):
+    """A watchdog that brings the source to rest, or cannot, and keeps what it is asked and told."""
+
+    def __init__(self, obeys: bool) -> None:
+        super().__init__()
+        self._obeys, self.heard = obeys, list[str]()
+
+    def request_rest(self, reason: str, /) -> str:
+        self.heard.append(reason)
+        self.brought_to_rest = self._obeys
+        return "the source rests" if self._obeys else "no answer"
+
+    def log(self, message: str) -> None:
+        self.heard.append(message)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("live", "obeys"), [(True, True), (True, False), (False, False)])
+def test_the_rescue_of_a_run_that_hangs_asks_the_watchdog_first_and_commands_the_source_if_that_cannot(
+    live: bool, obeys: bool
+) -> None:
+    ends: list[RunEnded] = []
+    watchdog, rescue = Asked(obeys), Rescue()
+
+    def give_up(status: RunStatus, reason: str) -> RunEnded:
+        ends.append(RunEnded(status, reason, "run.h5"))
+        return ends[-1]
+
+    with laboratory() as lab:
+        lab.bench.amplifier.initialize_at_rest()
+        lab.control.enable_hv()
+        lab.bench.amplifier._source.ramp_to(3.0, 0.3)
+        lab.bench.watchdog = watchdog
+        runner = SimpleNamespace(may_be_live=live, give_up=give_up, path=Path("run.h5"))
+        ended = rescue.end_run(runner, lab.bench, RunStatus.STOPPED, "The disk hangs")  # type: ignore[arg-type]
+        rescue.close()
+        assert ends == [ended]
+        is_commanded = lab.control.report().ends_at_rest
+        lab.bench.amplifier.force_rest()
+        assert_safe_voltage(lab.control.report())
+    assert is_commanded == (live and not obeys), "two must not command the source in turn"
+    assert ended.status is (RunStatus.UNSAFE if live else RunStatus.STOPPED)
+    assert "The disk hangs" in ended.reason
+    if live:
+        assert MANUAL_SHUTDOWN_INSTRUCTIONS in ended.reason
+        assert watchdog.heard[0] == "The disk hangs"
+        assert re.search(r"could not measure rest: The disk hangs\. ", watchdog.heard[1])
+    else:
+        assert watchdog.heard == []
 
 
 class Noted:
@@ -199,6 +291,7 @@ class Noted:
 LIVE = Signs(running=True, may_be_live=True)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("signs", "done"),
     [

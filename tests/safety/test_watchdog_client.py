@@ -407,6 +407,7 @@ def test_help_is_waited_for_and_its_outcome_returned(live: WatchdogClient, child
     children[0].say(reply)
     thread.join(LONG_S)
     assert outcomes == ["it rests"]
+    assert live.brought_to_rest == reply.startswith("done")
 
 
 def test_help_of_one_that_ends_or_says_nothing_is_told(

@@ -6,17 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from app.session.bench_connection import connect
 from app.session.session import BenchFailed, ConnectedBench, Session
 from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, NoWatchdog
 from drivers.errors import BenchError
-from drivers.watchdog.client import WatchdogClient
-from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME, take_unreported_lines
 from protocols.base import LogMessage
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runner.request import RunRequest
-from tests.helpers.simulated_bench import laboratory, simulated
+from tests.helpers.simulated_bench import laboratory
 
 
 @pytest.mark.deep
@@ -82,20 +79,3 @@ def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resour
     from app.session.bench_connection import allows_second_connection
 
     assert allows_second_connection(resource) == shared
-
-
-@pytest.mark.deep
-@pytest.mark.parametrize("speed", [1.0, 5.0])
-def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
-    speed: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    charges: list[WatchdogConfig] = []
-
-    def watches(charge: WatchdogConfig) -> WatchdogClient:
-        charges.append(charge)
-        return WatchdogClient(charge)
-
-    monkeypatch.setattr("drivers.WatchdogClient", watches)
-    with connect(simulated(), speed):
-        pass
-    assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]
