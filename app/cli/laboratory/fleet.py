@@ -155,7 +155,9 @@ class RepeatabilityCommand(_FleetOptions):
     exist: restricted maximum likelihood, which needs no balanced plan. Sources that these runs cannot tell apart are named.
     """
 
-    quantity: str = option("quantity of runs, e.g. natural_frequency (default: the quantity of most values)", metavar="NAME")
+    quantity: str = option(
+        "quantity of runs, e.g. natural_frequency (default: the quantity of most values)", metavar="NAME"
+    )
     files: FileOptions = group(FileOptions, "the sources")
 
     def execute(self) -> int:

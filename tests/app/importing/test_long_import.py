@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.importing import csv_table, numeric_text, read_table
+from app.archive.importing import csv_table, plain_numbers, read_table
 from app.common.progress import OperationCancelled, Progress
 from protocols.base import TableImportError
 from tests.helpers.importing import brought, refused
@@ -53,7 +53,7 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
         assert (words, quiet) == ("long.csv", False)
         yield Listener()
 
-    monkeypatch.setattr(numeric_text, "BYTES_PER_CHUNK", 50_000)
+    monkeypatch.setattr(plain_numbers, "BYTES_PER_CHUNK", 50_000)
     path = long_series(tmp_path / "long.csv")
     with monkeypatch.context() as patched:
         patched.setattr("app.cli.import_.terminal_progress", listening)
@@ -79,7 +79,7 @@ def test_numbers_read_in_bulk_are_those_read_cell_by_cell(
 ) -> None:
     if reader == "NumPy":
         monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.setattr(numeric_text, "BYTES_PER_CHUNK", 50_000)
+    monkeypatch.setattr(plain_numbers, "BYTES_PER_CHUNK", 50_000)
     path = long_series(tmp_path / "long.csv", mark, comma)
     bulk = read_table(path)
     monkeypatch.setattr(csv_table, "LONG_TABLE_CHARACTERS", math.inf)
