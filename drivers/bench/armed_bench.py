@@ -74,7 +74,8 @@ class ArmedBench:
     """Evaluates every block read from the armed bench; not during the shutdown."""
     on_left_rest: Callable[[str], None] = lambda _: None
     """Receives the reason of a warning when the input has left rest; it reads no block, because the one that shows it is stored next."""
-    _expects_rest: bool = False
+    _rest_from: float = math.inf
+    """First scan in which the input must be at rest; infinite while a drive may be played."""
     _away_since: int | None = None
     """First scan since which the input is away from rest while no drive is commanded."""
 
@@ -95,7 +96,7 @@ class ArmedBench:
             DriveRejectedError: it exceeds the drive limits, or the source cannot play it.
             InstrumentError: the source rejected it or does not answer.
         """
-        self._expects_rest = False
+        self._rest_from = math.inf
         if self.monitor is not None:
             self.monitor.drive_commanded()
         self.amplifier.start_drive(drive)
@@ -117,9 +118,9 @@ class ArmedBench:
         self.expect_rest()
         return rest
 
-    def expect_rest(self) -> None:
-        """Expect the input at rest in every block from now on, until a drive is started."""
-        self._expects_rest, self._away_since = True, None
+    def expect_rest(self, from_s: float = 0.0) -> None:
+        """Expect the input at rest in all scans to be read from a bench time on, until a drive is started."""
+        self._rest_from, self._away_since = (from_s - self.stream.start_time_s) * self.rate_hz, None
 
     @contextlib.contextmanager
     def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
@@ -177,7 +178,7 @@ class ArmedBench:
         self.amplifier.renew_hold()
         if self.monitor is not None:
             self.monitor.block_read(block)
-        if self._expects_rest and self.high_voltage_may_be_on:
+        if block.start >= self._rest_from and self.high_voltage_may_be_on:
             self._check_rest(block)
         return block
 

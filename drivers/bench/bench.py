@@ -363,7 +363,7 @@ class Bench:
         says_rest = self.amplifier.is_source_at_rest()
         if says_rest:  # an earlier run may have left high voltage on
             armed.high_voltage_may_be_on = True
-            armed.expect_rest()
+            armed.expect_rest(self.clock.now())  # blocks from before may show a burst that has ended meanwhile
             self.watchdog.arm()
         else:
             switch.disable()
