@@ -1,7 +1,8 @@
 """Table of runs: model over run summaries (ten thousand without a delay), and view with the days as groups."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import date
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,23 @@ FIGURES = {
 """Names of the figures of a run that have a column."""
 
 RIGHT_ALIGNED = ("points", *FIGURES)
-SORT_KEYS = {
+
+
+def _figure(summary: RunSummary, column: str) -> RunFigure | None:
+    return next((each for each in summary.figures if each.name in FIGURES[column]), None)
+
+
+def _sort_value(column: str, summary: RunSummary) -> float:
+    figure = _figure(summary, column)
+    return -1.0 if figure is None else figure.value
+
+
+SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
     "protocol": lambda e: protocol_title(e.protocol),
     "verdict": lambda e: e.verdict_text,
-    **{column: lambda e, column=column: figure.value if (figure := _figure(e, column)) else -1.0 for column in FIGURES},
+    **{column: partial(_sort_value, column) for column in FIGURES},
     "points": lambda e: e.points,
     "found": lambda e: e.estimates_text,
     "tags": lambda e: e.tags.casefold(),
@@ -151,10 +163,6 @@ def _cell_text(summary: RunSummary, column: str) -> str:
             return typeset(summary.estimates_text) or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
         case _:
             return str(getattr(summary, column))
-
-
-def _figure(summary: RunSummary, column: str) -> RunFigure | None:
-    return next((each for each in summary.figures if each.name in FIGURES[column]), None)
 
 
 def _figure_text(figure: RunFigure | None) -> str:
