@@ -18,12 +18,12 @@ from PySide6.QtWidgets import (
 )
 
 from app.archive import RunSummary
-from app.common import pluralize, round_figure, typeset
+from app.common import pluralize, typeset
 from app.gui.face import LABEL_PX, SEMIBOLD, px, text_font, tokens
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure
 from app.session import protocol_title
-from model import shown_unit
+from model import format_with_uncertainty, shown_unit
 from protocols.base import Outcome, RunFigure
 
 Index = QModelIndex | QPersistentModelIndex
@@ -170,8 +170,7 @@ def _figure_text(figure: RunFigure | None) -> str:
     if figure is None:
         return ""
     factor, _ = shown_unit(figure.unit, figure.name)
-    value, total = factor * figure.value, factor * figure.total
-    return f"{round_figure(value, total)} ± {round_figure(total, total)}" if total > 0 else round_figure(value, total)
+    return typeset(format_with_uncertainty(factor * figure.value, factor * figure.total))
 
 
 def _day_text(day: date | None, today: date) -> str:
