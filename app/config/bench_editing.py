@@ -130,9 +130,9 @@ class BenchDraft:
         return cls(name, text, config, config)
 
     @classmethod
-    def new(cls) -> Self:
-        """Return the draft of a new bench."""
-        text = bench_template(())
+    def new(cls, simulated: bool = False) -> Self:
+        """Return the draft of a new bench of real instruments, or of a simulated one."""
+        text = bench_text("sim") if simulated else bench_template(())
         config = read_bench(text, "the template")
         return cls("", text, config, config)
 

@@ -15,6 +15,7 @@ from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, Source
 from app.gui.status import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
+    Segments,
     StatusLine,
     column,
     configure,
@@ -24,9 +25,7 @@ from app.gui.widgets import (
     row,
 )
 
-NEW_BENCH = (
-    "A new bench has real instruments. For simulated ones, select Simulated bench, type another name, and save it."
-)
+NEW_BENCH = "Choose the kind of the new bench, type its name, and save it."
 
 
 class BenchEditor(QWidget):
@@ -46,6 +45,7 @@ class BenchEditor(QWidget):
         self._worker = worker
         self.draft: BenchDraft | None = None
         self.name_edit = make_line_edit("bench.name", "name of the bench")
+        self.kind_segments = Segments("bench.kind", "kind of the new bench", (("Real", False), ("Simulated", True)))
         self.hosts_edit = make_line_edit(
             "bench.hosts",
             "LAN addresses of instruments",
@@ -61,12 +61,12 @@ class BenchEditor(QWidget):
         self.scan_button = make_button("Scan", self.scan, tip="Look for instruments; nothing is set", name="bench.scan")
         self.message_label = configure(StatusLine(), "bench.message")
         self.source, self.amplifier = SourceTile(), AmplifierTile()
-        self.card = CardTile(lambda: self.server_edit.text().strip())
         self.sensor = SensorTile(*sensor_items)
-        self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
+        self.card = CardTile(lambda: self.server_edit.text().strip())
+        self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.sensor, self.card)
         self.further, self.simulation = FurtherTables(), SimulationPanel(controls)
         column(
-            row(make_label("Name", wrap=False), (self.name_edit, 1)),
+            row(make_label("Name", wrap=False), (self.name_edit, 1), self.kind_segments),
             row(self.scan_button, (self.hosts_edit, 2), (self.server_edit, 1)),
             self.message_label,
             TileGrid(self.tiles),
@@ -94,6 +94,8 @@ class BenchEditor(QWidget):
     def show_draft(self, draft: BenchDraft, is_open: bool) -> None:
         """Show a bench; `is_open`: the window has opened it."""
         self.draft = draft
+        self.kind_segments.setVisible(not draft.name)
+        self.kind_segments.select(draft.config.simulated)
         self.name_edit.setText(draft.config.name)
         self.server_edit.setText(draft.config.card.server)
         for tile in self.tiles:

@@ -210,14 +210,14 @@ class BenchPage(QSplitter):
 
     # -- commands --------------------------------------------------------------------------------------------------------
 
-    def show_bench(self, name: str) -> None:
-        """Show a bench file or a simulated bench; an empty name begins a new one."""
+    def show_bench(self, name: str, simulated: bool = False) -> None:
+        """Show a bench file or a simulated bench; an empty name begins a new one, real or `simulated`."""
         if self.draft is not None and self.draft.config != self.draft.saved:
             self._edited[self.draft.name] = self.draft
         kept = self._edited.pop(name, None)
 
         def load() -> tuple[BenchDraft, list[Path]]:
-            return kept or (BenchDraft.load(name) if name else BenchDraft.new()), bench_files()
+            return kept or (BenchDraft.load(name) if name else BenchDraft.new(simulated)), bench_files()
 
         self._worker.submit(load, lambda loaded: self._show_draft(*loaded), self._on_error, latest_only="load")
 
@@ -290,6 +290,15 @@ class BenchPage(QSplitter):
     def _begin_bench(self) -> None:
         """Show a new bench, whose name is typed first."""
         self.show_bench("")
+        self._name_bench()
+
+    def _choose_kind(self, simulated: object) -> None:
+        """Begin the new bench again, as one of this kind."""
+        self.editor.draft = None
+        self.show_bench("", bool(simulated))
+        self._name_bench()
+
+    def _name_bench(self) -> None:
         self.editor.name_edit.setFocus()
         self.editor.name_edit.selectAll()
 
@@ -315,6 +324,18 @@ class BenchPage(QSplitter):
         if shown:
             QTimer.singleShot(0, self, lambda: self._area.ensureWidgetVisible(self.calibration))
             self.calibration.position_edit.setFocus()
+
+    def _show_remedy(self, role: str) -> None:
+        """Put the control of one of the remedies into view, and give it the keyboard."""
+        self.live_button.setChecked(self.live_button.isChecked() or role == "sensor")
+        control = {
+            "generator": self.editor.source.address_editor,
+            "amplifier": self.wiring.start_button,
+            "sensor": self.live_button,
+            "card": self.editor.card.form.rows["device"].editor,
+        }[role]
+        control.setFocus()
+        QTimer.singleShot(0, self, lambda: self._area.ensureWidgetVisible(control))
 
     def _show_wiring(self) -> None:
         """Put the verdict on the wiring into view: its table where there is space, its line in any case."""
@@ -356,3 +377,6 @@ class BenchPage(QSplitter):
         self.calibration.applied.connect(self.editor.use_calibration)
         self.benches.selected.connect(self.show_bench)
         self.editor.changed.connect(self._update_buttons)
+        self.editor.kind_segments.chosen.connect(self._choose_kind)
+        for tile in self.editor.tiles:
+            tile.remedy_requested.connect(self._show_remedy)

@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 
-from PySide6.QtCore import QSize, Signal
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 
 from app.common import typeset
 from app.config import BenchConfig, FoundDevice
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
+from app.gui.face import LABEL_PX, px, text_font, tokens
 from app.gui.widgets import STRETCH, Item, column, configure, make_combo, make_label, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp
@@ -18,6 +20,17 @@ from app.session import InstrumentStatus, Lamp
 LAMP_MARKS = {Lamp.READY: "●", Lamp.WAITING: "○", Lamp.SUSPECT: "▲", Lamp.MISSING: "✕"}
 SOURCE_KINDS = {"generator": "generator", "supply": "dc-supply"}
 """Kind of source of each role that a scan finds, which is also the name of its table."""
+REMEDIES = {
+    "generator": "Correct its address",
+    "amplifier": "Check the wiring",
+    "sensor": "Align the laser",
+    "card": "Correct its device",
+}
+"""What mends a missing instrument, as the link beside its problem says; that of the amplifier also one that answers wrongly."""
+
+WIRES, WIRE_PX = ("drive", "HV", "signal"), 44
+"""Names of the wires between the tiles of a row, and their length."""
+
 NOT_CONNECTED = "Save and connect to see its identity and live values"
 
 
@@ -33,6 +46,8 @@ class Tile(QFrame):
     """
 
     changed = Signal()
+    remedy_requested = Signal(str)
+    """The operator wants to see what mends a problem: a key of `REMEDIES`."""
 
     def __init__(self, role: str, title: str, number: int, tables: Mapping[str, Sequence[str]], *items: Item) -> None:
         super().__init__()
@@ -43,6 +58,13 @@ class Tile(QFrame):
         self.title_label = make_label(f"{number}  {title}", "caption", wrap=False)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
+        self.problem_label = make_label(visible=False)
+        links = Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
+        configure(
+            self.problem_label, f"bench.{role}.problem", kind="caution", textFormat=Qt.TextFormat.RichText,
+            textInteractionFlags=links,
+        )  # fmt: skip
+        self.problem_label.linkActivated.connect(self.remedy_requested)
         self.live_label = make_label(kind="value", name=f"bench.{role}.live")
         self.instrument_box = make_combo(
             f"bench.{role}.found",
@@ -59,6 +81,7 @@ class Tile(QFrame):
             row(self.title_label, STRETCH, self.state_label),
             self.live_label,
             self.identity_label,
+            self.problem_label,
             self.instrument_box,
             *self.forms.values(),
             *items,
@@ -86,13 +109,18 @@ class Tile(QFrame):
 
     def set_status(self, status: InstrumentStatus | None, problem: str) -> None:
         """Show identity and state of the instrument of the open bench; None for a bench that is not open."""
+        wrong = status is not None and status.lamp in (Lamp.SUSPECT, Lamp.MISSING)
+        self.problem_label.setVisible(wrong)
         if status is None:
             self.state_label.setText("")
             self.identity_label.setText(NOT_CONNECTED)
             return
         self.state_label.setText(f"{LAMP_MARKS[status.lamp]} {status.lamp}")
-        remedy = f"\n{problem}" if problem and status.lamp in (Lamp.SUSPECT, Lamp.MISSING) else ""
-        self.identity_label.setText(f"{status.identity}{remedy}")
+        self.identity_label.setText(str(status.identity))
+        what = problem or status.remark
+        mended_by = self.role if status.lamp is Lamp.MISSING or self.role == "sensor" else "amplifier"
+        remedy = f'<a href="{mended_by}">{REMEDIES[mended_by]} …</a>'
+        self.problem_label.setText("<br>".join(filter(None, (escape(what), remedy))))
 
     def show_instruments(self, devices: Sequence[FoundDevice]) -> None:
         """List the discovered instruments of this tile; a single one is filled in."""
@@ -123,7 +151,7 @@ class Tile(QFrame):
 
 
 class TileGrid(QWidget):
-    """Tiles in a row where there is room, else in two columns or one."""
+    """Tiles in a row, with the wires between them, where there is room, else in two columns or one."""
 
     def __init__(self, tiles: Sequence[QWidget]) -> None:
         super().__init__()
@@ -144,7 +172,8 @@ class TileGrid(QWidget):
 
     def _least_width(self, columns: int) -> int:
         widths = [tile.minimumSizeHint().width() for tile in self._tiles]
-        return sum(max(widths[at::columns]) for at in range(columns)) + (columns - 1) * self._layout.spacing()
+        gap = px(WIRE_PX) if columns == len(self._tiles) else self._layout.verticalSpacing()
+        return sum(max(widths[at::columns]) for at in range(columns)) + (columns - 1) * gap
 
     def _arrange(self, columns: int) -> None:
         if columns == self._columns:
@@ -152,8 +181,28 @@ class TileGrid(QWidget):
         for at in range(max(self._columns, columns)):
             self._layout.setColumnStretch(at, int(at < columns))
         self._columns = columns
+        in_row = columns == len(self._tiles)
+        self._layout.setHorizontalSpacing(px(WIRE_PX) if in_row else self._layout.verticalSpacing())
         for at, tile in enumerate(self._tiles):
             self._layout.addWidget(tile, at // columns, at % columns)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        if self._columns != len(self._tiles):
+            return
+        colors, painter = tokens(), QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setFont(text_font(LABEL_PX))
+        painter.setPen(QPen(QColor(colors.text2), 1.75))
+        painter.setBrush(QColor(colors.text2))
+        for name, before, after in zip(WIRES, self._tiles, self._tiles[1:], strict=False):
+            left, right, y = before.geometry().right() + 2.0, after.x() - 2.0, before.y() + px(84)
+            head = px(7)
+            painter.drawLine(QPointF(left, y), QPointF(right - head, y))
+            painter.drawPolygon(
+                [QPointF(right, y), QPointF(right - head, y - head / 2), QPointF(right - head, y + head / 2)]
+            )
+            painter.drawText(QRectF(left, y + px(6), right - left, px(18)), Qt.AlignmentFlag.AlignCenter, name)
+        painter.end()
 
 
 class SourceTile(Tile):
@@ -170,6 +219,12 @@ class SourceTile(Tile):
                 "supply": ("resource", "serial", "channel"),
             },
         )
+
+    @property
+    def address_editor(self) -> QWidget:
+        """Field of the instrument's address; that of the kind for an output of the card."""
+        name = next((name for name, kind in SOURCE_KINDS.items() if self.form.record.kind == kind), "")
+        return self.forms[name].rows["resource"].editor if name else self.form.rows["kind"].editor
 
     def use(self, device: FoundDevice) -> None:
         self.form.update_record(kind=SOURCE_KINDS[device.role])
@@ -208,7 +263,7 @@ class CardTile(Tile):
     def __init__(self, server: Callable[[], str]) -> None:
         self._server = server
         shown = ("device", "serial", "drive_channel", "displacement_channel", "range_v", "terminal", "server")
-        super().__init__("card", "Card", 3, {"card": shown})
+        super().__init__("card", "Card", 4, {"card": shown})
 
     def use(self, device: FoundDevice) -> None:
         self.form.update_record(device=device.where, serial=device.serial, server=self._server())
@@ -225,7 +280,7 @@ class SensorTile(Tile):
     def __init__(self, *items: QWidget) -> None:
         shown = ("preset", "name", "serial", "gain_m_per_v", "gain_relative_uncertainty", "zero_v", "valid_low_v")
         further = ("valid_high_v", "calibrated", "expires")
-        super().__init__("sensor", "Sensor", 4, {"sensor": (*shown, *further)}, *items)
+        super().__init__("sensor", "Sensor", 3, {"sensor": (*shown, *further)}, *items)
 
     def _live_text(self, reading: LiveValues) -> str:
         if math.isnan(reading.displacement_um):

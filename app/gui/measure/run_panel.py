@@ -208,9 +208,10 @@ class RunPanel(QWidget):
     def set_state(self, view: WindowState) -> None:
         """Show whether a run can begin, and why not."""
         focused = self.window().focusWidget()
-        if view.busy and not self._busy and focused is not None and self.isAncestorOf(focused):
+        page = self.parentWidget()
+        if view.busy and not self._busy and page and focused is not None and self.isAncestorOf(focused):
             self._left_editor = focused  # a disabled editor would give the keyboard to a control at random
-            self.parentWidget().setFocus()
+            page.setFocus()
         for editor in (self.form, self.protocol_box, *self._editors, self._browse, self.preset_button):
             editor.setEnabled(not view.busy)
         self.rehearsal_label.setVisible(not view.busy)
@@ -226,7 +227,7 @@ class RunPanel(QWidget):
         self._blocked_reason = "" if view.can_queue else view.blocked_reason
         self._update_rehearsal()
         if not view.busy and self._left_editor is not None:
-            if self.window().focusWidget() is self.parentWidget():
+            if self.window().focusWidget() is page:
                 self._left_editor.setFocus()
             self._left_editor = None
 

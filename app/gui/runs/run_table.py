@@ -1,7 +1,8 @@
 """Table of runs: model over run summaries (ten thousand without a delay), and view with the days as groups."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import date
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,12 @@ from PySide6.QtWidgets import (
 )
 
 from app.archive import RunSummary
-from app.common import pluralize, round_figure, typeset
+from app.common import pluralize, typeset
 from app.gui.face import LABEL_PX, SEMIBOLD, px, text_font, tokens
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure
 from app.session import protocol_title
-from model import shown_unit
+from model import format_with_uncertainty, shown_unit
 from protocols.base import Outcome, RunFigure
 
 Index = QModelIndex | QPersistentModelIndex
@@ -33,12 +34,23 @@ FIGURES = {
 """Names of the figures of a run that have a column."""
 
 RIGHT_ALIGNED = ("points", *FIGURES)
-SORT_KEYS = {
+
+
+def _figure(summary: RunSummary, column: str) -> RunFigure | None:
+    return next((each for each in summary.figures if each.name in FIGURES[column]), None)
+
+
+def _sort_value(column: str, summary: RunSummary) -> float:
+    figure = _figure(summary, column)
+    return -1.0 if figure is None else figure.value
+
+
+SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
     "protocol": lambda e: protocol_title(e.protocol),
     "verdict": lambda e: e.verdict_text,
-    **{column: lambda e, column=column: figure.value if (figure := _figure(e, column)) else -1.0 for column in FIGURES},
+    **{column: partial(_sort_value, column) for column in FIGURES},
     "points": lambda e: e.points,
     "found": lambda e: e.estimates_text,
     "tags": lambda e: e.tags.casefold(),
@@ -153,17 +165,12 @@ def _cell_text(summary: RunSummary, column: str) -> str:
             return str(getattr(summary, column))
 
 
-def _figure(summary: RunSummary, column: str) -> RunFigure | None:
-    return next((each for each in summary.figures if each.name in FIGURES[column]), None)
-
-
 def _figure_text(figure: RunFigure | None) -> str:
     """Return a figure with its total uncertainty in the unit of its column; empty without one."""
     if figure is None:
         return ""
     factor, _ = shown_unit(figure.unit, figure.name)
-    value, total = factor * figure.value, factor * figure.total
-    return f"{round_figure(value, total)} ± {round_figure(total, total)}" if total > 0 else round_figure(value, total)
+    return typeset(format_with_uncertainty(factor * figure.value, factor * figure.total))
 
 
 def _day_text(day: date | None, today: date) -> str:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QSettings, Qt
+from PySide6.QtCore import QCoreApplication, QSettings, Qt
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.config.bench_editing import bench_files
@@ -20,7 +20,7 @@ from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import STOPPED, CommissioningJob
 from app.live.session_link import SessionAdapter
 from app.session import commissioning, commissioning_record, connect
-from app.session.state import BenchState
+from app.session.state import BenchState, InstrumentStatus, Lamp
 from drivers import WallClock
 from drivers.evidence.assumption import OutputCheck
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
@@ -114,6 +114,41 @@ def test_a_real_bench_has_no_simulation_panel(window: MainWindow) -> None:
     find(page, "bench.list").setCurrentRow(0)
     until(lambda: page.draft.name, "for the simulated bench")
     assert not find(page, "bench.message").isVisible()
+
+
+def test_a_new_bench_can_be_simulated(window: MainWindow) -> None:
+    page = window.tabs.bench
+    assert not find(page, "bench.kind").isVisible(), "a bench that has a file keeps its kind"
+    find(page, "bench.new").click()
+    until(lambda: page.draft.name == "", "for the new bench")
+    assert not page.draft.config.simulated
+    find(page, "bench.kind.True").click()
+    until(lambda: page.draft is not None and page.draft.config.simulated, "for the simulated one")
+    type_into(window, "bench.name", "Practice")
+    find(page, "bench.save").click()
+    until(lambda: page.draft.name, "for the file")
+    assert load_bench(page.draft.name).simulated
+    assert Path(page.draft.name).stem == "practice"
+
+
+@pytest.mark.parametrize(
+    ("role", "control"),
+    [("generator", "bench.generator.resource"), ("card", "bench.card.device"), ("sensor", "bench.live")],
+)
+def test_a_problem_of_a_tile_leads_to_what_mends_it(window: MainWindow, role: str, control: str) -> None:
+    page = window.tabs.bench
+    problem = find(page, f"bench.{role}.problem")
+    until(lambda: not window.state.problem, "for the bench")
+    lamps = (InstrumentStatus(role, "x", Lamp.MISSING, "does not answer"),)
+    page.set_state(replace(window.state, fitted=lamps))
+    assert problem.isVisible()
+    assert "does not answer" in problem.text()
+    problem.linkActivated.emit(re.search(r'href="(\w+)"', problem.text())[1])
+    QCoreApplication.processEvents()
+    assert window.focusWidget() is find(page, control)
+    place = page._area.viewport()
+    target = find(page, control)
+    assert place.rect().contains(target.mapTo(place, target.rect().center()))
 
 
 def test_a_run_takes_the_card_from_the_live_values_and_gives_it_back(window: MainWindow) -> None:

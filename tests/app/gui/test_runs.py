@@ -532,7 +532,7 @@ def test_runs_stand_under_their_days_with_their_values_and_the_letters_of_compar
     with_figures = model.summaries[0]._replace(figures_json=json.dumps(figures), protocol="sine-dwell")
     model.set_summaries(folder, [with_figures, *model.summaries[1:]])
     row = {title: model.index(0, at).data() for at, title in enumerate(titles)}
-    assert (row["natural fr., Hz"], row["largest, µm"]) == ("159.8 ± 0.6", "1147 ± 11")
+    assert (row["natural fr., Hz"], row["largest, µm"]) == ("159.83 ± 0.60", "1147 ± 11")
     page.list.select_paths([entry.path for entry in model.summaries[:2]])
     assert model.letters == {0: "A", 1: "B"}
     until(lambda: not page._worker.pending, "for the points")
