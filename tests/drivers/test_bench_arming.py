@@ -404,6 +404,18 @@ def test_every_block_is_a_heartbeat_and_shows_a_watchdog_that_ended(lab: BenchCo
     assert armed.final_rest.confirmed
 
 
+def test_a_block_after_the_interlock_has_dropped_ends_the_run(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def dropped() -> None:
+        raise BenchError("the interlock has switched high voltage off")
+
+    with pytest.raises(BenchError, match="the interlock has switched"), armed_bench(lab, journal) as armed:
+        armed.read_block()
+        monkeypatch.setattr(armed.interlock, "raise_for_status", dropped)
+        armed.read_block()
+
+
 def test_rest_that_is_not_reached_between_two_drives_ends_the_run(lab: BenchConnection, journal: Journal) -> None:
     with (
         pytest.raises(BenchError, match=r"\b2\.6\d\d V") as failed,
