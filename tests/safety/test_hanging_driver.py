@@ -1,6 +1,5 @@
 """A driver that hangs: the watchdog brings the source to rest, and Ctrl-C ends the program all the same."""
 
-import re
 import signal
 import threading
 import time
@@ -265,7 +264,7 @@ def test_the_rescue_of_a_run_that_hangs_asks_the_watchdog_first_and_commands_the
     if live:
         assert MANUAL_SHUTDOWN_INSTRUCTIONS in ended.reason
         assert watchdog.heard[0] == "The disk hangs"
-        assert re.search(r"could not measure rest: The disk hangs\. ", watchdog.heard[1])
+        assert "The disk hangs" in watchdog.heard[1]
     else:
         assert watchdog.heard == []
 
