@@ -9,8 +9,8 @@ import pytest
 
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
-from drivers.errors import InstrumentError
-from protocols.base import PointMeasured, PromptAnswered, PromptShown, RunEnded, RunPaused, RunStatus
+from drivers.errors import BenchError, InstrumentError, UnsafeError
+from protocols.base import PointMeasured, Prompt, PromptAnswered, PromptShown, Record, RunEnded, RunPaused, RunStatus
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
@@ -18,6 +18,7 @@ from protocols.resume import ResumableRun
 from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from sim_hardware.plant.setup_state import initial_state
+from tests.helpers.scripted_protocol import Scripted
 from tests.helpers.simulated_bench import Trigger, assert_safe_voltage, run, simulated
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
@@ -119,10 +120,11 @@ def test_closing_mid_run_goes_to_rest_first(tmp_path: Path) -> None:
     assert_safe_voltage(laboratories[0].control.report())
 
 
-def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) -> None:
+@pytest.mark.parametrize("error", [InstrumentError, UnsafeError])
+def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(error: type[BenchError], tmp_path: Path) -> None:
     @contextmanager
     def absent():
-        raise InstrumentError("the generator is not there; switch it on")
+        raise error("the generator is not there; switch it on")
         yield
 
     events: list = []
@@ -132,6 +134,7 @@ def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) 
     assert one.finished.wait(60)
     assert one.outcome is None
     assert one.state is SessionState.NO_BENCH
+    assert one.unsafe is (error is UnsafeError), "of an earlier program"
     assert events == [BenchFailed("the generator is not there; switch it on")]
     assert one.close(60)
     one.run(RunRequest(SHORT, tmp_path, "T1"))
@@ -195,6 +198,28 @@ def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path:
     assert one.finished.wait(60)
     assert one.outcome.status == RunStatus.COMPLETED
     assert one.close(60)
+
+
+class Leaving(Scripted):
+    """Leaves something under the sensor that the next run of another protocol must take away."""
+
+    @property
+    def restore(self) -> Prompt:
+        return Prompt("restore", "Put it back.")
+
+
+def test_what_a_run_left_is_asked_for_once(tmp_path: Path) -> None:
+    events: list = []
+    one, _ = session(events)
+    one.start()
+    asked = []
+    for protocol in (Leaving(script=(Record(0.05),)), *[Scripted(script=(Record(0.05),))] * 2):
+        one.run(RunRequest(protocol, tmp_path, "T1"))
+        assert one.finished.wait(60)
+        asked.append(sum(isinstance(e, PromptShown) and e.prompt.action == "restore" for e in events))
+        events.clear()
+    assert one.close(60)
+    assert asked == [0, 1, 0]
 
 
 @pytest.mark.deep

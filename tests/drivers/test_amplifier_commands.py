@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from drivers.bench.armed_bench import longest_unmoved_s
 from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import NoWatchdog
-from drivers.drive_shapes import Drive, Hold, Ramp, Sine, Steps
+from drivers.drive_shapes import Drive, Hold, LevelPulse, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import Identity
 from model.amplifier_map import AmplifierMap
@@ -277,6 +278,68 @@ def test_a_drive_that_ends_within_a_second_is_stopped_like_any_other() -> None:
     amplifier.start_drive(BURST)
     clock.sleep(9.0)
     assert amplifier.remaining_s == 0.0
+
+
+class HoldingSource(PlayedSource):
+    """Plays a level as a finite waveform that it triggers at once and confirms 0.2 s later."""
+
+    hastens_levels = True
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def level_pulse(self, level: Hold, rest_v: float, ramp_v_per_s: float) -> LevelPulse:
+        return LevelPulse(rest_v, level.level_v, level.duration_s, abs(level.level_v - rest_v) / ramp_v_per_s)
+
+    def reason_level_unsupported(self, _pulse: LevelPulse) -> str:
+        return ""
+
+    def start_level(self, _pulse: LevelPulse) -> float:
+        triggered_s = self._clock.now()
+        self._clock.sleep(0.2)
+        return triggered_s
+
+    def end_level(self, duration_s: float) -> None:
+        self.sent.append(f"end in {duration_s:g} s")
+
+
+class LevelWatchdog(NoWatchdog):
+    """Keeps what it is told of levels."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[float | None] = []
+
+    def note_level(self, pulse: LevelPulse, remaining_s: float) -> None:
+        del pulse
+        self.told.append(remaining_s)
+
+    def forget_level(self) -> None:
+        self.told.append(None)
+
+
+def test_a_level_that_ends_by_itself_is_held_at_least_from_its_trigger_and_lasts_at_most_from_its_reply() -> None:
+    clock, watchdog = VirtualClock(), LevelWatchdog()
+    source = HoldingSource(clock)
+    amplifier = HvAmplifier(source, AmplifierMap(), DriveLimits(), clock, watchdog)
+    began_s = clock.now()
+    amplifier.start_drive(Hold(4.0, 5.0))
+    passed_s = clock.now() - began_s
+    assert passed_s > 0.2 + 0.3  # the level is reached
+    assert amplifier.level_remaining_s == pytest.approx(0.3 + 5.0 - passed_s)
+    assert amplifier.remaining_s == pytest.approx(0.2 + 0.3 + 5.0 + 0.3 - passed_s)
+    assert watchdog.told == [pytest.approx(0.3 + 5.0 + 0.3)]
+    amplifier.return_to_rest()
+    assert source.sent[-1] == "end in 0.3 s"
+    assert watchdog.told[1:] == [None]
+    assert (amplifier.remaining_s, amplifier.level_remaining_s) == (0.0, math.inf)
+
+
+@pytest.mark.parametrize("rest_v", [1.0, 4.0])
+def test_the_time_without_a_change_is_of_the_replies_alone_whichever_side_of_rest_is_farther(rest_v: float) -> None:
+    amplifier = HvAmplifier(PlayedSource(), AmplifierMap(rest_v=rest_v), DriveLimits(), VirtualClock())
+    assert longest_unmoved_s(amplifier, 1.0) == pytest.approx(1.0 - 4.0 / 5.0)
 
 
 def test_a_drive_whose_reply_was_lost_is_stopped() -> None:

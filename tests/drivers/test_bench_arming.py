@@ -435,12 +435,16 @@ def test_the_monitor_sees_every_drive_and_every_block_until_the_shutdown(
     assert journal.lines[seen:] == ["watchdog: disarmed"]
 
 
-def test_every_block_is_a_heartbeat_and_shows_a_watchdog_that_ended(lab: BenchConnection, journal: Journal) -> None:
+def test_every_block_is_a_heartbeat_and_shows_a_watchdog_that_ended(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(BenchError, match="the watchdog has ended"), armed_bench(lab, journal) as armed:
         before = journal.heartbeats
+        monkeypatch.setattr(lab.bench.amplifier, "renew_hold", lambda: journal.note("renewed"))
         for _ in range(5):
             armed.read_block()
         assert journal.heartbeats - before >= 5
+        assert journal.lines.count("renewed") == 5, "a level that is not renewed returns to rest"
         journal.ended = "the watchdog has ended"
         try:
             armed.read_block()
@@ -448,6 +452,18 @@ def test_every_block_is_a_heartbeat_and_shows_a_watchdog_that_ended(lab: BenchCo
             journal.ended = ""
     assert armed.final_rest is not None
     assert armed.final_rest.confirmed
+
+
+def test_a_block_after_the_interlock_has_dropped_ends_the_run(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def dropped() -> None:
+        raise BenchError("its relay is open")
+
+    with pytest.raises(BenchError, match="its relay is open"), armed_bench(lab, journal) as armed:
+        armed.read_block()
+        monkeypatch.setattr(armed.interlock, "raise_for_status", dropped)
+        armed.read_block()
 
 
 def test_rest_that_is_not_reached_between_two_drives_ends_the_run(lab: BenchConnection, journal: Journal) -> None:
@@ -587,10 +603,13 @@ def test_the_heartbeat_of_the_interlock_ends_at_rest_before_the_operator_is_aske
     with armed_bench(lab, journal) as armed:
         armed.start_drive(Hold(3.0, 10.0))
         monkeypatch.setattr(armed.interlock, "end", lambda: journal.note("interlock: ended"))
+        monkeypatch.setattr(armed.interlock, "begin", lambda _: journal.note("interlock: begun"))
         begin = len(journal.lines)
         with armed.specimen_access(journal):
             assert journal.lines[begin:][-2:] == ["interlock: ended", "operator: off"]
             assert journal.volts[-2] == pytest.approx(2.5, abs=1e-3)
+        begun = [line for line in journal.lines if line.startswith(("operator", "interlock"))]
+        assert begun[-2:] == ["operator: on", "interlock: begun"]
 
 
 @pytest.mark.parametrize("moved", ["off", "on"])

@@ -31,6 +31,7 @@ def test_a_call_returns_or_raises_what_its_action_does() -> None:
     assert calls.call(threading.get_ident, 30.0) == calls.ident
     with pytest.raises(ZeroDivisionError):
         calls.call(lambda: 1 // 0, 30.0)
+    assert threads_left_behind() == []
     calls.end()
     calls.join()
     assert calls.call(threading.get_ident, 30.0) == threading.get_ident(), "made by the caller"

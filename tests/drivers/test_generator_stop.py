@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from app.config.driver_registry import open_generator
@@ -52,6 +53,29 @@ def playing(source: BurstGenerator, bench: SimulatedBench) -> None:
     bench.enable_hv()
     source.start_drive(Sine(40.0, 2.5, 2.5, 40 * 60))
     bench.clock.sleep(0.2)
+
+
+@pytest.mark.parametrize("model", [model for model in BOXES if model not in HOLDERS])
+def test_a_burst_whose_trigger_was_not_confirmed_is_waited_for(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with direct(model) as (source, bench, _):
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        bench.clock.sleep(0.1)
+        bench.enable_hv()
+        trigger = source.dialect.trigger
+
+        def unconfirmed() -> None:
+            trigger()
+            raise LinkError("no answer")
+
+        monkeypatch.setattr(source.dialect, "trigger", unconfirmed)
+        with pytest.raises(LinkError):
+            source.start_drive(Sine(40.0, 2.0, 2.5, 120))
+        bench.clock.sleep(0.2)
+        source.stop()
+        begin_s = bench.clock.now()
+        bench.clock.sleep(3.0)
+        assert abs(bench.history.volts(np.arange(begin_s, bench.clock.now(), 1e-3)) - 2.5).max() < 0.01
+        assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize(("make", "model"), WAYS)

@@ -8,9 +8,10 @@ import pytest
 
 from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.drive_shapes import Drive, Hold, LinearSweep, Sine, SquareWave, Steps
-from drivers.errors import InstrumentError
+from drivers.errors import AcquisitionError, InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
+from drivers.nidaq.output_task import OutputTask
 from model.amplifier_map import AmplifierMap
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
@@ -124,6 +125,27 @@ def test_a_level_is_held_by_one_task_after_the_other_and_returns_to_rest_by_itse
         assert report.end_v == pytest.approx(2.5, abs=1e-3)
         assert report.largest_jump_v < 0.01
         amplifier.return_to_rest()
+
+
+def test_a_level_that_began_to_return_while_its_renewal_was_refused_is_not_brought_back_by_a_jump(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with live("prompt", lease_s=2.0) as (amplifier, _, bench):
+        amplifier.start_drive(Hold(4.5, 60.0))
+        bench.clock.sleep(0.6)
+
+        def refused(*_: object) -> bool:
+            bench.clock.sleep(1.5)
+            raise AcquisitionError("no rewrite")
+
+        monkeypatch.setattr(OutputTask, "rewrite", refused)
+        with pytest.raises(InstrumentError, match=r"\b4\.5 V\b.*\b2 s\b"):
+            amplifier.renew_hold()
+        monkeypatch.undo()
+        amplifier.return_to_rest()
+        report = bench.report()
+        assert report.largest_jump_v < 0.01
+        assert report.end_v == pytest.approx(2.5, abs=1e-3)
 
 
 @pytest.mark.deep

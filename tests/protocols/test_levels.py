@@ -179,6 +179,23 @@ def test_no_drive_begins_before_the_question_about_a_level_that_was_exceeded_whi
     assert ran.kinds().count("DriveStarted") + ran.kinds().count("Playing") == 1
 
 
+@pytest.mark.breaks_the_drive
+@pytest.mark.parametrize(("amplitude_v", "settles"), [(0.4, False), (0.6, True)])
+def test_a_sine_of_less_than_half_of_what_is_driven_does_not_settle_although_its_level_is_off(
+    amplitude_v: float, settles: bool, tmp_path: Path
+) -> None:
+    def turn_down() -> None:
+        lab.control.link().write(f"VOLT {2 * amplitude_v:g}")
+
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, drive=LevelAction.OFF)
+        trigger = Trigger(lambda e: isinstance(e, DriveStarted), turn_down)
+        ran = run(Scripted(script=(SETTLE, Record(0.1))), tmp_path, lab, trigger, safe=False)
+    assert ran.status == (RunStatus.COMPLETED if settles else RunStatus.FAILED)
+    assert (f"{amplitude_v:.2f}" in ran.reason and "100 Hz" in ran.reason) is not settles
+    assert ran.report.ends_at_rest
+
+
 class Unreachable(Answering):
     """An operator who cannot answer."""
 

@@ -24,7 +24,16 @@ from drivers.deadlines import Deadline, threads_left_behind
 from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base import EstimatedQuantity, Event, LogMessage, Quality, RestMeasured, RunStatus
+from protocols.base import (
+    EntryStarted,
+    EstimatedQuantity,
+    Event,
+    LogMessage,
+    Quality,
+    RestMeasured,
+    RunStatus,
+    SpecimenMounted,
+)
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run, RunReadError
@@ -83,6 +92,18 @@ def new(folder: Path, record: RunRecord = RECORD) -> RunFileWriter:
     file = RunFileWriter.new(folder, record, Spot)
     file.start_stream(5000.0, (SCALE, SCALE))
     return file
+
+
+def test_what_was_mounted_before_the_first_entry_is_the_set_up_of_the_run_and_a_later_mounting_is_not(
+    tmp_path: Path,
+) -> None:
+    before, later = (SpecimenMounted("mass", f"2026-11-28T0{hour}:00:00+00:00") for hour in (1, 2))
+    file = new(tmp_path)
+    for event in (before, EntryStarted(0, "with the mass", ()), later):
+        file.append_event(event, 0.0)
+    file.finish(RunStatus.COMPLETED, "all points measured")
+    with Run(file.path) as run:
+        assert [each.time for each in run.mountings] == [before.time]
 
 
 @pytest.fixture(scope="module")
