@@ -62,8 +62,11 @@ SHORT: Mapping[str, Protocol] = {
 
 COARSE_GRID_HZ = 20e3
 """Time grid of the plant for slow protocols; between its points the displacement is linear, 5e-5 too small at 100 Hz."""
+FINE_GRID_HZ = 500e3
+"""Time grid of the plant for fast responses: that of the bench, 10 µs, makes a response at 500 Hz 2e-4 too small."""
 BLOCK_S = 0.2
 SLOW = ("membrane sag", "hysteresis", "voltage steps", "static loading")
+FAST = ("sweep", "sine dwell", "square dwell")
 SAME, DRAWN = "same", "drawn"
 BENCHES = (SAME, DRAWN)
 SEED = 7
@@ -101,6 +104,8 @@ def bench(kind: str, protocol: str, seed: int) -> BenchConfig:
     simulation = {**(config.simulation or {}), "fresh_noise": False, "seed": SEED, "noise_seed": seed}
     if protocol in SLOW:
         simulation["plant_rate_hz"] = COARSE_GRID_HZ
+    elif protocol in FAST:
+        simulation["plant_rate_hz"] = FINE_GRID_HZ
     if kind == DRAWN:
         drawn = np.random.default_rng((20261128, seed)).standard_normal(8)
         simulation |= {
@@ -240,7 +245,7 @@ Written by `python benchmarks/coverage/error_bars.py --page docs/error-bars.md` 
   seed has alike: the misfit of a line or of one mode by hysteresis, a zero that has not crept back, distortions that repeat with a sweep. It decides for numbers without a closed form.
 - **band**: 0.9 to 1.1, widened by the 99.7 % band of chi-square of the seeds. *wide*, *narrow*: below, above it; *biased*: mean error beyond its limit.
 
-*point* and *line* are columns of points and lines of a response, pooled.
+*point* and *line* are columns of points and lines of a response, pooled. The simulated plant has a time grid of 2 µs for sweep and dwells, 50 µs for slow protocols, and 10 µs, that of `--bench sim`, otherwise.
 
 """
 
@@ -251,11 +256,10 @@ NOTES = """
 - **latency**: the uncertainty of a crossing is its shift by 1.5 standard uncertainties of a sample, and the hum at rest counts in full, although the mean over the rest averages it; the edge of a step
   leaves up to 14 µs in the rise, which its second average states as an uncertainty; the overshoot of a sine is the largest of many noisy samples; the settling of a sine jumps by half a period
   where its last swing only grazes the band.
-- **fundamental** of the dwells: 1.6e-5 of the amplitude too small at 160 Hz, from the simulated plant's time grid of 10 µs.
 - **peak_frequency of the sine dwell**: its error has the stated size, and the same sign at every seed, because the frequencies are the same.
 - **damping_ratio of the sine dwell**: the hum at 50 Hz enlarges the misfit of a fit in which all points have equal weight.
-- **lines of the sweep**: from 90 to 125 Hz the second harmonic returns with 6e-4 of the response; the stated share of repeating errors is a median over 61 lines.
-- **mass resonance**: lines within the last 5 s of a piece are disturbed, and the pieces of these short settings meet near the peak.
+- **mass resonance**: the pieces of these short settings meet near the peak, where the fade at the begin of a piece and its end disturb about ten lines on either side; `spectrum_peak` has the ripple
+  of the drive's spectrum near the ends of the pieces, which its stated error, the scatter about the curve, does not include. Lines farther away have no bias, nor with a finer grid of the plant.
 - **decay_time of the sweep**: distortions that repeat wave over the lines; the fit averages them out further than its error does.
 - **linear_young_modulus, sag, E_m**: the stated error has the reference and the geometry, which are the same at every seed of one specimen.
 - **linearity of the square dwell**: not traced.
