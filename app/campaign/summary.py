@@ -93,6 +93,12 @@ class CampaignSummary:
         return next((row for row in self.items if row.state.awaits_acceptance), None)
 
     @property
+    def acceptable(self) -> dict[str, str]:
+        """Names of the items whose results await acceptance, by the names of the run files."""
+        states = ((row.name, row.state) for row in self.items)
+        return {s.reviewed_run.name: name for name, s in states if s.awaits_acceptance and s.reviewed_run is not None}
+
+    @property
     def done_count(self) -> int:
         return sum(row.state.status is ItemStatus.DONE for row in self.items)
 

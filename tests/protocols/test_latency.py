@@ -15,7 +15,7 @@ from app.report.result_cards import result_tables
 from app.report.runs import read_report_runs
 from model import Tactor
 from model.response import PUBLISHED_LATENCIES, step_latency
-from protocols.base import Quality, RunStatus
+from protocols.base import Outcome, Quality, RunStatus
 from protocols.measurements.latency import SINE, STEP, OnsetLatency
 from protocols.runfile.reader import Run
 from protocols.signals.onset import edge_average, find_edge, first_crossing, last_crossing, smooth
@@ -137,7 +137,7 @@ def test_an_amplifier_at_its_current_limit_gives_no_good_latency(tmp_path: Path)
         ran = run(OnsetLatency(repeats=1, frequencies_hz=(), dwell_s=0.03), tmp_path, lab)
     (point,) = ran.points
     assert Quality(point.quality) == Quality.UNSETTLED | Quality.SIMULATED
-    assert ran.verdict.outcome == "no result"
+    assert ran.verdict.outcome is Outcome.NO_RESULT
 
 
 @pytest.mark.deep

@@ -287,18 +287,11 @@ class BenchPage(QSplitter):
     def _on_error(self, error: Exception) -> None:
         self.show_message(str(error))
 
-    def _begin_bench(self) -> None:
-        """Show a new bench, whose name is typed first."""
-        self.show_bench("")
-        self._name_bench()
-
-    def _choose_kind(self, simulated: object) -> None:
-        """Begin the new bench again, as one of this kind."""
-        self.editor.draft = None
+    def _begin_bench(self, simulated: object = None) -> None:
+        """Show a new bench, whose name is typed first; one of another kind begins without the edits of the last one."""
+        if simulated is not None:
+            self.editor.draft = None
         self.show_bench("", bool(simulated))
-        self._name_bench()
-
-    def _name_bench(self) -> None:
         self.editor.name_edit.setFocus()
         self.editor.name_edit.selectAll()
 
@@ -377,6 +370,6 @@ class BenchPage(QSplitter):
         self.calibration.applied.connect(self.editor.use_calibration)
         self.benches.selected.connect(self.show_bench)
         self.editor.changed.connect(self._update_buttons)
-        self.editor.kind_segments.chosen.connect(self._choose_kind)
+        self.editor.kind_segments.chosen.connect(self._begin_bench)
         for tile in self.editor.tiles:
             tile.remedy_requested.connect(self._show_remedy)

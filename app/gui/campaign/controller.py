@@ -72,12 +72,6 @@ class CampaignController(QObject):
         rows = () if self.summary is None else self.summary.items
         return tuple(row.state.run for row in rows if row.state.run is not None and row.state.estimates)
 
-    @property
-    def acceptable(self) -> dict[str, str]:
-        """Names of the items whose results await acceptance, by the names of the run files."""
-        states = () if self.summary is None else ((row.name, row.state) for row in self.summary.items)
-        return {s.reviewed_run.name: name for name, s in states if s.awaits_acceptance and s.reviewed_run is not None}
-
     def observe(self, event: SessionEvent) -> None:
         """Forward a session event to the campaign's runner; called in the bench thread."""
         if (conductor := self._runner) is not None:
@@ -133,11 +127,6 @@ class CampaignController(QObject):
                 self.modified.emit(done)
 
         self._file_worker.submit(work, show, self._on_error)
-
-    def accept(self, run: str) -> None:
-        """Accept the result of a run file of `acceptable`."""
-        if (name := self.acceptable.get(run)) is not None:
-            self.modify(lambda plan: plan.accept(name, run), f"{name} is accepted")
 
     def undo(self, forward: bool = False) -> None:
         """Undo the last change of the plan, or redo an undone one."""

@@ -173,7 +173,9 @@ class MainTabs(PageHost):
         self.sheets.add(page.board.header.sheet_button, lambda: self.subject.specimen_of(controller))
         controller.changed.connect(self.sheets.update_changed)
         card = self.measure.run_panel.result_card
-        controller.changed.connect(lambda: card.offer_acceptance(controller.acceptable.keys()))
+        controller.changed.connect(
+            lambda: card.offer_acceptance(controller.summary.acceptable.keys() if controller.summary else frozenset())
+        )
         page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
 
@@ -250,7 +252,9 @@ class ResultActions:
         elif action == "explore":
             self.overlay_runs([path])
         elif action == "accept":
-            self._tabs.campaign.controller.accept(path.name)
+            controller, run = self._tabs.campaign.controller, path.name
+            if controller.summary is not None and (name := controller.summary.acceptable.get(run)):
+                controller.modify(lambda plan: plan.accept(name, run), f"{name} is accepted")
         elif action == "next":
             self._tabs.setCurrentIndex(CAMPAIGN)
         elif action == "report":
