@@ -259,8 +259,7 @@ NOTES = """
 - **peak_frequency of the sine dwell**: its error has the stated size, and the same sign at every seed, because the frequencies are the same.
 - **damping_ratio of the sine dwell**: the hum at 50 Hz enlarges the misfit of a fit in which all points have equal weight.
 - **mass resonance**: the pieces of these short settings meet near the peak, where the fade at the begin of a piece and its end disturb about ten lines on either side; `spectrum_peak` has the ripple
-  of the drive's spectrum near the ends of the pieces, which its stated error, the scatter about the curve, does not include. Lines farther away have no bias, nor with a finer grid of the plant.
-- **decay_time of the sweep**: distortions that repeat wave over the lines; the fit averages them out further than its error does.
+  of the drive's spectrum near the ends of the pieces, which its stated error, the scatter about the curve, does not include. Lines farther from the joints have no bias; a finer grid of the plant changes none of this.
 - **linear_young_modulus, sag, E_m**: the stated error has the reference and the geometry, which are the same at every seed of one specimen.
 - **linearity of the square dwell**: not traced.
 - **static loading on one specimen**: the weight of a point changes with what its zero moves beyond its creep, which earlier weights add to; likely, not traced further.

@@ -110,8 +110,7 @@ def estimate_periodic_response(
     """Response to several periods of a multisine or a repeated sweep, at the lines that the drive excites.
 
     The spread over the periods gives the noise, with two degrees of freedom a period less one, pooled over neighbouring lines;
-    the excess scatter of the lines gives the repeating errors (see `repeating_error_share`). The clock of the source is found in the
-    drive, and both records are interpolated to it; frequencies are on the card's clock.
+    the lines' excess scatter gives the repeating errors (`repeating_error_share`). Both records are interpolated to the source's clock.
 
     Args:
         drive: (N,); an incomplete last period is left out. If its second half is the inverted first half, the odd lines are used.
