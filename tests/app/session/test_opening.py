@@ -58,10 +58,10 @@ def test_a_source_that_does_not_obey_and_no_card_are_both_in_the_sentence(monkey
 @pytest.mark.parametrize("left_by", ["", "with the bench 'bench of Anna' since 9 o'clock"])
 def test_a_silent_instrument_is_unsafe_if_an_earlier_program_may_have_left_it_live(left_by: str) -> None:
     with (
-        pytest.raises(BenchError, match=r"no answer") as failed,
+        pytest.raises(BenchError, match="silent") as failed,
         module._unsafe_if_left(SimpleNamespace(left_by=left_by)),  # type: ignore[arg-type]
     ):
-        raise InstrumentError("no answer")
+        raise InstrumentError("silent")
     assert isinstance(failed.value, UnsafeError) == bool(left_by)
     assert left_by in str(failed.value)
 
@@ -101,7 +101,7 @@ def test_another_instrument_than_the_one_of_the_bench_file_is_refused(
         with connect(config) as lab:
             assert seen in lab.bench.configuration["identities"][table]
         return
-    with pytest.raises(InstrumentError, match=rf"\b{expected}\b.*\[{table}\]"), connect(config):
+    with pytest.raises(InstrumentError, match=rf"{expected}[^0-9A-Z].*{table}"), connect(config):
         pass
 
 
