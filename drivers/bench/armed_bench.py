@@ -192,8 +192,7 @@ class ArmedBench:
             return
         self._away_since = block.start + int(away[0]) if self._away_since is None else self._away_since
         away_s = (block.stop - self._away_since) / self.rate_hz
-        seen = f"{volts.min():z.3f} to {volts.max():z.3f} V at the amplifier's input"
-        words = f"the card sees {seen} where no drive is commanded and rest is {rest_v:g} V"
+        words = f"no drive is commanded, and the amplifier's input, {rest_v:g} V at rest, is at {volts.min():z.3f} to {volts.max():z.3f} V"
         if away_s > LEFT_REST_S:
             self.on_left_rest(words)
         if away_s > LEFT_REST_LIMIT_S:
