@@ -131,7 +131,7 @@ class BenchPage(QSplitter):
         self._edited: dict[str, BenchDraft] = {}
         """Drafts of other benches with changes that are not saved, by name."""
         self.show_button = make_button(
-            "Show file", self.show_file, tip="Open the folder of the file", name="bench.show"
+            "Show file", lambda: _show_file(self.draft), tip="Open the folder of the file", name="bench.show"
         )
         self.file_label = make_label(
             kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
@@ -252,11 +252,6 @@ class BenchPage(QSplitter):
         else:
             self.bench_chosen.emit(self.draft.name)
 
-    def show_file(self) -> None:
-        """Open the folder of the bench file."""
-        if self.draft is not None and self.draft.has_file:
-            QDesktopServices.openUrl(QUrl.fromLocalFile(str(Path(self.draft.name).resolve().parent)))
-
     def commission(self) -> None:
         """Commission the source of the open bench, and its interlock."""
         job = CommissioningJob(self._config, self._adapter)
@@ -373,3 +368,9 @@ class BenchPage(QSplitter):
         self.editor.kind_segments.chosen.connect(self._begin_bench)
         for tile in self.editor.tiles:
             tile.remedy_requested.connect(self._show_remedy)
+
+
+def _show_file(draft: BenchDraft | None) -> None:
+    """Open the folder of a bench's file."""
+    if draft is not None and draft.has_file:
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(Path(draft.name).resolve().parent)))
