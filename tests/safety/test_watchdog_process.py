@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from drivers.errors import BenchError
-from drivers.watchdog import activity
+from drivers.watchdog import hang_detection
 from drivers.watchdog.client import WATCHDOG_SILENCE_S, WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.hang_detection import BUSY_EXTRA_S, OWN_PAUSE_S, STARVED_EXTRA_S, ProcessActivity, Silence
@@ -201,8 +201,8 @@ class Computer:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s, self.busy, self.processor_s, self.status = 100.0, False, 0.0, psutil.STATUS_SLEEPING
-        monkeypatch.setattr(activity.time, "monotonic", lambda: self.now_s)
-        monkeypatch.setattr(activity.psutil, "cpu_percent", lambda _: 100.0 if self.busy else 20.0)
+        monkeypatch.setattr(hang_detection.time, "monotonic", lambda: self.now_s)
+        monkeypatch.setattr(hang_detection.psutil, "cpu_percent", lambda _: 100.0 if self.busy else 20.0)
         monkeypatch.setattr(psutil.Process, "status", lambda _: self.status)
         monkeypatch.setattr(psutil.Process, "cpu_times", lambda _: SimpleNamespace(user=self.processor_s, system=0.0))
         self.activity = ProcessActivity(os.getpid())
