@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from drivers.bench.card_reading import WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
@@ -186,11 +184,11 @@ class ArmedBench:
         """Warn if another hand or program has moved the source from rest, and end the run if it stays away."""
         rest_v = self.amplifier.map.rest_v
         volts = drive_voltage(block, self.scales)
-        away = np.flatnonzero((np.abs(volts - rest_v) > REST_TOLERANCE_V) | (volts.std() > REST_NOISE_V))
-        if not away.size:
+        # Of the block as a whole: single samples may be spikes.
+        if abs(float(volts.mean()) - rest_v) <= REST_TOLERANCE_V and volts.std() <= REST_NOISE_V:
             self._away_since = None
             return
-        self._away_since = block.start + int(away[0]) if self._away_since is None else self._away_since
+        self._away_since = block.start if self._away_since is None else self._away_since
         away_s = (block.stop - self._away_since) / self.rate_hz
         words = f"no drive is commanded, and the amplifier's input, {rest_v:g} V at rest, is at {volts.min():z.3f} to {volts.max():z.3f} V"
         if away_s > LEFT_REST_S:

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.session.bench_connection import BenchConnection
 from drivers.bench.bench import ArmedBench, LiveWarning
+from drivers.bench.rest import drive_voltage
 from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.errors import (
@@ -24,7 +26,7 @@ from drivers.errors import (
     LinkError,
     UnsafeError,
 )
-from drivers.interfaces import Block
+from drivers.interfaces import Block, Scale
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import laboratory
@@ -197,6 +199,22 @@ def test_a_source_that_another_hand_moves_from_rest_is_warned_of_while_the_opera
     assert len(warnings) == left
     assert blocks == sorted(blocks)
     assert lab.control.report().end_v == pytest.approx(2.5, abs=0.01 if left else 0.05)
+
+
+def test_a_spike_in_every_block_is_not_a_source_that_has_left_rest(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spiky(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
+        volts = drive_voltage(block, scales).copy()
+        volts[0] += 0.06
+        return volts
+
+    monkeypatch.setattr("drivers.bench.armed_bench.drive_voltage", spiky)
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings) as armed:
+        for _ in range(20):
+            armed.read_block()
+    assert warnings == []
 
 
 def test_a_commanded_level_is_not_a_source_that_has_left_rest(lab: BenchConnection, journal: Journal) -> None:
