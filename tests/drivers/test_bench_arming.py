@@ -210,6 +210,7 @@ def test_a_spike_in_every_block_is_not_a_source_that_has_left_rest(
         return volts
 
     monkeypatch.setattr("drivers.bench.armed_bench.drive_voltage", spiky)
+    lab.bench.block_s = 0.2
     warnings: list[LiveWarning] = []
     with armed_bench(lab, journal, warnings) as armed:
         for _ in range(20):
