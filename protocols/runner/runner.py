@@ -51,7 +51,7 @@ from protocols.runner.publisher import InterruptCheck, RunCancelled, RunRecorder
 from protocols.runner.request import RunControl, RunRequest
 from protocols.signals import find_lines, folded_frequencies, mark_folded
 
-PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
+PRELOADED_MODULES = ("scipy.fft", "scipy.interpolate", "scipy.optimize")
 """Modules imported before the card runs: importing at the first fit would delay the run by a second or two."""
 
 STATED_WAIT_S = 2.0

@@ -1,5 +1,6 @@
 """Conclusion of a run: what happens on the way to rest, and an analysis or a judgement that fails."""
 
+import re
 import threading
 from collections.abc import Iterable
 from pathlib import Path
@@ -41,7 +42,7 @@ def test_a_failing_analysis_and_an_event_of_the_shutdown_are_in_events_file_and_
         ended = runner.run()
         assert_safe_voltage(lab.control.report())
     assert ended.status is RunStatus.COMPLETED
-    assert ended.reason.endswith("; the analysis failed: ZeroDivisionError: no weight was placed")
+    assert re.search(rf"{re.escape(__file__)}, line \d+: ZeroDivisionError: no weight was placed$", ended.reason)
     assert ended.verdict.outcome is not Outcome.GOOD
     assert isinstance(events[-1], RunEnded)
     assert [event.text for event in events if isinstance(event, LogMessage)][-1] == "fault injected on the way to rest"

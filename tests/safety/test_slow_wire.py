@@ -133,7 +133,7 @@ def test_a_bench_whose_way_to_rest_takes_too_long_is_not_armed(tmp_path: Path, m
         ended = runner.run()
         report = lab.control.report()
     assert ended.status is RunStatus.FAILED
-    assert re.search(r"\b5\.3 s\b.*\b4 s\b.*\bway_to_rest_s\b.*\[amplifier\]", ended.reason)
+    assert re.search(r"\b5\.3 s\b.*\b4 s\b.*'way to rest'.*amplifier", ended.reason)
     assert report.live_s == 0, "high voltage was not switched on"
 
 

@@ -327,6 +327,6 @@ def test_a_program_that_cannot_command_the_source_asks_it_for_help(tmp_path: Pat
 @pytest.mark.deep
 def test_a_bench_whose_watchdog_cannot_reach_the_source_does_not_go_live(tmp_path: Path) -> None:
     watchdog = WatchdogClient(replace(CHARGE, resource="TCPIP::127.0.0.1::9::SOCKET"))
-    with pytest.raises(BenchError, match=r"the watchdog does not watch: .*cannot be reached.*enabled = false"):
+    with pytest.raises(BenchError, match=r"the watchdog does not watch: .*cannot be reached.*'enabled'"):
         watchdog.arm()
     watchdog.close()

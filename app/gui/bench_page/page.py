@@ -142,7 +142,7 @@ class BenchPage(QSplitter):
         )
         controls = None
         if adapter.simulation is not None:
-            controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.simulation")
+            controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.session")
         self.editor = BenchEditor(self._worker, controls, self.calibrate_button)
         self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated)
         self.live_button = make_toggle(

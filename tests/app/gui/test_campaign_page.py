@@ -98,7 +98,7 @@ def test_the_result_card_of_a_wiring_check_offers_to_accept_it(window: MainWindo
     settle(window.tabs.campaign)
     (run,) = on_disk(tmp_path)["wiring"]["accepted"]
     assert run == Path(window.state.outcome.path).name
-    assert controller.acceptable == {}
+    assert controller.summary.acceptable == {}
     assert not accept.isVisible()
 
 

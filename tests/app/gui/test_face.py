@@ -290,7 +290,7 @@ def test_red_is_unsafe_and_drive_lost_alone() -> None:
         unread = replace(view, danger=True, measured="unknown", age_s=4.0)
         assert look_of(unread).tint == "red", "a danger is red, with one of these words"
     strays = look_of(VIEWS["off rest"])
-    assert (strays.word, strays.ground, strays.tint) == (word(BenchState.NOT_ARMED), "grey", "amber_tint")
+    assert (strays.word, strays.ground, strays.tint) == (word(BenchState.IDLE), "grey", "amber_tint")
 
 
 @pytest.mark.parametrize("name", VIEWS)
