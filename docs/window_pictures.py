@@ -250,7 +250,7 @@ def fill_archive(run: Path) -> None:
         name = f"{day.replace('-', '')}T{8 + i % 10:02d}{i % 60:02d}00Z_{specimen}_sine-dwell_{i:05d}.h5"
         os.link(run, Path("runs") / name)
         start = f"{day}T{8 + i % 10:02d}:{i % 60:02d}:00+00:00"
-        entries.append(one._replace(path=name, specimen=specimen, start_time=start))
+        entries.append(one._replace(path=name, specimen=specimen, start_time=start, notes_ns=0))
     catalogue.upsert(entries)
 
 
