@@ -4,22 +4,26 @@ import re
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivers.drive_shapes import Sine
+from drivers.bench.bench import ArmedBench
+from drivers.drive_shapes import Hold, Sine
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import (
     BenchArmed,
     BlockStored,
     DriveStarted,
     LevelExceeded,
+    Play,
     PointMeasured,
     ProgressUpdated,
     PromptAnswered,
     PromptShown,
+    Record,
     RestMeasured,
     RunEnded,
     RunStarted,
@@ -35,7 +39,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.messages import assert_names
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted
-from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
+from tests.helpers.simulated_bench import Trigger, assert_safe_voltage, laboratory, run, simulated
 
 
 def test_events_come_in_order_and_the_file_has_them_too(tmp_path: Path) -> None:
@@ -243,6 +247,21 @@ with tempfile.TemporaryDirectory() as folder, laboratory() as lab:
 before = next(modules for name, modules in seen if name == "StreamStarted")
 print(*sorted(seen[-1][1] - before))
 """
+
+
+@pytest.mark.parametrize("off_v", [-0.4, 0.4])
+def test_a_held_level_that_does_not_reach_the_card_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, off_v: float
+) -> None:
+    start = ArmedBench.start_drive
+    monkeypatch.setattr(
+        ArmedBench, "start_drive", lambda armed, drive: start(armed, replace(drive, level_v=drive.level_v + off_v))
+    )
+    with laboratory() as lab:
+        ran = run(Scripted(script=(Play(Hold(3.5, 5.0), 0.2), Record(0.05))), tmp_path, lab)
+        assert_safe_voltage(lab.control.report())
+    assert (ran.status, ran.points) == (RunStatus.FAILED, [])
+    assert f"{3.5 + off_v:.3f} V" in ran.reason
 
 
 @pytest.mark.deep
