@@ -419,6 +419,8 @@ def test_help_of_one_that_ends_or_says_nothing_is_told(
 ) -> None:
     assert Deadline.WATCHDOG_REQUEST.seconds <= 15.0  # the report of an unsafe bench waits for it
     monkeypatch.setattr(Deadline.WATCHDOG_REQUEST, "seconds", 0.02)
+    children[0].say("done it rested in the last run")
+    wait(lambda: live.takeover_outcome)
     assert live.request_rest("why") == "the watchdog did not answer"
     monkeypatch.setattr(Deadline.WATCHDOG_REQUEST, "seconds", 600.0)
     children[0].end()
