@@ -109,7 +109,6 @@ def test_the_gap_is_a_number_of_the_bench_file(tmp_path: Path) -> None:
     assert (exceeded(ran)[0].level, exceeded(ran)[0].limit) == ("stroke", 1e-5)
 
 
-@pytest.mark.deep
 def test_a_warning_flags_the_points_and_makes_the_run_doubtful(tmp_path: Path) -> None:
     ran, _ = run_with(tmp_path, levels={"stroke": LevelAction.WARNING, "stroke_m": 1e-4}, protocol=SHORT)
     assert ran.status == RunStatus.COMPLETED
