@@ -368,7 +368,7 @@ class Played:
             bench.perform_action("zero-sensor", {})  # it may have been set for a membrane
         self.world.begin_part()
         made, reason = PROTOCOLS["sine-dwell"](**AFTERWARDS), ""
-        person._kind = "prompt"
+        person._kind, person.absent_s = "prompt", float("inf")
         for anew in (True,) if self.trial.reopens or session is None else (False, True):
             if anew:
                 if session is not None:
