@@ -151,10 +151,11 @@ class Catalogue:
                     due.append((path, notes, seen))
             # Newest first, as users look for recent runs: file names begin with the start time.
             due.sort(key=lambda item: item[0].rpartition("/")[2], reverse=True)
+            complete = True
             for done, (path, notes, seen) in enumerate(due, 1):
                 if progress.cancelled:
-                    _store(db, read)
-                    return ScanResult(added, changed, len(gone), tuple(walk.skipped), complete=False)
+                    complete = False
+                    break
                 read[path] = entry = self._read(path, notes, seen, left)
                 if entry is not None:
                     added += path not in indexed
@@ -164,7 +165,7 @@ class Catalogue:
                 if done % FILES_PER_COMMIT == 0:
                     _store(db, read)
             _store(db, read)
-        return ScanResult(added, changed, len(gone), tuple(walk.skipped))
+        return ScanResult(added, changed, len(gone), tuple(walk.skipped), complete)
 
     def has_changed_folder(self) -> bool:
         """Whether files were added, moved or deleted since the last scan, by the modification times of the folders."""

@@ -24,7 +24,7 @@ STOPPED_AT_INTERLOCK = "stopped by the operator at rest; switch the high voltage
 
 POLL_S = 0.05
 _PROMPT_IDS = itertools.count(-1, -1)
-"""Ids of prompts, apart from those of runs."""
+"""Ids of prompts; negative, so that they never equal the ids of a run's prompts."""
 
 
 class _StoppedError(BenchError):

@@ -26,7 +26,7 @@ REMEDIES = {
     "sensor": "Align the laser",
     "card": "Correct its device",
 }
-"""What mends a missing instrument, as the link beside its problem says; that of the amplifier also one that answers wrongly."""
+"""Text of the link to the remedy, by role. A wiring check is also the remedy for an instrument that answers with wrong values."""
 
 WIRES, WIRE_PX = ("drive", "HV", "signal"), 44
 """Names of the wires between the tiles of a row, and their length."""
@@ -47,7 +47,7 @@ class Tile(QFrame):
 
     changed = Signal()
     remedy_requested = Signal(str)
-    """The operator wants to see what mends a problem: a key of `REMEDIES`."""
+    """The operator asks for the remedy of a problem: a key of `REMEDIES`."""
 
     def __init__(self, role: str, title: str, number: int, tables: Mapping[str, Sequence[str]], *items: Item) -> None:
         super().__init__()
@@ -222,7 +222,7 @@ class SourceTile(Tile):
 
     @property
     def address_editor(self) -> QWidget:
-        """Field of the instrument's address; that of the kind for an output of the card."""
+        """Field of the instrument's address; for an output of the card, the field of the kind."""
         name = next((name for name, kind in SOURCE_KINDS.items() if self.form.record.kind == kind), "")
         return self.forms[name].rows["resource"].editor if name else self.form.rows["kind"].editor
 

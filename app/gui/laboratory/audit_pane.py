@@ -148,15 +148,8 @@ class AuditPane(QWidget):
 
 
 def _cells(entry: AuditEntry) -> tuple[int | str, ...]:
-    return (
-        entry.number,
-        format_time(entry.time),
-        entry.by,
-        entry.action,
-        entry.subject,
-        entry.hash[:12],
-        _details(entry),
-    )
+    time = format_time(entry.time)
+    return entry.number, time, entry.by, entry.action, entry.subject, entry.hash[:12], _details(entry)
 
 
 def _details(entry: AuditEntry) -> str:

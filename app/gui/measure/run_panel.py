@@ -105,7 +105,7 @@ class RunPanel(QWidget):
         self.segments = Segments("measure.side", "left column", (("Set-up", SETUP), ("Result", RESULT)))
         self._busy = False
         self._left_editor: QWidget | None = None
-        """What had the keyboard when the run began, and gets it back at its end."""
+        """Widget that had the focus when the run began; it gets the focus back at the end."""
         self.run_button = make_button(
             "Run", self.run_pressed.emit, "go", name="measure.run", key=ACTIONS["run"].shortcut
         )

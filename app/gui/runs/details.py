@@ -14,7 +14,7 @@ from app.common import typeset
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
-from app.gui.runs.differences import LETTERS, DifferencesPane
+from app.gui.runs.differences import DifferencesPane, letters_of
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
@@ -193,8 +193,8 @@ class RunDetailsPane(QWidget):
 
     def show_runs(self, runs: Sequence[MeasuredResponse], selected_count: int) -> None:
         """Plot the points of the selected runs."""
-        if 1 < len(runs) == selected_count <= len(LETTERS):
-            runs = [replace(run, label=f"{letter}  {run.label}") for letter, run in zip(LETTERS, runs, strict=False)]
+        if len(runs) == selected_count and (letters := letters_of(selected_count)):
+            runs = [replace(run, label=f"{letter}  {run.label}") for letter, run in zip(letters, runs, strict=True)]
         self.plot.show_runs(
             runs, f"{len(runs)} of {selected_count} are shown" if 0 < len(runs) < selected_count else ""
         )

@@ -11,7 +11,12 @@ from app.gui.face import follow_tokens, tokens
 from app.gui.widgets import STRETCH, Segments, column, fill_table, make_label, make_read_only_table, row
 
 LETTERS = "ABC"
-"""Of the compared runs, in the order of the list; more have no place side by side."""
+"""Letters of compared runs, in the order of the list; more runs do not fit side by side."""
+
+
+def letters_of(count: int) -> str:
+    """Return the letters of so many selected runs; empty if they are not compared."""
+    return LETTERS[:count] if 1 < count <= len(LETTERS) else ""
 
 
 class DifferencesPane(QWidget):
@@ -33,7 +38,7 @@ class DifferencesPane(QWidget):
 
     def show_runs(self, runs: Sequence[RunSummary]) -> None:
         """Compare runs, in the order of the list."""
-        self.setVisible(1 < len(runs) <= len(LETTERS))
+        self.setVisible(bool(letters_of(len(runs))))
         if tuple(runs) != self._runs:
             self._runs = tuple(runs)
             self._fill()
@@ -43,7 +48,7 @@ class DifferencesPane(QWidget):
         self._fit_rows()
 
     def _fit_rows(self) -> None:
-        """Give each row the height of its name, and the table that of its rows."""
+        """Fit the rows to their names, and the height of the table to its rows."""
         self.table.resizeRowsToContents()
         heights = sum(self.table.rowHeight(at) for at in range(self.table.rowCount()))
         self.table.setFixedHeight(heights + self.table.horizontalHeader().sizeHint().height() + 4)

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import RunSummary
 from app.gui.runs.details import RunDetailsPane
-from app.gui.runs.differences import LETTERS
+from app.gui.runs.differences import letters_of
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
 from app.gui.runs.run_table import RunTableModel, RunTableView
@@ -110,7 +110,6 @@ class RunListPane(QWidget):
     def _on_selection_changed(self) -> None:
         chosen = self.selected
         rows = [row for row in self._selected_rows if self.model.summaries[row].readable]
-        compared = 1 < len(rows) <= len(LETTERS)
-        self.model.show_letters(dict(zip(rows, LETTERS, strict=False)) if compared else {})
+        self.model.show_letters(dict(zip(rows, letters_of(len(rows)), strict=False)))
         self.details.show_selection(chosen)
         self.selection_changed.emit()

@@ -71,7 +71,7 @@ class RunTableModel(QAbstractTableModel):
         self.thumbnails.changed.connect(self._on_thumbnails)
         self.summaries: list[RunSummary] = []
         self.days: dict[int, str] = {}
-        """Day and number of its runs, by the first row of each day; empty in another order than that of time."""
+        """Heading of each day by its first row; empty unless the runs are sorted by time."""
         self.letters: dict[int, str] = {}
         """Letters of the compared runs by their rows."""
         self._sort_column, self._descending = 0, True

@@ -1,4 +1,4 @@
-"""Keys of a barcode scanner, which is a keyboard: told apart from a person's keys by their timestamps."""
+"""Filter for the keys of a barcode scanner, which are recognized by the short intervals between their timestamps."""
 
 from collections.abc import Callable
 

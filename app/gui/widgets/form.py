@@ -156,7 +156,7 @@ class ProtocolForm(FieldForm):
             row.note_label.setVisible(self.more_button.isChecked() and row.field.name in errors)
 
     def _name_more(self) -> None:
-        """Name the button after the fields that it shows, and those of them that are at fault."""
+        """Set the text of the button: the number of hidden fields, and the names of those with an error."""
         faults = [row.field.label for row in self._further_rows if row.field.name in self.result.errors]
         hidden = f"More: {len(self._further_rows)} fields" + (f", correct {' and '.join(faults)}" if faults else "")
         self.more_button.setText("Fewer fields" if self.more_button.isChecked() else hidden)
