@@ -112,7 +112,6 @@ class Fleet:
         bench: str = "",
         protocol: str = "",
         since: str = "",
-        until: str = "",
     ) -> "Fleet":
         """Return the fleet of some values; empty arguments select all."""
         kept = tuple(
@@ -123,7 +122,6 @@ class Fleet:
             and (not bench or v.bench == bench)
             and (not protocol or v.protocol == protocol)
             and (not since or v.start_time >= since)
-            and (not until or v.start_time < until)
         )
         return Fleet(kept, self.left_out, self.simulated)
 

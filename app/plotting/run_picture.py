@@ -29,9 +29,7 @@ LEGEND_ROWS_INSIDE = 10
 POINT_COLORS = ("tab:red", "tab:blue", "tab:green", "tab:orange", "tab:purple")
 
 
-def draw_run(
-    run: Run, path: Path, specimen: Specimen | None = None, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
-) -> None:
+def draw_run(run: Run, path: Path, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD) -> None:
     """Draw a run into a PNG, PDF or SVG file; pictures of simulated runs are marked SIMULATED.
 
     Raises:
@@ -39,7 +37,7 @@ def draw_run(
         OSError: the picture cannot be written.
     """
     with translate_read_errors(run.path):
-        figure = run_figure(run, specimen or Specimen(), threshold)
+        figure = run_figure(run, Specimen(), threshold)
     figure.savefig(path)
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtWidgets import QWidget
 
 from app.archive import MeasuredResponse
 from app.explore import ExploreResult, KeptCurve
@@ -30,8 +29,8 @@ from model.response import PeriodicResponse
 class ExplorePlot(Chart):
     """Draws results of the model; its cursor is the frequency of the motion."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("response of the model", parent=parent)
+    def __init__(self) -> None:
+        super().__init__("response of the model")
         self._result: ExploreResult | None = None
         self._kept_settings: tuple[KeptCurve, ...] = ()
         self._runs: Sequence[MeasuredResponse] = ()

@@ -3,7 +3,6 @@
 import time
 
 import numpy as np
-from PySide6.QtWidgets import QWidget
 
 from app.explore import PHASES, BeamMotion
 from app.gui.plots import SOLID, Chart, Panel, Picture, layer, round_step
@@ -18,8 +17,8 @@ PARTS = {"beam": ("model", 2.0), "MFC": ("amber_text", 5.0), "cylinder": ("text"
 class ShapePlot(Chart):
     """`tick` advances the animation; it pauses without a motion and while the plot is hidden."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("shape of the beam", headed=False, parent=parent)
+    def __init__(self) -> None:
+        super().__init__("shape of the beam", headed=False)
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
         self._about = ""

@@ -91,8 +91,8 @@ class SliderPanel(QWidget):
     input_rejected = Signal(str)
     """Why the typed value is not valid."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.rows: dict[str, SliderRow] = {}
         layout = column(parent=self, margins=(0, 0, 8, 0), spacing=4)
         specs = variable_specs()

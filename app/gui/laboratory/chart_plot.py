@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from PySide6.QtWidgets import QWidget
 
 from app.fleet import GoldenChart
 from app.gui.plots import DASHED, DOTTED, SOLID, Chart, Layer, Panel, Picture, Region, Rule, axis_title, layer
@@ -17,8 +16,8 @@ EWMA = "EWMA"
 class ControlChartPlot(Chart):
     """Values by their number; values that break a rule are filled diamonds with the rule in their text."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("control chart, single values above their weighted average", parent=parent)
+    def __init__(self) -> None:
+        super().__init__("control chart, single values above their weighted average")
 
     def show_chart(self, chart: GoldenChart, unit: str, title: str, simulated: bool) -> None:
         """Draw a chart of values in a unit."""

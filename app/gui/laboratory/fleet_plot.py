@@ -3,7 +3,6 @@
 from functools import partial
 
 import numpy as np
-from PySide6.QtWidgets import QWidget
 
 from app.common import typeset
 from app.fleet import FleetValue, FleetView
@@ -32,8 +31,8 @@ MAX_GROUPS = 12
 class FleetPlot(Chart):
     """A symbol for each value, ringed if the specimen is an outlier or selected."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("values of many specimens over time", parent=parent)
+    def __init__(self) -> None:
+        super().__init__("values of many specimens over time")
         self._view: FleetView | None = None
         self._specimen = ""
         self._draw_view()

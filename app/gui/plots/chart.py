@@ -89,7 +89,6 @@ class Chart(QWidget):
         """Draw in the colours in use."""
         self.canvas.setBackground(theme.surface)
         self.show_picture(self.picture, force=True)
-        self.tools.apply_theme(theme)
 
     def show_picture(self, picture: Picture, force: bool = False) -> None:
         """Draw a picture."""
@@ -126,9 +125,7 @@ class Chart(QWidget):
         if not self.panels:
             return
         for at, drawn in enumerate(self.panels):
-            drawn.show(
-                self.picture.panels[at], self.picture, at, (self.log_axes[0], self.log_axes[1] and not at), self.hidden
-            )
+            drawn.show(self.picture, at, (self.log_axes[0], self.log_axes[1] and not at), self.hidden)
         x = self._x_range()
         for at, drawn in enumerate(self.panels):
             self._ranges[at] = self._y_range(at, drawn)

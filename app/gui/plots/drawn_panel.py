@@ -158,7 +158,8 @@ class DrawnPanel:
         self.panel, self.picture = Panel(), Picture()
         self.log = (False, False)
         self.drawn: dict[str, DrawnLayer] = {}
-        self._layers: list[Layer] = []
+        self.layers: list[Layer] = []
+        """The visible layers."""
         self._index = 0
         self._grid = QGraphicsPathItem(self.box)
         self._grid.setZValue(-2)
@@ -174,37 +175,29 @@ class DrawnPanel:
         self.plot.layout.setRowFixedHeight(0, px(TITLE_PX) if self.panel.title else 8)
         self._grid.setPen(QPen(color_of("line"), FRAME_PX))
 
-    def show(self, panel: Panel, picture: Picture, index: int, log: tuple[bool, bool], hidden: set[str]) -> None:
-        """Draw the contents of a picture in this panel, apart from the hidden groups."""
+    def show(self, picture: Picture, index: int, log: tuple[bool, bool], hidden: set[str]) -> None:
+        """Draw the n-th panel of a picture, apart from the hidden groups."""
+        panel = picture.panels[index]
         self.panel, self.picture, self.log = panel, picture, log
         for side, axis in self.axes.items():
             axis.is_log, axis.has_dates = log[side == "left"], picture.dates and side == "bottom"
             axis.picture = None
             axis.update()
         self.axes["left"].fixed, self.axes["left"].ends_above = panel.ticks, not panel.x_labels
-        if self.axes["bottom"].labelled is not panel.x_labels:
-            self.axes["bottom"].labelled = panel.x_labels
+        self.axes["bottom"].labelled = panel.x_labels
         self.show_theme()
         self.axes["bottom"].show_title(picture.x_title)
         self.axes["bottom"].resizeEvent()
         self.title.show_text(panel.title)
-        self._layers = [one for one in picture.layers if one.panel == index and one.group not in hidden]
+        self.layers = [one for one in picture.layers if one.panel == index and one.group not in hidden]
         shown = {}
-        for at, layer in enumerate(self._layers):
-            drawn = self.drawn.pop(
-                f"{layer.name}:{layer.line is None}:{layer.symbol}:{layer.series.errors is None}", None
-            )
-            drawn = drawn or DrawnLayer(self.plot)
-            drawn.show(layer, log, 3.0 * at)
-            shown[f"{layer.name}:{layer.line is None}:{layer.symbol}:{layer.series.errors is None}"] = drawn
+        for at, layer in enumerate(self.layers):
+            key = f"{layer.name}:{layer.line is None}:{layer.symbol}:{layer.series.errors is None}"
+            shown[key] = self.drawn.pop(key, None) or DrawnLayer(self.plot)
+            shown[key].show(layer, log, 3.0 * at)
         for gone in self.drawn.values():
             gone.remove()
         self.drawn, self._index = shown, index
-
-    @property
-    def layers(self) -> list[Layer]:
-        """The visible layers."""
-        return self._layers
 
     def drawn_layer(self, name: str) -> DrawnLayer:
         """Return the items of a visible layer.
@@ -217,7 +210,7 @@ class DrawnPanel:
     def extent(self) -> tuple[float, float]:
         """Return lowest and highest drawn value, with error bars that widen the range threefold at most."""
         ends, bars = [], []
-        for layer in self._layers:
+        for layer in self.layers:
             y = layer.y[np.isfinite(layer.y)]
             ends.append(y)
             if layer.series.errors is not None:
@@ -258,7 +251,7 @@ class DrawnPanel:
             scene.removeItem(item)
         self._marks = []
         self._draw_grid(box)
-        placer = Placer(QRectF(0, 0, box.width(), box.height()), self._obstacles(self._layers))
+        placer = Placer(QRectF(0, 0, box.width(), box.height()), self._obstacles(self.layers))
         regions = [each for each in self.picture.regions if each.panel == self._index]
         for region in regions:
             self._draw_region(region, box)
@@ -268,7 +261,7 @@ class DrawnPanel:
                 self._draw_rule(rule, placer, box)
         for label, at, first in spots:
             self._place(label, placer, beside(at, label.boundingRect(), first))
-        for layer in self._layers:
+        for layer in self.layers:
             if layer.label:
                 self._label_layer(layer, placer)
         for region in regions:
@@ -276,7 +269,7 @@ class DrawnPanel:
         self._say_empty(box)
 
     def _say_empty(self, box: QRectF) -> None:
-        if self.picture.empty and not self._layers:
+        if self.picture.empty and not self.layers:
             label = self._add(Label(self.box))
             size = label.show_text(self.picture.empty, "text2")
             label.setPos(max((box.width() - size.width()) / 2, 0), (box.height() - size.height()) / 2)
@@ -384,7 +377,7 @@ class DrawnPanel:
         size = label.show_text(layer.label, layer.tone if layer.width >= MODEL_WIDTH or layer.tone != "ink" else "text")
         wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
         # Points are compared with points and lines with lines, because a model's line runs through its points.
-        alike = [e for e in self._layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]
+        alike = [e for e in self.layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]
         own, others = self._obstacles([layer]), self._obstacles(alike)
         self._place(label, placer, nearest_to(own, others, wishes, size))
 

@@ -15,19 +15,18 @@ from app.gui.plots.chart import Chart
 from app.gui.plots.drawn_panel import DrawnPanel
 from app.gui.plots.picture import (
     DOTTED,
-    Layer,
     Panel,
     Picture,
     Rule,
     axis_title,
     color_of,
     curve_tone,
-    layer,
     number_text,
 )
+from app.gui.plots.series import series_as_text
 from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, row, set_style_kind
 from app.live import SPANS, LiveFeed, TimeSpan
-from model import AmplifierMap, Array, shown_unit
+from model import AmplifierMap, Array, Series, shown_unit
 
 SMOOTHING_S = 0.03
 """Time constant with which the display follows `LiveFeed.displayed_s`, whose rate changes slightly with every block."""
@@ -88,10 +87,6 @@ class PresentValue(QFrame):
         else:
             self.value.setText(f"{text(float(values.mean()))} {unit}")
             self.about.setText(f"varies by {number_text(high - low, 2)} {unit}")
-
-    def show_held(self, text: str) -> None:
-        """State the age of a value that no longer changes."""
-        self.about.setText(text)
 
 
 class TimePlot(Chart):
@@ -300,26 +295,18 @@ class TimePlot(Chart):
         was_held, self._held_s = bool(self._held_s), held_s
         self.held_label.setText(f"held: {format_duration(held_s)} old" if held_s else "")
         for value in self.values if held_s else ():
-            value.show_held(f"held, {format_duration(held_s)} old")
+            value.about.setText(f"held, {format_duration(held_s)} old")
         if bool(held_s) is not was_held:
             self._color_traces(tokens())
 
-    def series_layers(self) -> list[Layer]:
-        """Return the traces as layers, for the table."""
-        names = [panel.title for panel in self.picture.panels]
-        return [
-            layer(name=name, x=time_s - self._right_s, y=values)
-            for name, (time_s, values) in zip(names, self._samples, strict=False)
-        ]
-
     def table(self) -> str:
         """Return the displayed traces as a tab-separated table."""
-        from app.gui.plots.series import series_as_text
-
-        about = self.picture.x_title.partition(" before ")[2]
-        return series_as_text(
-            (each.series for each in self.series_layers()), f"s before {about}", "value", self._simulated
+        traces = (
+            Series(time_s - self._right_s, values, name=panel.title)
+            for panel, (time_s, values) in zip(self.picture.panels, self._samples, strict=False)
         )
+        about = self.picture.x_title.partition(" before ")[2]
+        return series_as_text(traces, f"s before {about}", "value", self._simulated)
 
     def _on_span_toggled(self, _at: int, checked: bool) -> None:
         if checked:

@@ -14,7 +14,7 @@ from PySide6.QtGui import QGuiApplication, QPageSize, QPainter, QPdfWriter, QPen
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
-from app.gui.face import LABEL_PX, SEMIBOLD, Tokens, icon, px, text_font
+from app.gui.face import LABEL_PX, SEMIBOLD, icon, px, text_font
 from app.gui.plots.picture import Layer, color_of, number_text, unit_of
 from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, tooltip
 from model import format_with_uncertainty
@@ -83,10 +83,6 @@ class PlotTools(QObject):
         canvas.scene().sigMouseClicked.connect(self._on_clicked)
         canvas.installEventFilter(self)
         canvas.viewport().installEventFilter(self)
-
-    def apply_theme(self, _theme: Tokens) -> None:
-        """Draw the cursors in the colours in use."""
-        self._draw_lines()
 
     # -- cursors -----------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Message card: a sentence, its details, and the buttons that mend it or answer it."""
+"""Message card: a sentence, and the buttons that mend it or answer it."""
 
 from PySide6.QtWidgets import QPushButton, QWidget
 
@@ -13,30 +13,24 @@ class MessageCard(OverlayCard):
         icon: of the message.
         color: token of the colour of icon and edge.
         buttons: below the message.
-        closable: whether Esc closes it when no run goes on.
     """
 
-    def __init__(self, name: str, icon: str, color: str, *buttons: QPushButton, closable: bool = True) -> None:
+    def __init__(self, name: str, icon: str, color: str, *buttons: QPushButton) -> None:
         self.buttons = list(buttons)
         self.message_label = make_label(kind="heading", name=f"{name}.message", textInteractionFlags=SELECTABLE)
-        self.detail_label = make_label(name=f"{name}.detail", textInteractionFlags=SELECTABLE, visible=False)
         content = QWidget()
-        super().__init__(name, content, edge=color, closable=closable)
-        texts = column(self.message_label, self.detail_label, spacing=4)
+        super().__init__(name, content, edge=color)
         column(
-            row(IconView(28, icon, color), (texts, 1), spacing=16),
+            row(IconView(28, icon, color), (self.message_label, 1), spacing=16),
             row(44, *buttons, STRETCH, spacing=12),
             parent=content,
             margins=(20, 16, 20, 16),
             spacing=12,
         )
 
-    def show_message(self, text: str, detail: str = "") -> None:
-        """Show a message and its details; an empty message hides the card."""
-        if (text, detail) != (self.message_label.text(), self.detail_label.text()):
-            self.message_label.setText(text)
-            self.detail_label.setText(detail)
-        self.detail_label.setVisible(bool(detail))
+    def show_message(self, text: str) -> None:
+        """Show a message; an empty one hides the card."""
+        self.message_label.setText(text)
         if not text:
             self.dismiss()
         elif self.isHidden():

@@ -76,11 +76,6 @@ class OverlayCard(QFrame):
         margins = {Place.RIGHT: (RIM, 0, 0, 0), Place.BOTTOM: (RIM, RIM, 0, 0)}.get(place, (inset, inset, inset, inset))
         column(self._area, parent=self, margins=margins)
 
-    def set_edge(self, edge: str) -> None:
-        """Change the colour of the edge."""
-        self._edge = edge
-        self.update()
-
     def open(self, focus: QWidget | None = None) -> None:
         """Show the overlay above all others; `focus` takes the keyboard."""
         if self.isHidden():
