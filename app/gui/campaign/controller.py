@@ -183,7 +183,6 @@ class CampaignController(QObject):
             self._prepare(lambda campaign: campaigns.next_value(campaign.item_state(before)), self._request_run)
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self._file_worker.close()
         self._fit_worker.close()
 

@@ -96,7 +96,6 @@ class ItemDetailsPane(QWidget):
         return path.parent / names[at - 1] if at > 0 else None
 
     def show_review(self, review: ResultReview) -> None:
-        """Show a run that was read."""
         if review.run.path == self.reviewed_path:
             self.review_pane.show_review(review)
             self.tabs.setTabEnabled(0, True)

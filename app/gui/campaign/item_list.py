@@ -75,7 +75,6 @@ class CampaignList(QListWidget):
         return "" if row is None else row.name
 
     def select_item(self, name: str) -> None:
-        """Select an item by its name."""
         if name in self.names:
             self.setCurrentRow(self.names.index(name))
 

@@ -78,7 +78,6 @@ class CampaignPage(QStackedWidget):
         self._show_campaign()
 
     def activate(self) -> None:
-        """Take the keyboard focus."""
         self._show_part(self.currentWidget() or self.board)
 
     def tick(self) -> None:
@@ -101,7 +100,6 @@ class CampaignPage(QStackedWidget):
             (self.board.live_pane if self._busy else self.board.details.review_pane.plots).show_model_curve(curve)
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self.controller.shutdown()
         self._overlay.close()
 
@@ -120,7 +118,6 @@ class CampaignPage(QStackedWidget):
             self.controller.open(Path(path))
 
     def set_active_file(self, path: Path | None) -> None:
-        """Set the run file that this program is writing."""
         self.controller.active_file = path
 
     def go_back(self) -> None:
@@ -198,7 +195,6 @@ class CampaignPage(QStackedWidget):
         )
 
     def open(self, path: Path) -> None:
-        """Open a campaign's file."""
         if self.controller.summary is not None and path.absolute() == self.controller.summary.path.absolute():
             self.go_back()
         elif not self._busy:

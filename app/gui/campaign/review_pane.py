@@ -145,7 +145,6 @@ class ReviewPane(QWidget):
                 label.hide()
 
     def show_review(self, review: ResultReview) -> None:
-        """Show a run with its comparisons."""
         self.review = review
         self._show_review()
 

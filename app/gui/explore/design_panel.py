@@ -90,7 +90,6 @@ class DesignPanel(QWidget):
         self.ask()
 
     def shutdown(self) -> None:
-        """Stop the background thread."""
         self._worker.close()
 
     def _offer(self, calibration: str) -> None:

@@ -50,11 +50,9 @@ class ExploreModel(QObject):
         self._apply(lambda: self.session.set_value(name, value))
 
     def set_setting(self, setting: ExploreSetting) -> None:
-        """Change the setting."""
         self._apply(lambda: self.session.set_setting(setting))
 
     def load_preset(self, name: str) -> None:
-        """Start from a preset."""
         self._apply(lambda: self.session.load_preset(name))
         self.compute()
 
@@ -67,7 +65,6 @@ class ExploreModel(QObject):
         self.changed.emit()
 
     def keep_curve(self) -> None:
-        """Keep the current curve for comparison."""
         self.session.keep_curve()
         self.compute()
 
@@ -105,11 +102,9 @@ class ExploreModel(QObject):
         )
 
     def save_state(self, settings: QSettings) -> None:
-        """Save settings."""
         settings.setValue("explore/setting", json.dumps(self.session.to_record()))
 
     def restore_state(self, settings: QSettings) -> None:
-        """Restore saved settings."""
         try:
             self.session.restore_record(json.loads(str(settings.value("explore/setting", ""))))
         except (ValueError, KeyError, TypeError, AttributeError):
@@ -117,7 +112,6 @@ class ExploreModel(QObject):
         self.changed.emit()
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self.worker.close()
         self._study_worker.close()
 

@@ -42,7 +42,6 @@ class OverlaidRuns(QObject):
                 self._file_worker.submit(partial(read_measured_response, path), self._on_loaded, self._on_error)
 
     def remove(self, *runs: MeasuredResponse) -> None:
-        """Remove runs."""
         removed = [run.path for run in runs]
         self._set_runs(tuple(run for run in self.runs if run.path not in removed))
 
@@ -68,7 +67,6 @@ class OverlaidRuns(QObject):
         )
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self._cancelled.set()
         self._file_worker.close()
         self._fit_worker.close()

@@ -91,11 +91,9 @@ class ExplorePage(QSplitter):
         """Do nothing: the page does not depend on the bench."""
 
     def activate(self) -> None:
-        """Take the keyboard focus."""
         self.setFocus()
 
     def tick(self) -> None:
-        """Update the page; called at every tick while it is visible."""
         if self.model.requested is None:
             self.model.compute()
         if self._sliders_stale:
@@ -106,23 +104,19 @@ class ExplorePage(QSplitter):
         self.shape_plot.tick()
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self.model.shutdown()
         self.overlaid.shutdown()
         self.design.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
-        """Save settings."""
         self.model.save_state(settings)
 
     def restore_state(self, settings: QSettings) -> None:
-        """Restore saved settings."""
         self.model.restore_state(settings)
 
     # -- commands --------------------------------------------------------------------------------------------------------
 
     def load_preset(self, name: str) -> None:
-        """Start from a preset."""
         self.model.load_preset(name)
         if self.model.session.kept_curves:
             self.toolbar.series[1].setChecked(True)  # the paper computes the fundamental

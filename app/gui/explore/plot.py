@@ -39,19 +39,16 @@ class ExplorePlot(Chart):
         self._draw_all()
 
     def show_result(self, result: ExploreResult, kept_curves: tuple[KeptCurve, ...]) -> None:
-        """Draw the results so far."""
         self._result = result
         if result.kept_curves is not None:
             self._kept_settings = kept_curves
         self._draw_all()
 
     def show_runs(self, runs: Sequence[MeasuredResponse]) -> None:
-        """Draw measured runs over the curves."""
         self._runs = tuple(runs)
         self._draw_all()
 
     def show_series(self, peak_to_peak: bool, fundamental: bool, phase: bool) -> None:
-        """Set the visible series."""
         self._shown = (peak_to_peak, fundamental, phase)
         self._draw_all()
 
@@ -60,7 +57,6 @@ class ExplorePlot(Chart):
         self._draw_all()
 
     def show_cursor(self, frequency_hz: float) -> None:
-        """Move the cursor to a frequency."""
         self.tools.set_cursor(frequency_hz)
 
     def _draw_all(self) -> None:

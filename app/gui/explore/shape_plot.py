@@ -25,7 +25,6 @@ class ShapePlot(Chart):
         self.frames = 0
 
     def show_motion(self, motion: BeamMotion, frequency_hz: float) -> None:
-        """Show a motion."""
         self._motion, self._drawn_phase = motion, -1
         top = max(1e6 * float(np.abs(motion.deflection).max()), 1.0)
         if not 0.4 * self._max_um < 1.1 * top < self._max_um:

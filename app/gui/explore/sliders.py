@@ -105,7 +105,6 @@ class SliderPanel(QWidget):
         layout.addStretch()
 
     def show_setting(self, setting: ExploreSetting) -> None:
-        """Show a setting."""
         values = setting.all_values
         for name, row in self.rows.items():
             if name == DRIVE_SLIDER.name:

@@ -96,7 +96,6 @@ class ExploreToolbar(QObject):
         self._build()
 
     def _build(self) -> None:
-        """Lay the widgets out in rows."""
         self.runs_row = WrappedRow(spacing=4)
         self.start_row = row(
             self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
@@ -132,7 +131,6 @@ class ExploreToolbar(QObject):
             self.site_box.removeItem(at)
 
     def toggle_skin(self) -> None:
-        """Switch between free and on the skin."""
         (self.free_button if self.skin_button.isChecked() else self.skin_button).click()
 
     def show_setting(self, setting: ExploreSetting, history: UndoHistory[ExploreSetting]) -> None:

@@ -72,7 +72,6 @@ class ProblemPage(QWidget):
         )
 
     def activate(self) -> None:
-        """Take the keyboard focus."""
         self.comment_edit.setFocus()
 
     def save(self, path: Path) -> None:

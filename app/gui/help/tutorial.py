@@ -166,7 +166,6 @@ class TutorialBand(OverlayCard):
             self.start(name, int(at))
 
     def close_tutorial(self) -> None:
-        """Hide the tutorial."""
         self._name = ""
         self.dismiss()
 

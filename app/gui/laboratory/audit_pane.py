@@ -68,7 +68,6 @@ class AuditPane(QWidget):
         )
 
     def shutdown(self) -> None:
-        """Cancel a verification."""
         self.progress_row.request_cancel()
         self._worker.close()
 

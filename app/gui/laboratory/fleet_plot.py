@@ -38,7 +38,6 @@ class FleetPlot(Chart):
         self._draw_view()
 
     def show_view(self, view: FleetView | None) -> None:
-        """Draw the values of a view."""
         self._view = view
         self._draw_view()
 

@@ -184,7 +184,6 @@ class LaboratoryPage(QWidget):
 
     @property
     def view(self) -> int:
-        """The chosen view."""
         return self.buttons.checkedId()
 
     @cached_property
@@ -230,18 +229,15 @@ class LaboratoryPage(QWidget):
             self.reload()
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self.progress_row.request_cancel()
         self._worker.close()
         if "audit" in vars(self):
             self.audit.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
-        """Save the chosen view."""
         settings.setValue("laboratory/view", self.view)
 
     def restore_state(self, settings: QSettings) -> None:
-        """Restore the chosen view."""
         last = str(settings.value("laboratory/view", ""))
         if last.isdigit() and int(last) < len(VIEWS):
             self.buttons.button(int(last)).setChecked(True)
@@ -249,7 +245,6 @@ class LaboratoryPage(QWidget):
     # -- commands ------------------------------------------------------------------------------------------------------
 
     def show_view(self, view: int) -> None:
-        """Show one of the views."""
         self.buttons.button(view).setChecked(True)
         self._show_pane(view)
         text, is_error = self._messages.get(view, ("", False))

@@ -153,7 +153,6 @@ class ValueTable(QTableView):
         self.doubleClicked.connect(lambda index: self.row_opened.emit(self._row(index)))
 
     def set_table(self, table: Table, severities: Sequence[Severity] = ()) -> None:
-        """Show a table."""
         self._values.set_table(table, severities)
         self.row_selected.emit(-1)
         self._fit_columns()

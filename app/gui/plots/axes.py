@@ -70,7 +70,6 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
             self.show_title(self.heading.text())
 
     def show_title(self, title: str) -> None:
-        """Set the title of a horizontal axis."""
         self.heading.show_text(title if self.labelled else "")
         rows = px(LABEL_PX) + px(8) + px(TITLE_ROW_PX) * bool(title)
         self.setHeight(rows + px(TICK_PX) if self.labelled else 1)

@@ -86,12 +86,10 @@ class Chart(QWidget):
     # -- contents ----------------------------------------------------------------------------------------------------
 
     def apply_theme(self, theme: Tokens) -> None:
-        """Draw in the colours in use."""
         self.canvas.setBackground(theme.surface)
         self.show_picture(self.picture, force=True)
 
     def show_picture(self, picture: Picture, force: bool = False) -> None:
-        """Draw a picture."""
         new_axes = picture.x_title != self.picture.x_title or len(picture.panels) != len(self.panels)
         new_chips = force or [*picture.groups] != [*self.picture.groups]
         self.picture = picture

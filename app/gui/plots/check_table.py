@@ -24,7 +24,6 @@ class CheckTable(QWidget):
         follow_tokens(self, lambda _: self._show_checks())
 
     def show_verdict(self, verdict: Verdict) -> None:
-        """Show the checks of a verdict."""
         if verdict != self._verdict:
             self._verdict = verdict
             self._show_checks()

@@ -66,11 +66,9 @@ class DrawnLayer:
 
     @property
     def items(self) -> list[Any]:
-        """The items that exist."""
         return [each for each in (self._band, self.line, self._bars, self.scatter) if each is not None]
 
     def remove(self) -> None:
-        """Remove the items from the plot."""
         for item in self.items:
             self._plot.removeItem(item)
 

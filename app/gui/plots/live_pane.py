@@ -80,13 +80,11 @@ class LivePane(QSplitter):
         return self.time_plot.selected_span if "time_plot" in vars(self) else self._span
 
     def select_span(self, index: int) -> None:
-        """Choose the span of the live traces."""
         self._span = index
         if "time_plot" in vars(self):
             self.time_plot.select_span(index)
 
     def add_widget(self, widget: QWidget, share: int) -> None:
-        """Add a widget at the bottom."""
         self.addWidget(widget)
         self.setStretchFactor(self.count() - 1, share)
         widget.setMinimumHeight(MIN_PLOT_HEIGHT)

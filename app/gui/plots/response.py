@@ -155,7 +155,6 @@ class ResponseView:
     simulated: bool = False
 
     def picture(self) -> Picture:
-        """Return the picture."""
         layers = [] if self.curves is None else model_layers(self.curves)
         if self.preview is not None:
             volts = 2 * self.preview.request.amplitude_v

@@ -47,7 +47,6 @@ class EntrySelection:
         self.button.clicked.connect(self._on_clicked)
 
     def toggle(self, entry: int) -> None:
-        """Select an entry, or deselect it."""
         self._set_entries(self.entries ^ {entry})
 
     def retain(self, entries: Sequence[int]) -> None:
@@ -168,7 +167,6 @@ class ResultPlots(QStackedWidget):
         return default if self._points_selected is None else not self._points_selected
 
     def draw(self) -> None:
-        """Draw everything anew."""
         picture = self._picture()
         self.curves_button.setVisible(bool(self._curves))
         self.curves_button.setText("Show the points" if self.shows_curves else "Show the curves")

@@ -75,7 +75,6 @@ class PointsView:
         ]  # fmt: skip
 
     def picture(self) -> Picture:
-        """Return the picture."""
         (x_factor, x_unit), (y_factor, y_unit) = shown_units(self.kind)
         x_name, y_name = self.kind.axes
         rows = self.rows()
@@ -164,7 +163,6 @@ class CurvesView:
         return [c for c in self.curves if (c.x_axis.name, c.y_axis.name) == names]
 
     def picture(self) -> Picture:
-        """Return the picture."""
         shown = self.visible
         last = shown[-1]
         layers = self._model_layers(last)

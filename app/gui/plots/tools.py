@@ -102,7 +102,6 @@ class PlotTools(QObject):
             self.update_read_out()
 
     def clear_cursors(self) -> None:
-        """Remove the cursors."""
         self.cursors, self._at, self._pointed = [], None, ""
         self._draw_lines()
         self.update_read_out()
@@ -272,7 +271,6 @@ class PlotTools(QObject):
             self._chart.set_log_axes(x is not (axis == 0), y is not (axis == 1))
 
     def make_menu(self) -> Menu:
-        """Return the context menu."""
         canvas = self._chart.canvas
         menu = Menu(canvas)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -341,7 +339,6 @@ class PlotFiles:
         choose_files(self._chart.canvas, f"Save the {content} of this plot", write, kinds, name, Mode.AnyFile)
 
     def write_picture(self, paths: list[Path]) -> None:
-        """Write the picture to a file."""
         path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
         size = self._chart.canvas.viewport().size()
         match path.suffix.lower():
@@ -361,7 +358,6 @@ class PlotFiles:
                 self._report(self.picture().save(str(path)), path)
 
     def write_data(self, paths: list[Path]) -> None:
-        """Write the table to a file."""
         path, written = paths[0] if paths[0].suffix else paths[0].with_suffix(".tsv"), False
         with suppress(OSError):
             written = path.write_text(self._chart.table(), encoding="utf-8") > 0

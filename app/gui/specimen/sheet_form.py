@@ -95,7 +95,6 @@ class EntryRow(QObject):
         return EntryText(**{field: edit.text().strip() for field, edit in self.edits.items()})
 
     def show_text(self, text: EntryText) -> None:
-        """Show the texts of a draft."""
         self._text = text
         for field, edit in self.edits.items():
             if edit.text().strip() != getattr(text, field):

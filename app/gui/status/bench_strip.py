@@ -201,7 +201,6 @@ class BenchStrip(QWidget):
         set_length(self, height=STRIP_HEIGHT)
 
     def set_state(self, view: WindowState) -> None:
-        """Show a window state."""
         self._state = view
         self._show(self._controller.strip())
 

@@ -158,7 +158,6 @@ class FaultDrawer(OverlayCard):
             self._worker.submit(self._plan.active_faults, self._show_faults, self._on_error)
 
     def toggle(self) -> None:
-        """Open the drawer, or close it."""
         if not self.isHidden():
             self.dismiss()
             return
@@ -168,7 +167,6 @@ class FaultDrawer(OverlayCard):
         self.open(first)
 
     def shutdown(self) -> None:
-        """Stop background threads."""
         self._worker.close()
 
     def _switch_fault(self, name: str, active: bool) -> None:

@@ -43,7 +43,6 @@ class LogDrawer(OverlayCard):
         return tuple(line for line in self._messages if not chosen or any(shows(line) for shows in chosen))
 
     def set_state(self, view: WindowState) -> None:
-        """Add the new messages."""
         new = view.message_count - self._written_count
         if new <= 0:
             return

@@ -62,7 +62,6 @@ class Notices(QObject):
         return self.prompt.accepts_input
 
     def set_state(self, view: WindowState) -> None:
-        """Show the messages of a window state."""
         self._no_bench = not view.connected and bool(view.problem)
         self.unsafe.show_state(view)
         self.problem.show_message("" if view.unsafe else f"{view.problem[:1].upper()}{view.problem[1:]}")
@@ -100,7 +99,6 @@ class Notices(QObject):
         self._update_answer()
 
     def cancel_closing(self) -> None:
-        """Hide the question whether to close."""
         self.closing.show_message("")
         self._update_answer()
 

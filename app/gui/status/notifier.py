@@ -85,7 +85,6 @@ class Notifier(QObject):
             self._announce("done", title.strip(), state.outcome.reason)
 
     def shutdown(self) -> None:
-        """Remove sound files and the tray icon."""
         self._prompt_timer.stop()
         self._sounds.close()
         if self._tray is not None:
@@ -134,7 +133,6 @@ class SoundPlayer(QObject):
             )
 
     def close(self) -> None:
-        """Remove the sound files."""
         self._worker.close()
         if self._folder is not None:
             self._folder.cleanup()

@@ -140,7 +140,6 @@ class PromptCard(OverlayCard):
         return True
 
     def show_laser(self, displacement_um: float | None) -> None:
-        """Show the present laser reading."""
         if displacement_um == self._laser_um:
             return
         self._laser_um = displacement_um
@@ -156,7 +155,6 @@ class PromptCard(OverlayCard):
         self.laser_note.setVisible(shown)
 
     def answer_first(self) -> None:
-        """Give the first answer."""
         if self.buttons:
             self.buttons[0].click()
 

@@ -122,7 +122,6 @@ class SessionController(QObject):
             self.adapter.session.run(RunRequest(protocol, folder, name, reference=reference_model(folder, name)))
 
     def start_campaign_run(self, request: RunRequest, runner: CampaignRunner) -> None:
-        """Start a run of a campaign."""
         self._apply(RunRequested(request.protocol.title))
         self._set_in_campaign(True)
         runner.submit(self.adapter.session, request)
@@ -165,7 +164,6 @@ class SessionController(QObject):
         self._apply(OperatorAction.PAUSE)
 
     def answer_prompt(self, choice: str = "done") -> None:
-        """Answer the present prompt."""
         if self.state.prompt is not None and self.adapter.mailbox.pending_id == self.state.prompt.ask_id:
             self.adapter.mailbox.reply(self.state.prompt.ask_id, choice)
 

@@ -58,7 +58,6 @@ class InstrumentLamp(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
 
     def show_instrument(self, instrument: InstrumentStatus) -> None:
-        """Show an instrument."""
         if instrument != self.instrument:
             self.instrument = instrument
             self.setAccessibleName(f"{instrument.role} {instrument.lamp}: {instrument.identity}")
@@ -138,7 +137,6 @@ class WindowStatusLine(QWidget):
         set_length(self, height=STATUS_HEIGHT)
 
     def set_state(self, view: WindowState) -> None:
-        """Show the newest message and the lamps."""
         new = view.message_count - self._seen_count
         self._seen_count = view.message_count
         for line in view.messages[-new:] if new > 0 else ():

@@ -40,7 +40,6 @@ class FieldRow:
         self.show_error("")
 
     def set_value(self, value: Any) -> None:
-        """Show a value."""
         self._property.write(
             self.editor, bool(value) if self.field.is_switch else format_parameter(scaled(value, self.field.factor))
         )
@@ -85,7 +84,6 @@ class FieldForm(QWidget):
         return check_form(self.kind, texts, {name: row.field for name, row in self.rows.items()}, given)
 
     def show_errors(self, errors: Mapping[str, str]) -> None:
-        """Show the errors of the fields."""
         for name, row in self.rows.items():
             row.show_error(errors.get(name, ""))
 

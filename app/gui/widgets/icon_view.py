@@ -22,7 +22,6 @@ class IconView(QWidget):
         set_length(self, side, side)
 
     def show_icon(self, icon: str, color: str) -> None:
-        """Show another icon."""
         self._icon, self._color = icon, color
         self.update()
 

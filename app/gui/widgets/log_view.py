@@ -54,7 +54,6 @@ class LogView(QPlainTextEdit):
         self._write_all()
 
     def append_messages(self, messages: Iterable[LogLine]) -> None:
-        """Add messages at the end."""
         added = tuple(messages)
         self._messages = (*self._messages, *added)[-self.maximumBlockCount() :]
         if not self.following:

@@ -24,7 +24,6 @@ class RowProgress(Progress):
         self._last = 0.0
 
     def restart(self) -> None:
-        """Begin a new operation."""
         self.cancelled, self._last = False, 0.0
 
     def cancel(self) -> None:
@@ -77,7 +76,6 @@ class ProgressRow(QWidget):
         self.hide()
 
     def request_cancel(self) -> None:
-        """Request cancellation."""
         self.progress.cancel()
         self.cancel_button.setEnabled(False)
 

@@ -60,7 +60,6 @@ class SheetIndicators(QObject):
         self.update()
 
     def start(self) -> None:
-        """Begin to read sheets."""
         self.started = True
         self.update()
 
