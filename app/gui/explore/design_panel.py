@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
-from app.gui.widgets import WrappedRow, column, make_combo, make_label, make_line_edit
+from app.gui.widgets import WrappedRow, column, fill_combo, make_combo, make_label, make_line_edit
 from app.live import LatestOnlyWorker
 
 if TYPE_CHECKING:
@@ -93,15 +93,10 @@ class DesignPanel(QWidget):
         self._worker.close()
 
     def _offer(self, calibration: str) -> None:
-        if self.source_box.count() == 1 and calibration:
-            self.source_box.blockSignals(True)
-            self.source_box.addItem(calibration)
-            self.source_box.setCurrentIndex(1)
-            self.source_box.blockSignals(False)
-        elif self.source_box.count() > 1 and calibration:
-            self.source_box.setItemText(1, calibration)
-        elif self.source_box.count() > 1:
-            self.source_box.removeItem(1)
+        """Offer the sliders, and a calibration, which is chosen when it is new; empty for none."""
+        is_new = self.source_box.count() == 1
+        choices = [(SLIDERS_TEXT, None), *([(calibration, True)] if calibration else [])]
+        fill_combo(self.source_box, choices, is_new or None)
 
     def _show(self, question: DesignQuestion, answers: DesignAnswers | Exception) -> None:
         if question != self._question:

@@ -1,7 +1,6 @@
 """Explore page: sliders for every parameter of the model, its response curves, and the motion of the beam."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,7 @@ from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.common import ResultSummary
-from app.explore import PRESET_TITLES, ExploreFit, ExploreRequest, ExploreResult
+from app.explore import ExploreFit, ExploreRequest, ExploreResult
 from app.gui.explore.design_panel import DesignPanel
 from app.gui.explore.model import ExploreModel
 from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
@@ -68,7 +67,7 @@ class ExplorePage(QSplitter):
         self._sliders_stale = True
         self.overlaid = OverlaidRuns(fit, self)
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(), ShapePlot()
-        self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
+        self.toolbar = ExploreToolbar(self, fit is not None)
         self.card = ResultCard("explore.card", ("open", "report"), scrolls=True)
         """Result of the chosen overlaid run."""
         self.design = DesignPanel(self)
@@ -148,7 +147,7 @@ class ExplorePage(QSplitter):
                 f"{drives}; the curve is for {self.model.setting.peak_to_peak_v:.3g} V peak to peak", is_error=True
             )
 
-    def _show_result_of(self, path: Path | None) -> None:
+    def show_result_of(self, path: Path | None) -> None:
         """Show the result card of an overlaid run beside the plot; None hides it."""
         self._card_area.setVisible(path is not None)
         if path is not None:
@@ -184,7 +183,8 @@ class ExplorePage(QSplitter):
         self.toolbar.show_frequency(self.model.session.cursor_hz)
         self.model.compute()
 
-    def _set_range(self, max_hz: float) -> None:
+    def set_range(self, max_hz: float) -> None:
+        """Show frequencies up to a limit."""
         self.model.session.max_hz = max_hz
         self.plot.show_range(max_hz)
         self.model.compute()
@@ -201,10 +201,16 @@ class ExplorePage(QSplitter):
         if log is not self.plot.log_axes[1]:
             self.plot.set_log_axes(self.plot.log_axes[0], log)
 
-    def _choose_files(self) -> None:
+    def fit(self) -> None:
+        """Fit the model to the overlaid runs; during a fit: cancel it."""
+        self.overlaid.fit(self.model.setting)
+
+    def choose_files(self) -> None:
+        """Ask for run files to overlay."""
         choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", str(self.folder()), Mode.ExistingFiles)
 
-    def _choose_study_file(self) -> None:
+    def choose_study_file(self) -> None:
+        """Ask for a file, and save the study."""
         choose_files(
             self, "Save as study", lambda paths: self.model.save_study(paths[0], self.result), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
             Mode.AnyFile,
@@ -262,25 +268,8 @@ class ExplorePage(QSplitter):
             (self.sliders.input_rejected, lambda text: self.status_line.show_message(text, is_error=True)),
             (self.plot.cursor_moved, self._on_cursor_moved),
             (self.plot.log_changed, bar.series[-1].setChecked),
-            (bar.preset_chosen, self.load_preset),
-            (bar.skin_button.toggled, lambda on: self.model.set_setting(replace(self.model.setting, on_skin=on))),
-            (bar.frequency_chosen, self.plot.show_cursor),
-            (bar.range_chosen, self._set_range),
             *((box.toggled, self._update_series) for box in bar.series),
-            (bar.site_box.currentTextChanged, self.model.set_site),
             (bar.design_button.toggled, self.design.toggle),
-            (bar.copy_json_button.clicked, lambda: self.model.copy("JSON")),
-            (bar.copy_toml_button.clicked, lambda: self.model.copy("TOML")),
-            (bar.run_chosen, self._show_result_of),
-            (bar.run_removed, self.overlaid.remove),
-            (bar.undo_button.clicked, self.model.undo),
-            (bar.redo_button.clicked, self.model.redo),
-            (bar.keep_button.clicked, self.model.keep_curve),
-            (bar.clear_button.clicked, self.clear_overlays),
-            (bar.overlay_button.clicked, self.runs_requested.emit),
-            (bar.file_button.clicked, self._choose_files),
-            (bar.fit_button.clicked, lambda: self.overlaid.fit(self.model.setting)),
-            (bar.study_button.clicked, self._choose_study_file),
         )
         for signal, slot in connections:
             signal.connect(slot)

@@ -1,19 +1,23 @@
 """Toolbar of the Explore page: presets, displayed series, overlaid runs, export."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QSignalBlocker, Signal
+from PySide6.QtCore import QObject, QSignalBlocker
 from PySide6.QtWidgets import QButtonGroup, QCheckBox, QLabel, QPushButton
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
-from app.explore import LABORATORY_SITE, ExploreSetting
+from app.explore import LABORATORY_SITE, PRESET_TITLES, ExploreSetting
 from app.gui.plots import SERIES
 from app.gui.widgets import (
     SheetButton,
     WrappedRow,
     configure,
+    make_button,
     make_choice,
     make_combo,
     make_label,
@@ -22,6 +26,9 @@ from app.gui.widgets import (
     row,
     tooltip,
 )
+
+if TYPE_CHECKING:
+    from app.gui.explore.page import ExplorePage
 
 RANGES_HZ = (250, 500, 1000, 4000)
 SITE_NAMES = ("abdomen", "thenar", "forearm")
@@ -33,19 +40,17 @@ SITE_TIP = (
 
 
 class ExploreToolbar(QObject):
-    """Makes the buttons; the page lays out the rows."""
+    """Makes the buttons, which call the page and its model; the page lays out the rows.
 
-    preset_chosen = Signal(str)
-    frequency_chosen = Signal(float)
-    range_chosen = Signal(float)
-    run_chosen = Signal(object)
-    """Path of the overlaid run whose result is to be shown; None for no longer."""
-    run_removed = Signal(object)
-    """A `MeasuredResponse` that is to be taken away."""
+    Args:
+        page: the page.
+        fits: whether the model can be fitted to the overlaid runs.
+    """
 
-    def __init__(self, presets: Mapping[str, str], fits: bool, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        choices = [("Begin from …", None), *((title, name) for name, title in presets.items())]
+    def __init__(self, page: "ExplorePage", fits: bool) -> None:
+        super().__init__(page)
+        self._page, model = page, page.model
+        choices = [("Begin from …", None), *((title, name) for name, title in PRESET_TITLES.items())]
         self.preset_box = make_combo("", "begin from", choices)
         self.preset_box.activated.connect(self._on_preset)
         self.free_button, self.skin_button = (
@@ -53,11 +58,11 @@ class ExploreToolbar(QObject):
             make_choice("On skin", "On the membrane", checkable=True),
         )
         _make_exclusive(self, self.free_button, self.skin_button)
+        self.skin_button.toggled.connect(lambda on: model.set_setting(replace(model.setting, on_skin=on)))
         self.undo_button, self.redo_button = (
-            make_choice(text, tip) for text, tip in (("↶", tooltip("explore.undo")), ("↷", tooltip("explore.redo")))
+            make_button(text, act, "choice", tooltip(f"explore.{name}"), accessibleName=name)
+            for text, name, act in (("↶", "undo", model.undo), ("↷", "redo", model.redo))
         )
-        self.undo_button.setAccessibleName("undo")
-        self.redo_button.setAccessibleName("redo")
         self.series = [QCheckBox(label) for label in (*(series.label for series in SERIES), "phase", "log")]
         self.series[0].setChecked(True)
         self.frequency = make_line_edit(
@@ -71,20 +76,27 @@ class ExploreToolbar(QObject):
         self.ranges = [make_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz", checkable=True) for hz in RANGES_HZ]
         _make_exclusive(self, *self.ranges)
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
-            button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
+            button.clicked.connect(lambda _=False, hz=hz: page.set_range(float(hz)))
         self.ranges[0].setChecked(True)
         sites = ((name, name) for name in SITE_NAMES)
         self.site_box = make_combo("explore.site", "body site of the perception threshold", sites, toolTip=SITE_TIP)
-        self.keep_button = make_choice("Pin curve", tooltip("explore.keep"))
-        self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
-        self.overlay_button = make_choice("Add runs …", f"{tooltip('explore.overlay')}, or drop files here")
-        self.file_button = make_choice("From files …", "Run files that are not in the folder of the page Runs")
-        self.fit_button = make_choice("Fit to the runs", tooltip("explore.fit"))
+        self.site_box.currentTextChanged.connect(model.set_site)
+        self.keep_button = make_button("Pin curve", model.keep_curve, "choice", tooltip("explore.keep"))
+        self.clear_button = make_button(
+            "Clear", page.clear_overlays, "choice", "Take kept curves and measured runs away"
+        )
+        tip = f"{tooltip('explore.overlay')}, or drop files here"
+        self.overlay_button = make_button("Add runs …", page.runs_requested.emit, "choice", tip)
+        tip = "Run files that are not in the folder of the page Runs"
+        self.file_button = make_button("From files …", page.choose_files, "choice", tip)
+        self.fit_button = make_button("Fit to the runs", page.fit, "choice", tooltip("explore.fit"))
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
-        self.study_button = make_choice("Save study …", tooltip("explore.study"))
-        self.copy_json_button = make_choice("Copy JSON", tooltip("explore.copy-json"))
-        self.copy_toml_button = make_choice("Copy TOML", "Every parameter as TOML for --set")
+        self.study_button = make_button("Save study …", page.choose_study_file, "choice", tooltip("explore.study"))
+        self.copy_json_button, self.copy_toml_button = (
+            make_button(f"Copy {kind}", partial(model.copy, kind), "choice", tip)
+            for kind, tip in (("JSON", tooltip("explore.copy-json")), ("TOML", "Every parameter as TOML for --set"))
+        )
         self.sheet_button = SheetButton("explore")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
         self.design_button = make_choice(
@@ -156,13 +168,12 @@ class ExploreToolbar(QObject):
             chip = make_choice(run.label, f"{run.path}: show its result", checkable=True)
             chip.setChecked(run.path == chosen)
             chip.clicked.connect(lambda checked, path=run.path: self._choose_run(path if checked else None))
-            removing = make_choice("✕", f"Take {run.label} away")
-            removing.setAccessibleName(f"take {run.label} away")
-            removing.clicked.connect(lambda _=False, run=run: self.run_removed.emit(run))
+            tip = f"Take {run.label} away"
+            removing = make_button("✕", partial(self._page.overlaid.remove, run), "choice", tip, accessibleName=tip)
             self.runs_row.addWidget(make_pane(row(chip, removing, spacing=0)))
             self.run_chips[run.path], self.remove_buttons[run.path] = chip, removing
         if chosen is not None and chosen not in self.run_chips:
-            self.run_chosen.emit(None)
+            self._page.show_result_of(None)
 
     @property
     def chosen_run(self) -> Path | None:
@@ -172,7 +183,7 @@ class ExploreToolbar(QObject):
     def _choose_run(self, path: Path | None) -> None:
         for each, chip in self.run_chips.items():
             chip.setChecked(each == path)
-        self.run_chosen.emit(path)
+        self._page.show_result_of(path)
 
     def show_fitting(self, fitting: bool) -> None:
         """Make the fit button cancel while a fit runs."""
@@ -180,7 +191,7 @@ class ExploreToolbar(QObject):
 
     def _on_preset(self, index: int) -> None:
         if name := self.preset_box.itemData(index):
-            self.preset_chosen.emit(name)
+            self._page.load_preset(name)
 
     def _on_frequency(self) -> None:
         try:
@@ -188,7 +199,7 @@ class ExploreToolbar(QObject):
         except UnitError:
             hz = float("nan")
         if 1 <= hz <= RANGES_HZ[-1]:
-            self.frequency_chosen.emit(hz)
+            self._page.plot.show_cursor(hz)
 
 
 def _make_exclusive(parent: QObject, *buttons: QPushButton) -> None:
