@@ -14,9 +14,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
 from typing import Any
 
-from app.remote.page_files import PAGE, SCRIPT, STYLE
 from drivers import Deadline
 from protocols.base import to_jsonable
 
@@ -36,10 +36,15 @@ HEADERS = {
     "X-Frame-Options": "DENY",
 }
 FILES = {
-    "/": ("text/html; charset=utf-8", PAGE.encode()),
-    "/page.css": ("text/css; charset=utf-8", STYLE.encode()),
-    "/page.js": ("text/javascript; charset=utf-8", SCRIPT.encode()),
+    path: (f"text/{kind}; charset=utf-8", files("app.remote").joinpath(name).read_bytes())
+    for path, name, kind in (
+        ("/", "page.html", "html"),
+        ("/page.css", "page.css", "css"),
+        ("/page.js", "page.js", "javascript"),
+    )
 }
+"""Type and contents of the files of the page, by path: no frameworks, nothing from other hosts, texts are set as text and never as HTML."""
+
 STATE_PATH = "/state.json"
 
 ReadState = Callable[[], dict[str, Any]]

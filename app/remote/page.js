@@ -1,66 +1,4 @@
-"""HTML, style and script of the web page: no frameworks, nothing from other hosts, texts are set as text and never as HTML."""
-
-PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Tactor Bench</title>
-<link rel="stylesheet" href="page.css">
-<script src="page.js" defer></script>
-</head>
-<body>
-<header>
-  <div id="sign" role="status">…</div>
-  <div class="volts"><strong id="voltage"></strong><span id="note"></span></div>
-  <div id="simulated" hidden>SIMULATED</div>
-</header>
-<p id="trouble" role="alert" hidden></p>
-<section id="next" hidden><h2>Next</h2><p id="step"></p></section>
-<section>
-  <h2 id="title"></h2>
-  <progress id="bar" max="1" value="0" hidden></progress>
-  <p id="progress"></p>
-  <p id="result"></p>
-  <ul id="estimates"></ul>
-</section>
-<figure><canvas id="plot" role="img" aria-label="points of the run"></canvas><figcaption id="caption"></figcaption></figure>
-<section><h2>Messages</h2><ul id="messages"></ul></section>
-<footer>Read-only: nothing can be commanded from this page. <span id="seen"></span></footer>
-</body>
-</html>
-"""
-
-STYLE = """:root { color-scheme: light dark; --ink: #16191d; --soft: #5d6570; --paper: #f2f3f5; --panel: #fff; --line: #c9cdd3; --data: #b3261e; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e8eaed; --soft: #9aa3ad; --paper: #15181c; --panel: #1e2227; --line: #414851; --data: #ff8a80; }
-}
-* { box-sizing: border-box; }
-[hidden] { display: none !important; }
-body { margin: 0 auto; padding: 12px; max-width: 900px; font: 16px/1.4 system-ui, sans-serif; color: var(--ink); background: var(--paper); }
-header { display: flex; flex-wrap: wrap; gap: 12px; align-items: center; }
-#sign { flex: 1 1 220px; padding: 14px 16px; border-radius: 8px; background: #5d6570; color: #fff; font-size: 28px; font-weight: 700;
-  text-transform: uppercase; overflow-wrap: anywhere; }
-#sign.live { background: #ffc400; color: #000; }
-#sign.urgent { background: #c00018; }
-#sign.rest { background: #146c34; }
-.volts { flex: 1 1 200px; }
-.volts strong { display: block; font-size: 28px; }
-.volts span { color: var(--soft); }
-#simulated { padding: 6px 12px; border: 4px solid #d0021b; border-radius: 6px; color: #d0021b; background: #fff; font-weight: 700; }
-#trouble { padding: 12px 16px; border-radius: 8px; background: #c00018; color: #fff; font-weight: 600; white-space: pre-line; }
-section, figure { margin: 12px 0 0; padding: 12px 16px; border: 1px solid var(--line); border-radius: 8px; background: var(--panel); }
-#next { background: #ffc400; color: #000; font-size: 20px; font-weight: 600; }
-#next p, section p { margin: 4px 0 0; white-space: pre-line; }
-h2 { margin: 0; font-size: 17px; }
-progress { width: 100%; height: 12px; }
-canvas { display: block; width: 100%; height: 280px; }
-figcaption, footer { margin-top: 8px; color: var(--soft); font-size: 14px; }
-ul { margin: 4px 0 0; padding-left: 20px; overflow-wrap: anywhere; }
-ul:empty { display: none; }
-"""
-
-SCRIPT = """"use strict";
+"use strict";
 const PERIOD_MS = 1000, STALE_S = 5;
 const token = location.hash.slice(1);
 const at = (id) => document.getElementById(id);
@@ -175,4 +113,3 @@ async function update() {
 
 window.addEventListener("hashchange", () => location.reload());
 update();
-"""
