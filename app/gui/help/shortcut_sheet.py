@@ -1,12 +1,13 @@
 """Help over the pages (F1): safety first, concepts and how-tos, and every keyboard shortcut by group, with a search."""
 
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
-from app.gui.help.concepts import CONCEPTS
 from app.gui.help.cover import SearchOverlay
 from app.gui.widgets import (
     STRETCH,
@@ -20,6 +21,9 @@ from app.gui.widgets import (
     make_scroll_area,
     row,
 )
+
+CONCEPTS: dict[str, dict[str, str]] = tomllib.loads(files("app.gui.help").joinpath("concepts.toml").read_text("utf-8"))
+"""Explanation of each word or question, by group in the order of the help: safety first, words of the window, how-tos."""
 
 
 class ShortcutSheet(SearchOverlay):

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.help.concepts import CONCEPTS
+from app.gui.help.shortcut_sheet import CONCEPTS
 from app.gui.help.tutorial import TUTORIALS
 from app.gui.shell.page_host import CAMPAIGN
 from tests.helpers.main_window import OpenStage, Stage, find, until
