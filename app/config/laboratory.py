@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
@@ -17,25 +18,7 @@ MAX_TEXT = 4000
 LINE = Field(default="", max_length=110)
 """A text that must fit one line of a page."""
 
-EXAMPLE_LABORATORY = """\
-# The laboratory that these runs belong to. In the folder of the runs under the name laboratory.toml it is found by itself.
-
-name = "Haptics Laboratory"             # on the first page of every report
-# logo = "logo.png"                     # PNG picture, beside this file
-# threshold = "forearm"                 # of perception, wherever one is shown: abdomen (50 um), thenar, forearm, an amplitude
-                                        # such as "20 um", or a CSV file beside this one: frequency in Hz, threshold in um
-
-[report]
-# header = "Confidential"               # at the top of every page
-# footer = "Form QM-17, revision 4"     # at the foot of every page
-# sections = ["method", "skin", "uncertainties"]  # behind the first page, in this order; the first page is always the one to sign
-# There are: {sections}
-
-# A section of your own; further ones alike. Without `sections` they are the last ones.
-# [report.texts.method]
-# title = "Method"
-# text = "Procedure P-12. The specimen rests for a day at 23 °C before it is measured."
-"""
+EXAMPLE_LABORATORY = files("app.config").joinpath("laboratory.toml.template").read_text("utf-8")
 
 
 @dataclass(frozen=True, slots=True)

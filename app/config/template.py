@@ -2,67 +2,12 @@
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 
 from app.config.discovery import FoundDevice
 from app.config.driver_registry import serves_one_client
 
-TEMPLATE = """\
-# Bench file, written by 'tactor-bench bench new'. A value may carry a unit, in quotes: gain_m_per_v = "0.1 mm/V".
-# Go through it line by line, then 'tactor-bench check --bench <this file>' with the specimen disconnected.
-# Read docs/safety.md first: 0 V at the amplifier's input is -500 V on the specimen.
-
-name = "my bench"
-
-{source}
-
-[amplifier]
-name = "AMT2012-CE3"
-serial = ""             # copied into every run
-rest_v = 2.5            # 0 V on the specimen
-low_v = 0.0             # -500 V on the specimen
-high_v = 5.0            # +1500 V on the specimen
-slope_below = 200.0     # volts on the specimen per volt at the input, under rest
-slope_above = 600.0     # over rest
-# slope_relative_uncertainty = 0.005   # standard uncertainty of both; without it the slopes count as exact
-slew_v_per_s = 10000.0  # steepest drive admitted at the input
-step_v = 0.05           # largest jump of a staircase at the input
-ramp_v_per_s = 5.0      # slope between held levels at the input
-
-[card]
-{card}
-drive_channel = "ai0"           # the amplifier's input, by a T piece
-displacement_channel = "ai1"    # the laser sensor's output
-range_v = 10.0
-
-[sensor]                # from its data sheet and its calibration certificate
-name = "laser displacement sensor"
-serial = ""
-gain_m_per_v = "0.1 mm/V"       # negative where closer gives more volts
-gain_relative_uncertainty = "1 %"
-zero_v = 0.0
-valid_low_v = -10.0     # outside this band it reports "out of range"
-valid_high_v = 10.0
-delay_s = "0 s"         # from the motion to the voltage
-calibrated = ""         # for example "2026-01-31"
-expires = ""            # after this day every run is flagged
-
-[specimen]
-gap_m = "0.77 mm"       # clear distance from the specimen at rest to the nearest obstacle: the stroke level
-
-[levels]                # beyond each: "off", "warning", "ask" (at rest, the operator decides) or "rest" (the run ends)
-stroke = "ask"
-rate = "ask"
-rate_m_per_s = 2.0
-laser_lost = "ask"
-drive = "rest"          # the drive read back is not the commanded one
-
-[watchdog]              # brings the source to rest if the program is killed or hangs while the bench is live
-enabled = true
-own_connection = {own}   # {own_why}
-
-[backup]
-folder = ""             # second folder into which each finished run file is copied; "" for none
-{ports}"""
+TEMPLATE = files("app.config").joinpath("bench.toml.template").read_text("utf-8")
 
 GENERATOR = """\
 [generator]{comment}
