@@ -3,8 +3,10 @@
 The shortcut sheet, tooltips and button labels all read this registry.
 """
 
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QAction, QKeySequence, QShortcutEvent
@@ -33,6 +35,8 @@ class ActionInfo:
     """The first one is shown on buttons."""
     page: str = ""
     """Title of the page whose widgets must have the keyboard; empty for an action of the whole window."""
+    tip: str = ""
+    """Tooltip of its button, without the shortcuts, where the text does not suffice."""
 
     @property
     def repeats(self) -> bool:
@@ -55,132 +59,13 @@ class ActionInfo:
         return self.shortcuts[0]
 
 
-SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
-    "": {
-        "escape": (
-            "Esc",
-            "During a run stop: go to rest and end it; otherwise close what lies on top, or one step back",
-        ),
-        "stop": ("F12", "Stop: go to rest and end the run"),
-        "run": ("F5 Ctrl+R", "Run the protocol or item that is shown"),
-        "pause": ("F8", "Pause at rest, or resume"),
-        "page.measure": ("Ctrl+1", "Page Measure"),
-        "page.campaign": ("Ctrl+2", "Page Campaign"),
-        "page.explore": ("Ctrl+3", "Page Explore"),
-        "page.runs": ("Ctrl+4", "Page Runs"),
-        "page.bench": ("Ctrl+5", "Page Bench"),
-        "page.laboratory": ("Ctrl+6", "Page Laboratory"),
-        "answer": ("Return Enter", "Answer the prompt over the page"),
-        "acknowledge": ("F4", "Acknowledge or dismiss a message"),
-        "palette": ("Ctrl+K", "Find a command, protocol, run or setting, or close the list"),
-        "specimen": ("F7", "Specimen sheet: dimensions and masses, or close it"),
-        "identification": ("Shift+F7", "Identification: parameters, uncertainty budget and acceptance, or close it"),
-        "log": ("Ctrl+J", "Log, or close it"),
-        "settings": ("Ctrl+,", "Settings, or close them"),
-        "reconnect": ("F6", "Connect to the bench again"),
-        "faults.toggle": ("F9", "Speed, prompts and faults of the simulated bench, or close the list"),
-        "faults.clear": ("Shift+F9", "Clear all faults"),
-        "shortcuts": ("F1 ?", "Help: safety, words, how-tos and keys, or close it"),
-        "problem": ("Ctrl+F1", "Save a problem report, or close its page"),
-    },
-    "Specimen sheet": {
-        "sheet.undo": ("Ctrl+Z", "Undo in the sheet"),
-        "sheet.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo in the sheet"),
-    },
-    "Measure": {
-        "measure.undo": ("Ctrl+Z", "Undo in the form"),
-        "measure.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo in the form"),
-    },
-    "Campaign": {
-        "campaign.queue": ("Ctrl+F5", "Run all measurements without manual steps, or stop after the present one"),
-        "campaign.undo": ("Ctrl+Z", "Undo"),
-        "campaign.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo"),
-        "campaign.add": ("Ctrl+Shift+N", "Add a measurement, or a series over a parameter"),
-        "campaign.new": ("Ctrl+N", "Create another campaign"),
-        "campaign.open": ("Ctrl+O", "Open a campaign"),
-        "campaign.item.run": ("Shift+F5", "Run the selected measurement"),
-        "campaign.item.skip": ("S", "Skip the selected measurement, or include it again"),
-        "campaign.item.repeat": ("M", "Measure the selected one again"),
-        "campaign.item.accept": ("A", "Accept the result of the selected item (also Enter)"),
-        "campaign.item.reject": ("X", "Reject the result of the selected item"),
-        "campaign.item.open": ("O", "Open the run of the selected one"),
-        "campaign.item.explore": ("E", "Overlay the run of the selected one on the model"),
-        "campaign.item.up": ("Alt+Up", "Move the selected one up"),
-        "campaign.item.down": ("Alt+Down", "Move the selected one down"),
-    },
-    "Explore": {
-        "explore.undo": ("Ctrl+Z", "Undo"),
-        "explore.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo"),
-        "explore.keep": ("Ctrl+Shift+K", "Keep the present curve"),
-        "explore.copy-json": ("Ctrl+Shift+C", "Copy every parameter as JSON"),
-        "explore.overlay": ("Ctrl+O", "Overlay a run on the curves"),
-        "explore.fit": ("Ctrl+F", "Fit the model to the overlaid runs, or cancel the fit"),
-        "explore.skin": ("Ctrl+T", "Free, or on skin"),
-        "explore.study": ("Ctrl+S", "Save as a study"),
-    },
-    "Runs": {
-        "runs.search": ("/ Ctrl+F", "Search"),
-        "runs.explore": ("E", "Overlay the selected runs on the model's curve"),
-        "runs.export": ("Ctrl+E", "Export the selected runs"),
-        "runs.notes": ("F2", "Tags and note"),
-        "runs.copy-paths": ("Ctrl+C", "Copy the paths of the selected runs"),
-        "runs.continue": ("Ctrl+Return", "Continue the selected run, which was stopped"),
-        "runs.show-folder": ("Ctrl+L", "Show the folder of the selected run"),
-        "runs.import": ("Ctrl+I", "Import run files and tables …"),
-        "runs.trash": ("Del", "Move the selected runs to the trash"),
-        "runs.undo": ("Ctrl+Z", "Take the runs of the last deletion out of the trash"),
-        "traces.zoom-in": ("Ctrl++ Ctrl+=", "Traces of the open run: closer"),
-        "traces.zoom-out": ("Ctrl+-", "Traces: further away"),
-        "traces.whole": ("Ctrl+0", "Traces: the whole run"),
-        "traces.later": ("Ctrl+Right", "Traces: later"),
-        "traces.earlier": ("Ctrl+Left", "Traces: earlier"),
-    },
-    EVERY_PAGE: {
-        "plot.copy-picture": ("Ctrl+P", "Copy the focused plot, or else the largest one, as a picture"),
-        "plot.copy-data": ("Ctrl+D", "Copy the focused plot, or else the largest one, as a table"),
-        "plot.save-picture": ("Ctrl+Shift+P", "Save the focused plot, or else the largest one, as a picture …"),
-        "plot.save-data": ("Ctrl+Shift+D", "Save the data of the focused plot, or else of the largest one …"),
-        "plot.whole": ("Home", "Focused plot: show everything (also a double click)"),
-        "plot.closer": ("+ =", "Focused plot: closer (also the wheel, or a box drawn with the left button)"),
-        "plot.further": ("-", "Focused plot: further away"),
-        "plot.log-x": ("Ctrl+Shift+X", "Focused plot: logarithmic x axis, or a linear one"),
-        "plot.log-y": ("Ctrl+Shift+Y", "Focused plot: logarithmic y axis, or a linear one"),
-        "plot.peak": ("P", "Focused plot: cursor to the highest point (also a click)"),
-        "plot.second": ("D", "Focused plot: second cursor here, for differences (also a click with Shift)"),
-        "plot.marker-left": ("Left", "Focused plot: cursor to the point before"),
-        "plot.marker-right": ("Right", "Focused plot: cursor to the next point"),
-    },
-}
-"""Shortcuts and text of every action, by its page and id in the order of the shortcut sheet."""
-
-TOOLTIPS = {
-    "stop": "Go to rest and end the run",
-    "run": "Start the run",
-    "specimen": "Dimensions and masses of this specimen, with their uncertainties",
-    "identification": "Parameters from these runs with their uncertainty budget, and acceptance",
-    "faults.toggle": "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
-    "campaign.item.run": "Measure this item now",
-    "campaign.item.skip": "Skip the item, or include it again",
-    "campaign.item.repeat": "Measure it again: the present result counts until the new one is accepted",
-    "campaign.item.reject": "The run that counts now is no longer used",
-    "campaign.item.open": "Show the run on the Runs page",
-    "campaign.item.explore": "Overlay the run on the model's curve on the Explore page",
-    "explore.keep": "Keep the present curve while the sliders are moved",
-    "explore.copy-json": "Every parameter as JSON for --set",
-    "explore.overlay": "Measured points over the curves",
-    "explore.fit": "Fit the sliders to the overlaid runs",
-    "explore.study": "The parameters that differ between the kept curves, or else the slider moved last, as HDF5 or CSV",
-    "runs.explore": "Overlay on the model's curve",
-    "runs.import": "Copy run files and tables into this folder",
-    "plot.copy-picture": "This plot as a picture on the clipboard",
-    "plot.copy-data": "The data of this plot as a table on the clipboard",
-}
-"""Of the buttons of actions whose text does not suffice, without the shortcuts."""
-
+TABLE = tomllib.loads(files("app.gui.widgets").joinpath("actions.toml").read_text("utf-8"))
 ACTIONS = {
-    name: ActionInfo(name, text, tuple(keys.split()), page)
-    for page, group in SHORTCUTS.items()
-    for name, (keys, text) in group.items()
+    name: ActionInfo(
+        name, each["text"], tuple(each["keys"].split()), "" if page == GLOBAL_GROUP else page, each.get("tip", "")
+    )
+    for page, group in TABLE.items()
+    for name, each in group.items()
 }
 """Every action by its id."""
 
@@ -245,7 +130,7 @@ def shortcuts_by_group(window: QWidget, page_titles: list[str]) -> dict[str, tup
 def tooltip(action_id: str, text: str = "") -> str:
     """Return a tooltip that ends with the shortcuts of an action."""
     info = ACTIONS[action_id]
-    return f"{text or TOOLTIPS.get(action_id, info.text)}: {' or '.join(info.shortcuts)}"
+    return f"{text or info.tip or info.text}: {' or '.join(info.shortcuts)}"
 
 
 def name_button(button: QAbstractButton, action_id: str, text: str) -> None:
