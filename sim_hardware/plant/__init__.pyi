@@ -1,4 +1,5 @@
 from .faults import FAULT_DESCRIPTIONS as FAULT_DESCRIPTIONS
+from .faults import FAULTS as FAULTS
 from .faults import INTERLOCK_FAULTS as INTERLOCK_FAULTS
 from .faults import FaultState as FaultState
 from .history_report import VoltageReport as VoltageReport

@@ -2,37 +2,19 @@
 
 import math
 import threading
+import tomllib
+from importlib.resources import files
 
 import numpy as np
 
 from model import Array, Mask
 
-FAULT_DESCRIPTIONS = {
-    "drive-cable-off": "the cable between generator and amplifier is off: the input is pulled down",
-    "generator-power-off": "the generator loses mains: its output drops to the level the amplifier's input is pulled to",
-    "output-tripped": "the generator's overload protection has opened its output: the amplifier's input is pulled down",
-    "amplifier-limited": "the amplifier is at its current limit: its output follows at a thousandth of its slew rate",
-    "sensor-out-of-range": "the laser sees no target and shows its out-of-range voltage",
-    "sensor-stuck": "the laser sensor's output is stuck",
-    "card-unplugged": "the card's USB cable is off",
-    "card-overrun": "the card's buffer was overwritten before it was read",
-    "grpc-gone": "the server of the card has died",
-    "scpi-silent": "the generator neither obeys nor answers, its output continues",
-    "scpi-late": "the generator obeys, but answers after the driver has given up",
-    "scpi-garbled": "the generator obeys, its answers arrive as rubbish",
-    "scpi-half": "the generator obeys, half of each answer arrives and no end of line",
-    "scpi-previous": "the generator obeys, each answer is the one to the query before",
-    "scpi-other-model": "another model obeys and answers on the wire; the output of the generator continues",
-    "scpi-dropped": "the generator's connection is closed and no new one accepted",
-    "interlock-line-off": "the wire of the interlock's heartbeat is off: its monostable sees no edge",
-    "interlock-relay-stuck": "the interlock's relay sticks as it is, and stays closed where it is closed",
-    "interlock-never-drops": "the interlock's monostable does not drop after an edge",
-    "clock-drift": "the generator's clock runs 50 ppm faster than it should",
-    "membrane-left-on": "the skin membrane is on the tactor, stretched by 2.54 mm, and is not taken off",
-    "membrane-missing": "no membrane hangs between the clamps: the laser sees the base 20 mm below them",
-    "weight-mislabelled": "the weight labelled 50 g weighs 61 g",
-}
-"""Name and description of every fault."""
+FAULTS: dict[str, dict[str, str]] = tomllib.loads(
+    files("sim_hardware.plant").joinpath("faults.toml").read_text("utf-8")
+)
+"""Group, short name and description of every fault, by its name."""
+
+FAULT_DESCRIPTIONS = {name: fault["description"] for name, fault in FAULTS.items()}
 
 INTERLOCK_FAULTS = ("interlock-line-off", "interlock-relay-stuck", "interlock-never-drops")
 """Faults of the interlock, without effect on a bench that has none."""

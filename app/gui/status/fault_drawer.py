@@ -23,39 +23,9 @@ from app.gui.widgets import (
     tooltip,
 )
 from app.session import FaultPlan, WindowState
-from sim_hardware.plant import FAULT_DESCRIPTIONS
+from sim_hardware.plant import FAULTS
 
-GROUPS: dict[str, dict[str, str]] = {
-    "Wires and generator": {
-        "drive-cable-off": "Cable to the amplifier is off",
-        "generator-power-off": "Generator loses mains",
-        "output-tripped": "Overload protection opened the output",
-        "clock-drift": "Generator’s clock runs 50 ppm fast",
-    },
-    "Generator’s answers": {
-        "scpi-silent": "Silent, output goes on",
-        "scpi-late": "Late",
-        "scpi-garbled": "Rubbish",
-        "scpi-half": "Half of each answer",
-        "scpi-previous": "Answer to the query before",
-        "scpi-other-model": "Another model answers",
-        "scpi-dropped": "Connection closed",
-    },
-    "Amplifier and card": {
-        "amplifier-limited": "Amplifier at its current limit",
-        "card-unplugged": "Card’s USB cable is off",
-        "card-overrun": "Card’s buffer overwritten",
-        "grpc-gone": "Card’s server has died",
-    },
-    "Sensor and specimen": {
-        "sensor-out-of-range": "Sensor out of range",
-        "sensor-stuck": "Sensor stuck",
-        "membrane-left-on": "Membrane left on",
-        "membrane-missing": "Membrane missing",
-        "weight-mislabelled": "50 g weight weighs 61 g",
-    },
-}
-"""Short names of the faults by group; one that is not listed has its description."""
+GROUPS = ("Wires and generator", "Generator’s answers", "Amplifier and card", "Sensor and specimen", "Interlock")
 
 
 class FaultSwitch(QCheckBox):
@@ -135,16 +105,15 @@ class FaultDrawer(OverlayCard):
             tip=tooltip("faults.clear"),
             key="Shift+F9",
         )
-        short = {name: text for group in GROUPS.values() for name, text in group.items()}
         self.fault_boxes = {
             name: configure(
-                FaultSwitch(short.get(name, f"{description[0].upper()}{description[1:]}")),
+                FaultSwitch(fault["short"]),
                 f"faults.{name}",
-                toolTip=f"{description[0].upper()}{description[1:]}\nAt a command line: run ... --fault {name}@5",
-                accessibleName=f"inject: {description}",
+                toolTip=f"{fault['description'][0].upper()}{fault['description'][1:]}\nAt a command line: run ... --fault {name}@5",
+                accessibleName=f"inject: {fault['description']}",
                 sizePolicy=QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed),
             )
-            for name, description in FAULT_DESCRIPTIONS.items()
+            for name, fault in FAULTS.items()
         }
         self._build(content)
         add_actions(parent, {"faults.toggle": self.toggle, "faults.clear": self.clear_button.click})
@@ -201,13 +170,10 @@ class FaultDrawer(OverlayCard):
         for label in (title, self.count_label):
             label.setProperty("on", "violet")
         rows: list[QWidget] = []
-        grouped = {name for group in GROUPS.values() for name in group}
-        others = [name for name in self.fault_boxes if name not in grouped]
-        for group, names in (*((title, list(names)) for title, names in GROUPS.items()), ("Further", others)):
-            if names:
-                caption = make_label(group, "caption", wrap=False)
-                caption.setContentsMargins(px(16), px(8), 0, px(2))
-                rows += [caption, *(self.fault_boxes[name] for name in names if name in self.fault_boxes)]
+        for group in GROUPS:
+            caption = make_label(group, "caption", wrap=False)
+            caption.setContentsMargins(px(16), px(8), 0, px(2))
+            rows += [caption, *(box for name, box in self.fault_boxes.items() if FAULTS[name]["group"] == group)]
         for name, box in self.fault_boxes.items():
             box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
         faults = make_scroll_area(*rows, STRETCH, spacing=0, focusPolicy=Qt.FocusPolicy.NoFocus)
