@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -60,18 +61,42 @@ class SourceTree:
     root: Path
     folders: tuple[str, ...] = PACKAGES
 
-    @cached_property
-    def modules(self) -> Mapping[Path, ast.Module]:
-        """Syntax tree of each file, by its path below the root."""
+    def files(self, suffix: str) -> list[Path]:
+        """Return the paths below the root of the files with a suffix."""
         listed = subprocess.run(
-            ["git", "ls-files", "--cached", "--others", "--exclude-standard", *(f"{f}/*.py" for f in self.folders)],
+            [
+                "git",
+                "ls-files",
+                "--cached",
+                "--others",
+                "--exclude-standard",
+                *(f"{f}/*{suffix}" for f in self.folders),
+            ],
             cwd=self.root,
             capture_output=True,
             text=True,
             check=True,
         )
-        paths = (Path(name) for name in dict.fromkeys(listed.stdout.split()) if (self.root / name).is_file())
-        return {path: ast.parse((self.root / path).read_text(encoding="utf-8"), str(path)) for path in paths}
+        return [Path(name) for name in dict.fromkeys(listed.stdout.split()) if (self.root / name).is_file()]
+
+    @cached_property
+    def modules(self) -> Mapping[Path, ast.Module]:
+        """Syntax tree of each file, by its path below the root."""
+        return {
+            path: ast.parse((self.root / path).read_text(encoding="utf-8"), str(path)) for path in self.files(".py")
+        }
+
+    def table_texts(self) -> Iterator[str]:
+        """Yield the texts of the TOML files."""
+        tables: list[object] = [
+            tomllib.loads((self.root / path).read_text(encoding="utf-8")) for path in self.files(".toml")
+        ]
+        while tables:
+            value = tables.pop()
+            if isinstance(value, str):
+                yield value
+            elif isinstance(value, dict | list):
+                tables += value.values() if isinstance(value, dict) else value
 
     @cached_property
     def lines(self) -> Counter[str]:
@@ -235,13 +260,12 @@ class PinnedMessages:
 def pinned_messages(product: SourceTree, tests: SourceTree) -> PinnedMessages:
     """Find the messages that tests pin.
 
-    A message is a string of the product, docstrings aside, of at least `MESSAGE_WORDS` words. It is pinned where an assertion,
+    A message is a string of the product's code and tables, docstrings aside, of at least `MESSAGE_WORDS` words. It is pinned where an assertion,
     or the `match` of an expected error, has a string of `PINNED_WORDS` words that it contains or is contained in.
     """
     messages = {
         " ".join(found)
-        for syntax in product.modules.values()
-        for text in texts(syntax)
+        for text in (*product.table_texts(), *(text for syntax in product.modules.values() for text in texts(syntax)))
         if len(found := words(text)) >= MESSAGE_WORDS
     }
     containing: dict[tuple[str, ...], set[str]] = {}

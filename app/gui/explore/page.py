@@ -201,10 +201,6 @@ class ExplorePage(QSplitter):
         if log is not self.plot.log_axes[1]:
             self.plot.set_log_axes(self.plot.log_axes[0], log)
 
-    def fit(self) -> None:
-        """Fit the model to the overlaid runs; during a fit: cancel it."""
-        self.overlaid.fit(self.model.setting)
-
     def choose_files(self) -> None:
         """Ask for run files to overlay."""
         choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", str(self.folder()), Mode.ExistingFiles)
