@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
@@ -17,6 +17,7 @@ from app.gui.results import ResultCard
 from app.gui.widgets import (
     STRETCH,
     column,
+    fill_combo,
     fill_table,
     make_combo,
     make_label,
@@ -66,7 +67,6 @@ class ReviewPane(QWidget):
             toolTip="Quantity drawn over the parameter of the series",
         )
         self.figure_box.activated.connect(lambda _: self._draw())
-        """Results of a series over its parameter, drawn in place of the curves of a run."""
         self.plots = ResultPlots()
         self.plots.choose_lower(RESIDUAL)
         self.plots.setMinimumSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
@@ -122,17 +122,12 @@ class ReviewPane(QWidget):
         state = item.state
         label = campaigns.varied_label(state.item) if state.steps else ""
         self._series = tuple(_with_x_label(curve, label) for curve in campaigns.series_curves(state))
-        chosen = self.figure_box.currentText()
-        self.figure_box.clear()
-        self.figure_box.addItems([curve.y_axis.name for curve in reversed(self._series)])
-        self.figure_box.setCurrentIndex(max(self.figure_box.findText(chosen), 0))
+        names = [curve.y_axis.name for curve in reversed(self._series)]
+        fill_combo(self.figure_box, zip(names, names, strict=True))
         self.figure_box.setVisible(len(self._series) > 1)
         counting = "" if state.run is None else state.run.name
-        with QSignalBlocker(self.run_box):
-            self.run_box.clear()
-            for run in reversed(state.results):
-                self.run_box.addItem(_describe_run(run, item, counting), run.name)
-            self.run_box.setCurrentIndex(self.run_box.findData(shown))
+        fill_combo(self.run_box, [(_describe_run(run, item, counting), run.name) for run in reversed(state.results)])
+        self.run_box.setCurrentIndex(self.run_box.findData(shown))
 
     def show_reading(self, name: str) -> None:
         """Show that a run is being read, and hide the result of the run before."""

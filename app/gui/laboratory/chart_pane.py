@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QSpinBox
 
 from app.common import Table, typeset
@@ -112,14 +112,9 @@ class ChartPane(ViewPane):
 
     def _show_view(self, view: ChartView | None) -> None:
         self.view = view
-        with QSignalBlocker(self.sensor):
-            chosen = self.sensor.currentText()
-            self.sensor.clear()
-            charts = () if view is None else view.charts
-            for at, chart in enumerate(charts):
-                self.sensor.addItem(chart.sensor or "unknown sensor", at)
-            drifted = next((at for at, chart in enumerate(charts) if chart.cause.is_drift), 0)
-            self.sensor.setCurrentIndex(index if (index := self.sensor.findText(chosen)) >= 0 else drifted)
+        charts = () if view is None else view.charts
+        drifted = next((chart.sensor for chart in charts if chart.cause.is_drift), None)
+        fill_combo(self.sensor, [(chart.sensor or "unknown sensor", chart.sensor) for chart in charts], drifted)
         self.export_button.setEnabled(view is not None)
         for widget in (self.sensor, self.plot, self.broken):
             widget.setVisible(view is not None)
@@ -128,8 +123,8 @@ class ChartPane(ViewPane):
             self._show_message("", False)
 
     def _show_chart(self) -> None:
-        view, at = self.view, self.sensor.currentData()
-        if view is None or at is None:
+        view, at = self.view, self.sensor.currentIndex()
+        if view is None or at < 0:
             self.verdict_label.setText("")
             self.notes_label.setText("")
             return
@@ -146,6 +141,6 @@ class ChartPane(ViewPane):
         self.broken.set_table(view.broken[at])
 
     def _open_run(self, row: int) -> None:
-        if self.view is not None and (at := self.sensor.currentData()) is not None:
+        if self.view is not None and (at := self.sensor.currentIndex()) >= 0:
             number = self.view.broken[at].columns[0].values[row]
             self.run_open_requested.emit(self.view.charts[at].values[number - 1].path)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,18 +32,8 @@ class ControlChartPlot(Chart):
 
         def marked(name: str, values: Array, mask: Mask, tone: str, symbol: str, panel: int = 0) -> Layer:
             there = [texts[at] for at in np.flatnonzero(mask)]
-            copied, group = False, name if name in {"in control", "signal"} else ""
-            return layer(
-                name=name,
-                x=x[mask],
-                y=values[mask],
-                tone=tone,
-                symbol=symbol,
-                texts=there,
-                panel=panel,
-                copied=copied,
-                group=group,
-            )
+            look: dict[str, Any] = {"tone": tone, "symbol": symbol, "panel": panel, "group": name if panel == 0 else ""}
+            return layer(name=name, x=x[mask], y=values[mask], texts=there, copied=False, **look)
 
         limit = factor * one.average_limit
         centre, sigma = factor * one.centre, factor * one.sigma

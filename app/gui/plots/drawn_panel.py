@@ -191,8 +191,9 @@ class DrawnPanel:
         shown = {}
         for at, layer in enumerate(self.layers):
             key = f"{layer.name}:{layer.line is None}:{layer.symbol}:{layer.series.errors is None}"
-            shown[key] = self.drawn.pop(key, None) or DrawnLayer(self.plot)
-            shown[key].show(layer, log, 3.0 * at)
+            known = self.drawn.pop(key, None)  # a second layer of the same name has items of its own
+            drawn = shown[key] = known or DrawnLayer(self.plot)
+            drawn.show(layer, log, 3.0 * at)
         for gone in self.drawn.values():
             gone.remove()
         self.drawn, self._index = shown, index

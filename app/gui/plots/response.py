@@ -158,18 +158,9 @@ class ResponseView:
         layers = [] if self.curves is None else model_layers(self.curves)
         if self.preview is not None:
             volts = 2 * self.preview.request.amplitude_v
-            thin = model_layers(self.preview, SERIES[:1], f"next, {volts:.3g} V", band=False)[:1]
-            layers += [
-                replace(
-                    each,
-                    series=replace(each.series, name=f"next run, {each.name}"),
-                    width=1.0,
-                    line=DASHED,
-                    tone="accent_text",
-                    group="",
-                )
-                for each in thin
-            ]
+            thin = model_layers(self.preview, SERIES[:1], f"next, {volts:.3g} V", band=False)[0]
+            series = replace(thin.series, name=f"next run, {thin.name}")
+            layers.append(replace(thin, series=series, width=1.0, line=DASHED, tone="accent_text", group=""))
         for at, (label, points) in enumerate(self.earlier):
             x = np.array([p.frequency for p in points])
             layers.append(
@@ -244,13 +235,8 @@ class ResponseView:
 
     def _rules(self) -> Iterable[Rule]:
         if math.isfinite(self.natural_hz):
-            yield Rule(
-                at=self.natural_hz,
-                label=f"Natural frequency {self.natural_hz:.1f} Hz",
-                tone="text",
-                style=DOTTED,
-                marked=True,
-            )
+            label = f"Natural frequency {self.natural_hz:.1f} Hz"
+            yield Rule(at=self.natural_hz, label=label, tone="text", style=DOTTED, marked=True)
 
     @property
     def _is_alarming(self) -> bool:

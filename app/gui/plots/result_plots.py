@@ -197,7 +197,7 @@ class ResultPlots(QStackedWidget):
 
         is_over = self._outcome is not None
         return PointsView(
-            self.kind, self._points, chosen, self._model, self.lower_panel, "", self._simulated, is_over
+            self.kind, self._points, chosen, self._model, self.lower_panel, self._simulated, is_over
         ).picture()
 
     def _curves_view(self, model: ModelCurves | None = None, lower: str = NOTHING) -> CurvesView:

@@ -63,7 +63,6 @@ class PointsView:
     chosen: Sequence[bool] = ()
     curves: ModelCurves | None = None
     lower: str = RESIDUAL
-    note: str = ""
     simulated: bool = False
     is_over: bool = False
 
@@ -111,11 +110,7 @@ class PointsView:
             ends = np.array([x.min(), x.max()])
             zero = layer(name="zero", x=ends, y=np.zeros(2), tone="model", line=SOLID, panel=1, copied=False)
             layers += [zero, *residuals]
-        note = "; ".join(
-            text
-            for text in (self.note, "" if all(Quality(p.quality).usable for p in points) else "crossed: not usable")
-            if text
-        )
+        note = "" if all(Quality(p.quality).usable for p in points) else "crossed: not usable"
         return Picture(
             title=self.kind.title, note=note, x_title=axis_title(axis_name(x_name), x_unit), panels=tuple(panels),
             layers=(*layers, measured) if points else (), simulated=self.simulated,
@@ -132,18 +127,8 @@ class PointsView:
         if y is None:
             return []
         label = f"Model: {self.curves.active_model.description}"
-        return [
-            layer(
-                name="model",
-                x=grid,
-                y=y_factor * y,
-                tone="model",
-                line=DASHED,
-                width=MODEL_WIDTH,
-                label=label,
-                group="Model",
-            )
-        ]
+        look: dict[str, Any] = {"tone": "model", "line": DASHED, "width": MODEL_WIDTH, "label": label, "group": "Model"}
+        return [layer(name="model", x=grid, y=y_factor * y, **look)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,13 +156,8 @@ class CurvesView:
         x_title, y_title = (axis_title(a.name, shown_unit(a.unit)[1]) for a in (last.x_axis, last.y_axis))
         panels = [Panel(title=y_title, share=1 if self.lower == LESS_MEAN else 3, low=None if last.is_loop else 0.0)]
         if self.lower != NOTHING:
-            unit = {RESIDUAL: shown_unit(last.y_axis.unit)[1], LESS_MEAN: shown_unit(last.y_axis.unit)[1]}
-            panels.append(
-                Panel(
-                    title=LAYER_TITLES[self.lower] + (f", {unit[self.lower]}" if unit.get(self.lower) else ""),
-                    x_labels=False,
-                )
-            )
+            unit = shown_unit(last.y_axis.unit)[1] if self.lower in (RESIDUAL, LESS_MEAN) else ""
+            panels.append(Panel(title=axis_title(LAYER_TITLES[self.lower], unit), x_labels=False))
             for at, curve in enumerate(shown):
                 if (series := layer_series(curve, self.lower)) is not None:
                     tone = curve_tone(at) if len(shown) > 1 else "ink"
@@ -192,9 +172,7 @@ class CurvesView:
         drawn = curve if panel else displayed(curve)
         x, y, errors = drawn.x, drawn.plotted, drawn.errors
         few = x.size <= MAX_MARKED_POINTS
-        name, label = drawn.title, curve.label if labelled else ""
-        if not panel and not drawn.title:
-            name = "curve"
+        name, label = drawn.title or ("" if panel else "curve"), curve.label if labelled else ""
         band, alone = None, np.zeros(x.size, bool)
         if errors is not None:
             alone = np.isfinite(errors) if few else isolated(errors)
@@ -209,31 +187,18 @@ class CurvesView:
         if few or alone.any():
             at = np.flatnonzero(alone | few)
             bars = None if errors is None else SIGMAS * errors[at]
-            layers.append(
-                layer(
-                    name=f"{name}, points",
-                    x=x[at],
-                    y=y[at],
-                    errors=bars,
-                    tone=tone,
-                    symbol="o",
-                    size=7,
-                    panel=panel,
-                    copied=False,
-                    group=label,
-                )
-            )
+            look: dict[str, Any] = {
+                "tone": tone,
+                "symbol": "o",
+                "size": 7,
+                "panel": panel,
+                "copied": False,
+                "group": label,
+            }
+            layers.append(layer(name=f"{name}, points", x=x[at], y=y[at], errors=bars, **look))
         if drawn.fit is not None and not panel:
-            layers.append(
-                layer(
-                    name=f"{name}, fit",
-                    x=x,
-                    y=drawn.fit,
-                    tone=tone if tone != "ink" else "model",
-                    line=DOTTED,
-                    width=1.5,
-                )
-            )
+            shade = tone if tone != "ink" else "model"
+            layers.append(layer(name=f"{name}, fit", x=x, y=drawn.fit, tone=shade, line=DOTTED, width=1.5))
         return layers
 
     def _model_layers(self, last: Series) -> list[Layer]:

@@ -89,7 +89,6 @@ class PlotTools(QObject):
     def set_cursor(self, x: float, second: bool = False) -> None:
         """Set the cursor, or the second one, to a place on the horizontal axis."""
         self.cursors = [*self.cursors[:1], x] if second and self.cursors else [x, *self.cursors[1:]]
-        self._draw_lines()
         self.update_read_out()
         if not second:
             self._chart.cursor_moved.emit(x)
@@ -98,12 +97,10 @@ class PlotTools(QObject):
         """Leave the second cursor where the cursor is, to read differences from there."""
         if self.cursors:
             self.cursors = [self.cursors[0]] * 2
-            self._draw_lines()
             self.update_read_out()
 
     def clear_cursors(self) -> None:
         self.cursors, self._at, self._pointed = [], None, ""
-        self._draw_lines()
         self.update_read_out()
 
     def mark_peak(self) -> None:
@@ -151,7 +148,7 @@ class PlotTools(QObject):
                     self._lines.append(line)
 
     def update_read_out(self) -> None:
-        """Show the values at the cursors, or under the pointer."""
+        """Draw the cursors, and show the values at them or under the pointer."""
         self._draw_lines()
         at = self.cursors[0] if self.cursors else self._at
         text = self._pointed
@@ -299,11 +296,25 @@ class PlotFiles:
 
     def choose_picture(self) -> None:
         """Ask for a file and write the picture."""
-        self._choose_file("picture", "Pictures (*.png *.svg *.pdf)", "plot.png", self.write_picture)
+        choose_files(
+            self._chart.canvas,
+            "Save the picture of this plot",
+            self.write_picture,
+            "Pictures (*.png *.svg *.pdf)",
+            "plot.png",
+            Mode.AnyFile,
+        )
 
     def choose_data(self) -> None:
         """Ask for a file and write the table."""
-        self._choose_file("data", "Tables (*.tsv)", "plot.tsv", self.write_data)
+        choose_files(
+            self._chart.canvas,
+            "Save the data of this plot",
+            self.write_data,
+            "Tables (*.tsv)",
+            "plot.tsv",
+            Mode.AnyFile,
+        )
 
     def picture(self) -> QPixmap:
         """Return the plot as it is displayed; a plot of simulated data says SIMULATED."""
@@ -334,9 +345,6 @@ class PlotFiles:
         canvas.render(painter, area, canvas.viewport().rect())
         self._mark(painter)
         return True
-
-    def _choose_file(self, content: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
-        choose_files(self._chart.canvas, f"Save the {content} of this plot", write, kinds, name, Mode.AnyFile)
 
     def write_picture(self, paths: list[Path]) -> None:
         path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
