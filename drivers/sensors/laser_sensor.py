@@ -6,8 +6,10 @@ scaling, averaging, response time): confirm it on your sensor, then write it int
 preset.
 """
 
+import tomllib
 from dataclasses import dataclass
 from datetime import date
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,38 +29,8 @@ class SensorPreset:
 
 
 PRESETS = {
-    # LK-G: +-10 V, scaled in the controller ("not a fixed constant"); here the head's range over the full span. Beyond
-    # the range the output is near 10.8 V. Delay: three samples of 50 us.
-    "keyence-lk-g30": SensorPreset("Keyence LK-G30", 5e-3 / 10, 0.0, -10.2, 10.2, 150e-6),
-    "keyence-lk-g80": SensorPreset("Keyence LK-G80", 15e-3 / 10, 0.0, -10.2, 10.2, 150e-6),
-    "keyence-lk-g150": SensorPreset("Keyence LK-G150", 40e-3 / 10, 0.0, -10.2, 10.2, 150e-6),
-    # IL: -5..+5 V over the range; an error is +5.5 V. Delay: sampling 0.33 ms, three samples.
-    "keyence-il-030": SensorPreset(
-        "Keyence IL-030", 15e-3 / 5, 0.0, -5.25, 5.25, 1e-3, "error output 5.5 V: DL-RS1A manual p. 13"
-    ),
-    "keyence-il-065": SensorPreset(
-        "Keyence IL-065", 50e-3 / 5, 0.0, -5.25, 5.25, 1e-3, "error output 5.5 V: DL-RS1A manual p. 13"
-    ),
-    "keyence-il-100": SensorPreset(
-        "Keyence IL-100", 55e-3 / 5, 0.0, -5.25, 5.25, 1e-3, "error output 5.5 V: DL-RS1A manual p. 13"
-    ),
-    # optoNCDT 1420: 4..20 mA; 250 ohm make 1..5 V of it, the middle of the range is 3 V. An error is below 3.8 mA.
-    "optoncdt-1420-10": SensorPreset(
-        "Micro-Epsilon ILD1420-10", 10e-3 / 4, 3.0, 0.95, 5.05, 1e-3, "4..20 mA: manual p. 116"
-    ),
-    "optoncdt-1420-25": SensorPreset(
-        "Micro-Epsilon ILD1420-25", 25e-3 / 4, 3.0, 0.95, 5.05, 1e-3, "4..20 mA: manual p. 116"
-    ),
-    # HG-C: 0..5 V over the range, the middle is 2.5 V; response 1.5 ms at its fastest. Coarse: 10 um and more.
-    "panasonic-hg-c1030": SensorPreset(
-        "Panasonic HG-C1030", 10e-3 / 5, 2.5, 0.0, 5.0, 1.5e-3, "0..5 V, +-5 mm: data sheet p. 8"
-    ),
-    "panasonic-hg-c1050": SensorPreset(
-        "Panasonic HG-C1050", 30e-3 / 5, 2.5, 0.0, 5.0, 1.5e-3, "0..5 V, +-15 mm: data sheet p. 8"
-    ),
-    "panasonic-hg-c1100": SensorPreset(
-        "Panasonic HG-C1100", 70e-3 / 5, 2.5, 0.0, 5.0, 1.5e-3, "0..5 V, +-35 mm: data sheet p. 8"
-    ),
+    name: SensorPreset(gain_m_per_v=model.pop("span_m") / model.pop("span_v"), **model)
+    for name, model in tomllib.loads(files("drivers.sensors").joinpath("presets.toml").read_text("utf-8")).items()
 }
 
 
