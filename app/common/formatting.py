@@ -13,6 +13,11 @@ from protocols.base import Quality, Series
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def sentence(text: str) -> str:
+    """Return a text with a capital first letter; the others stay as they are."""
+    return text[:1].upper() + text[1:]
+
+
 def typeset_unit(unit: str) -> str:
     """`N m^2` as `N m²`; the unit `1` is omitted."""
     return "" if unit == "1" else _raise_exponents(unit)

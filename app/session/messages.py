@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
 
-from app.common import Severity, format_duration, format_point, format_series, outcome_severity, pluralize
+from app.common import Severity, format_duration, format_point, format_series, outcome_severity, pluralize, sentence
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
 from model import format_estimate, format_quantity, format_time
 from protocols import PROTOCOLS
@@ -167,10 +167,10 @@ def describe_verdict(verdict: Verdict, reasons_shown: bool = False) -> str:
             return ""
     if len(lines) > MAX_REASONS:
         lines = [*lines[:MAX_REASONS], f"… and {len(lines) - MAX_REASONS} more in the log"]
-    return "\n".join(line[:1].upper() + line[1:] for line in lines)
+    return "\n".join(sentence(line) for line in lines)
 
 
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
     estimates = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
     text = event.summary
-    return outcome_severity(event.verdict.outcome), text[:1].upper() + text[1:] + estimates
+    return outcome_severity(event.verdict.outcome), sentence(text) + estimates

@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary
-from app.common import Severity, pluralize
+from app.common import Severity, pluralize, sentence
 from app.gui.specimen.budget_plot import BudgetPlot
 from app.gui.widgets import (
     ACTIONS,
@@ -270,7 +270,7 @@ class IdentificationPage(QWidget):
             notes.append(f"beyond the beam model: {'; '.join(seen)}")
         notes += [steps_line(result, also="the button Fit with", plain="the button Fit the beam model alone")]
         notes += [result.verdict, *result.notes]
-        lines = [f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in (*heading, *notes) if text]
+        lines = [f"{sentence(text).rstrip('.')}." for text in (*heading, *notes) if text]
         self.text_label.setText("\n".join(lines))
         self._fill_table(result)
         bars = budget_bars(result)
@@ -289,7 +289,7 @@ class IdentificationPage(QWidget):
 
     def _on_refused(self, error: Exception) -> None:
         self.accept_button.setEnabled(True)
-        self.accept_message.show_message(_sentence(error), is_error=True)
+        self.accept_message.show_message(sentence(str(error)), is_error=True)
         if self.reason_edit.isVisible():
             self.reason_edit.setFocus()
 
@@ -298,7 +298,7 @@ class IdentificationPage(QWidget):
         if isinstance(error, FitCancelled):
             self.message_label.show_message("The fit was cancelled.", persistent=True)
         else:
-            self.message_label.show_message(_sentence(error), is_error=True)
+            self.message_label.show_message(sentence(str(error)), is_error=True)
 
     def _show_progress(self, evaluations: int, chi_square: float) -> None:
         if self._worker.pending and not self._cancelled.is_set():
@@ -318,7 +318,7 @@ class IdentificationPage(QWidget):
         adequate = None if adequacy is None else adequacy.adequate
         message = "not tested" if adequacy is None else adequacy.message
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
-        self.finding_label.setText(f"{message[:1].upper()}{message[1:]}.")
+        self.finding_label.setText(f"{sentence(message)}.")
         set_tone(self.verdict_label, ADEQUACY_SEVERITY[adequate])
 
     def _fill_table(self, result: IdentificationResult) -> None:
@@ -464,8 +464,3 @@ def _runs_of(subject: IdentificationSubject) -> tuple[Path, ...]:
 
 def _counts(run: RunSummary) -> bool:
     return run.readable and (run.has_result or run.state == RunState.IMPORTED)
-
-
-def _sentence(error: Exception) -> str:
-    text = str(error)
-    return f"{text[:1].upper()}{text[1:]}"

@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QWidget
 
+from app.common import sentence
 from app.gui.widgets import (
     column,
     configure,
@@ -64,7 +65,7 @@ class EntryRow(QObject):
         super().__init__(parent)
         self.name = name
         spec, (_, unit) = parameter_spec(name), sheet_unit(name)
-        self.meaning = f"{spec.description[:1].upper()}{spec.description[1:]}"
+        self.meaning = sentence(spec.description)
         self.label = make_label(f"{name}  {spec.description}", name=f"sheet.{name}")
         self.unit_label = make_label(unit, wrap=False)
         self.note_label = make_label(name=f"sheet.{name}.note")

@@ -8,7 +8,7 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
-from app.common import outcome_severity
+from app.common import outcome_severity, sentence
 from app.gui.face import (
     BOLD,
     LABEL_PX,
@@ -287,10 +287,10 @@ class BenchStrip(QWidget):
 
     def _draw_measured(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
-        view, captions = self.view, _shortened(_sentence(self.view.caption))
+        view, captions = self.view, _shortened(sentence(self.view.caption))
         if view.act and not view.danger:  # such as that high voltage is still on
             age = view.caption.rpartition(", ")[2]
-            captions = (f"{view.act}, {age}", view.act, _sentence(view.act.rpartition(": ")[2]))
+            captions = (f"{view.act}, {age}", view.act, sentence(view.act.rpartition(": ")[2]))
         self._draw_line(painter, QRectF(left, px(7), width, px(18)), captions, LABEL_PX, REGULAR, faint)
         volts = (view.measured or "no value",)
         self._draw_line(painter, QRectF(left, px(23), width, px(34)), volts, PRESENT_PX, SEMIBOLD, ink)
@@ -306,7 +306,7 @@ class BenchStrip(QWidget):
         assert self.view is not None
         run, narrow = self.view.run, width < px(NARROW_RUN)
         in_run = bool(run.fraction) and run.outcome is None and not self.view.danger
-        titles, notes = _shortened(_sentence(run.title)), _shortened(_sentence(run.note))
+        titles, notes = _shortened(sentence(run.title)), _shortened(sentence(run.note))
         if self.view.danger:
             act, _, why = self.view.act.partition("; ")
             then = (OTHER_VOLTAGE,) if why else (*_shortened(f"Then F4; {run.note}"),)
@@ -347,10 +347,6 @@ class BenchStrip(QWidget):
             self.elided.append(texts[-1])
             text = metrics.elidedText(texts[-1], Qt.TextElideMode.ElideRight, area.width())
         painter.drawText(area, LEFT, text)
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _shortened(text: str) -> tuple[str, ...]:

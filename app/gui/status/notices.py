@@ -5,6 +5,7 @@ import time
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
+from app.common import sentence
 from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
@@ -64,7 +65,7 @@ class Notices(QObject):
     def set_state(self, view: WindowState) -> None:
         self._no_bench = not view.connected and bool(view.problem)
         self.unsafe.show_state(view)
-        self.problem.show_message("" if view.unsafe else f"{view.problem[:1].upper()}{view.problem[1:]}")
+        self.problem.show_message("" if view.unsafe else sentence(view.problem))
         self.problem.buttons[0].setVisible(self._no_bench)
         self._update_answer()
 

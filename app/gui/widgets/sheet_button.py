@@ -7,6 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QPushButton
 
+from app.common import sentence
 from app.gui.widgets.actions import tooltip
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.layouts import configure
@@ -35,7 +36,7 @@ class SheetButton(QPushButton):
         """Show whether there is a sheet, and the source of dimensions and masses."""
         text = status.description
         self.setText(status.text)
-        self.setToolTip(tooltip("specimen", f"{text[:1].upper()}{text[1:]}" if text else ""))
+        self.setToolTip(tooltip("specimen", sentence(text)))
         self.setAccessibleName("specimen sheet")
         self.setAccessibleDescription(text)
 
