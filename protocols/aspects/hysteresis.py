@@ -1,10 +1,5 @@
-"""Aspects of the protocol `hysteresis`."""
+"""Aspects of the protocol `hysteresis`: the usual ones."""
 
 from protocols.base import Aspects
 
-
-class HysteresisAspects(Aspects):
-    """Hysteresis beside its measurement."""
-
-
-ASPECTS = HysteresisAspects()
+ASPECTS = Aspects()
