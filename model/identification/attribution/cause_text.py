@@ -9,7 +9,7 @@ import numpy as np
 from model import SCALES, format_with_uncertainty
 from model.identification import observations as observed
 from model.identification import parameters as fit_parameters
-from model.identification.attribution.causes import Cause, labels_of
+from model.identification.attribution.causes import TABLE, Cause, labels_of
 from model.identification.attribution.explanation import Explanation
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 
@@ -17,64 +17,18 @@ UNITS = {"1": "%", "kg": "g", "m": "mm", "s": "µs", "N": "mN", "Pa": "MPa"}
 """Units of sizes of errors."""
 WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
 
-PARAMETER_TEXTS = {
-    "mass_fraction": "the masses put in the cylinder act as {value} of their weight",
-    "mass_offset": "{size} <more|less> than stated acts with every added mass: cylinder and glue, or the balance",
-    "asymmetry": "loads deflect the MFC side {size} <more|less> than the mean of both sides, the aluminium side <less|more>",
-    "load_gain": "all loads are {size} <larger|smaller> than stated: weigh a weight on another balance",
-    "sensor_gain": "all displacements read {size} too <large|small>: move the sensor by a micrometer or a gauge block",
-    "load_offset": "{size} <more|less> than stated loads the centre with every weight: pan and hook, or the balance",
-    "zero_drift": "the sensor's zero drifts <up|down> by {size} from the first to the last row of a static loading",
-    "clamp_flexibility": "the clamp <turns|is stiffer than rigid>, by {size} of what the bare plate bends",
-    "creep": "deflections creep <on|back> by {size} a decade of time",
-    "hysteresis": "hysteresis: {size} of the deflection at full drive comes <late|early>",
-    "stiffening": "the specimen is {size} <stiffer|softer> at a deflection of 1 mm than at none: it is not linear",
-    "gain_below_rest": "the amplifier's slope below rest is {size} <larger|smaller> against the slope above rest than in its map",
-    "delay": "the displacement is {size} <later|earlier> than its phases were corrected for",
-    "gain_drift": "the dwells <grow|shrink> by {size} from the first to the last",
-    "elongation_offset": "the membrane is {size} <longer|shorter> than every stated elongation",
-    "elongation_slip": "the membrane is stretched {size} <less|more> than every stated elongation: it slips in its clamps",
-    "h_Al": "the bare plate bends as with h_Al = {value}, not {held} (h_Al, b_Al or E_Al)",
-    "contact_length": "the skin acts over a contact_length of {value}, not {held} (or b_m differs)",
-}
-"""Templates with {value}, {held} (the value held in the fit) and {size} (their difference); <one|other> by its sign."""
+PARAMETER_TEXTS = {name: each["text"] for name, each in TABLE["parameters"].items()}
+PARAMETER_CHECKS = {name: each["check"] for name, each in TABLE["parameters"].items() if "check" in each}
 
 
 class CauseText(NamedTuple):
-    """Template of a kind of cause with {run}, {size} and the {second} size, <one|other> by the sign; and its decisive check."""
+    """Template of a kind of cause, and its decisive check."""
 
     text: str
     check: str
 
 
-RUN_TEXTS = {
-    "scale": CauseText("the scale of {run} is {size} too <large|small>{factor}", "checking its unit, rms or peak, and range, and measuring one of its points again"),
-    "time base": CauseText("the frequencies of {run} are {size} too <low|high>", "measuring its drive with a counter"),
-    "delay": CauseText("{run} is {size} <later|earlier> than the other runs", "measuring one of its points again with the settings of the others"),
-    "elongation": CauseText("the elongation of {run} is {size} <more|less> than stated", "stretching the membrane to it again"),
-    "mass of": CauseText("{size} <more|less> acts at the centre in {run} than in the other runs", "weighing what is mounted"),
-    "mass from": CauseText("{size} <more|less> acts at the centre from {run} on: the mass was mounted anew", "a free dwell before and after mounting"),
-    "clamp of": CauseText("the clamp <gives|holds> by {size} of what the bare plate bends <more|better> in {run} than in the other runs", "clamping again, and a free dwell"),
-    "clamp from": CauseText("from {run} on the clamp <gives|holds> by {size} of what the bare plate bends <more|better>: the plate was clamped anew", "a free dwell before and after clamping"),
-    "drift": CauseText("{run} <grows|shrinks> by {size} from its first to its last point", "measuring its first point again at the end"),
-    "bend": CauseText("{run}: the deflection is {size} <more|less> at the largest reading than in proportion to small ones: not linear", "readings at half and at full load or voltage in turn"),
-    "slip": CauseText("under large loads the centre moves {size} <more|less> than the smaller ones say: the clamp slips, or something touches", "a small load before and after the largest"),
-    "sensor curvature": CauseText("displacements of 1 mm read {size} too <large|small> against small ones: the sensor is not linear ({run} error)", "moving the sensor by a micrometer"),
-    "roll-off": CauseText("what is driven falls by {size} to 250 Hz, and lags by {second} of a radian there: drive or sensor roll off", "the drive's readback at the specimen, and a fast sensor"),
-    "mount": CauseText("sensor or stand moves with the specimen at {run}: its mount resonates ({size} of the displacement)", "tightening the mount, a dwell around {run}"),
-    "creep of the dwells": CauseText("the dwells creep by {size} a decade <more|less> than the other runs: loss in clamp or glue, or a wrong phase", "voltage steps read at several times"),
-    "repeat": CauseText("{repeat} deflects {size} <more|less> than the others{side}", "loading both sides once more"),
-}  # fmt: skip
-PARAMETER_CHECKS = {
-    "sensor_gain": "moving the sensor by a micrometer or a gauge block",
-    "load_gain": "weighing one of the weights on another balance",
-    "mass_fraction": "weighing the masses and fixing them at the centre",
-    "stiffening": "a dwell at half the voltage",
-    "delay": "the phase of a second sensor, or of a stiff target",
-    "gain_below_rest": "the volts at the amplifier's output on both sides of rest",
-    "load_offset": "weighing pan and hook",
-    "clamp_flexibility": "clamping again",
-}
+RUN_TEXTS = {kind: CauseText(**each) for kind, each in TABLE["runs"].items()}
 COMMON_FACTORS = {
     2**-0.5: "as rms does instead of peak", 2**0.5: "as peak does instead of rms", 0.5: "as peak does instead of peak to peak",
     2.0: "as peak to peak does instead of peak", 1e-3: "as a unit a thousand times larger does", 1e3: "as a unit a thousand times smaller does",

@@ -4,8 +4,10 @@ A cause frees parameters of the specimen, widens what is known of one, or adds e
 added mass or clamp, or of a shape over the points. Only an exchange of two labels has no parameter.
 """
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,10 +25,9 @@ SAME_EFFECT = {"b_Al": "h_Al", "E_Al": "h_Al", "b_m": "contact_length"}
 """Parameters that enter the model only together with another one, which represents them."""
 NO_CAUSES = ("mu", "mass_put_in", "gain_above_rest")
 """Parameters that are no cause: any drive determines the moment per volt, which takes up the slope above rest."""
-PLAUSIBLE_SIZES = {
-    "mass_offset": 3e-4, "load_offset": 2e-2, "load_gain": 0.03, "sensor_gain": 0.03, "zero_drift": 1e-5, "stiffening": 0.1,
-    "delay": 5e-5, "gain_drift": 0.03, "gain_below_rest": 0.05, "clamp_flexibility": 0.05, "elongation_offset": 5e-4, "contact_length": 1e-3, "asymmetry": 0.05,
-}  # fmt: skip
+TABLE = tomllib.loads(files("model.identification.attribution").joinpath("causes.toml").read_text("utf-8"))
+"""Text, decisive check and plausible size of each cause: of `parameters` by their name, of errors of `runs` by their kind."""
+PLAUSIBLE_SIZES = {name: each["plausible"] for name, each in TABLE["parameters"].items() if "plausible" in each}
 """Standard deviation of the plausible values of a held parameter, SI; for others `PLAUSIBLE_SHARE` of their value."""
 PLAUSIBLE_SHARE = 0.1
 WIDENED = 5.0
