@@ -17,6 +17,8 @@ ROOT = HERE.parent
 PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_bench")
 DEPENDENCIES = ("nidaqmx", "pyvisa_py", "pyqtgraph", "pyuff", "lazy_loader")
 """Packages with modules or data that are looked up by name while the program runs."""
+DATA = ("pyi", "toml", "template", "html", "css", "js", "png", "svg", "txt", "ttf")
+"""Endings of the files that packages read: stubs of lazy imports, tables and simulated benches, templates, the web page, pictures, fonts."""
 BACKENDS = tuple(f"matplotlib.backends.backend_{name}" for name in ("agg", "pdf", "svg"))
 """Backends that matplotlib imports by the ending of a file's name."""
 EXCLUDED = ("tkinter", "IPython", "pytest", "mypy", "sphinx", "PyInstaller")
@@ -37,10 +39,7 @@ def options() -> list[str]:
         given += [
             word for module in collect_submodules(name, filter=_is_needed) for word in ("--hidden-import", module)
         ]
-        # The stubs list the names that packages import lazily, the TOML files are the simulated benches.
-        for source, target in collect_data_files(
-            name, includes=["**/*.pyi", "**/*.toml", "**/*.png", "**/*.svg", "**/*.txt", "**/*.ttf"]
-        ):
+        for source, target in collect_data_files(name, includes=[f"**/*.{suffix}" for suffix in DATA]):
             given += ["--add-data", f"{source}:{target}"]
     given += [word for module in BACKENDS for word in ("--hidden-import", module)]
     for source, target in copy_metadata("tactor-bench", recursive=True):
