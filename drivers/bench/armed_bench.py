@@ -11,7 +11,9 @@ from drivers.bench.card_reading import WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
 from drivers.bench.rest import REST_NOISE_V, REST_TIMEOUT_S, REST_TOLERANCE_V, RestMeasurement, drive_voltage
+from drivers.bench.self_test import SelfTest
 from drivers.bench.watchdog_interface import Watchdog
+from drivers.clock import Clock
 from drivers.drive_shapes import Drive
 from drivers.errors import AcquisitionError, BenchError, ScansLostError
 from drivers.interfaces import Block, Scale
@@ -115,6 +117,15 @@ class ArmedBench:
             raise BenchError(f"the source was commanded to rest, but {rest.message}")
         self.expect_rest()
         return rest
+
+    def test_source(self, clock: Clock) -> None:
+        """Play a burst of 50 mV and compare it, before high voltage.
+
+        Raises:
+            BenchError: the source does not play as commanded.
+        """
+        self._rest_from = math.inf
+        SelfTest(self.amplifier, self.stream, self.read_block, clock).run()
 
     def expect_rest(self, from_s: float = 0.0) -> None:
         """Expect the input at rest in all scans to be read from a bench time on, until a drive is started."""

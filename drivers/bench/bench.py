@@ -141,6 +141,8 @@ class Bench:
     """Time (time.monotonic) of the last reply of the instruments that answer by messages, by role."""
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was on since this bench was opened."""
+    _source_tested: bool = field(default=False, init=False)
+    """Whether the source has played as commanded since this bench was opened."""
     _stream: WatchedStream | None = field(default=None, init=False)
     """The acquisition that was opened last."""
 
@@ -357,6 +359,16 @@ class Bench:
             warn("an earlier program left a drive or a level on the source, which is ramped to rest now")
         self.amplifier.force_rest()
 
+    def _test_source(self, armed: ArmedBench, switch: HighVoltageSwitch) -> None:
+        """Test the source before its first drive, with high voltage off where a wrong waveform would be as large as a drive."""
+        one_amplitude = self.amplifier.plays_to_the_end
+        if armed.high_voltage_may_be_on and one_amplitude and not self._source_tested:
+            switch.disable()
+            armed.high_voltage_may_be_on = self._high_voltage_enabled = False
+        self._source_tested = False
+        armed.test_source(self.clock)
+        self._source_tested = True
+
     def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:
         if high_voltage and self.high_voltage_refusal:
             raise BenchError(f"not armed, high voltage is not switched on: {self.high_voltage_refusal}")
@@ -385,6 +397,7 @@ class Bench:
             armed.initial_rest = rest
             return
         armed.predicted_rest_s = self.amplifier.check_way_to_rest()
+        self._test_source(armed, switch)
         # Before every run, even if the source has been at rest since the last one: a drive must not surprise the operator, and an
         # operator who was asked to switch high voltage off must be asked to switch it on.
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True

@@ -6,7 +6,7 @@ table, so that changes at the front panel or by another program between two runs
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Protocol
 
 from drivers.clock import Clock
@@ -68,19 +68,21 @@ class NeutralSetting:
     Args:
         header: in commands and queries, e.g. `OUTP:POL`.
         value: value without effect on the output, as in a command.
-        replies: replies for this value, in capitals.
+        replies: replies for this value, in capitals; without them the value is a number.
         optional: whether models may lack it.
     """
 
     header: str
     value: str
-    replies: tuple[str, ...]
+    replies: tuple[str, ...] = ()
     optional: bool = False
 
     @property
     def expected(self) -> ExpectedSetting:
         """The neutral value as an expected setting."""
-        return expect_keyword(self.header, *self.replies, optional=self.optional)
+        if self.replies:
+            return expect_keyword(self.header, *self.replies, optional=self.optional)
+        return replace(expect_value(self.header, float(self.value), 1e-6), optional=self.optional)
 
 
 def expect_value(name: str, value: float, tolerance: float = LEVEL_TOLERANCE_V) -> ExpectedSetting:

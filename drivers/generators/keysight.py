@@ -38,6 +38,8 @@ FULL_SCALES = {"33250": 2047}
 
 NORMAL_POLARITY = NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"))
 NORMAL_GATE = NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
+NO_DELAY = NeutralSetting("TRIG:DEL", "0", optional=True)
+NORMAL_ADVANCE = NeutralSetting("FUNC:ARB:ADV", "SRAT", ("SRAT", "SRATE"), optional=True)
 TWO_CHANNEL_SETTINGS = (
     NeutralSetting("SOUR1:COMB:FEED", "NONE", ("NONE",)),
     NeutralSetting("SOUR1:VOLT:COUP", "OFF", ("0", "OFF")),
@@ -70,7 +72,13 @@ class TrueformDialect(ScpiDialect):
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:
         has_two_channels = re.search(r"33\d\d2", self.model)
-        return (NORMAL_POLARITY, NORMAL_GATE, *(TWO_CHANNEL_SETTINGS if has_two_channels else ()))
+        return (
+            NORMAL_POLARITY,
+            NORMAL_GATE,
+            NO_DELAY,
+            NORMAL_ADVANCE,
+            *(TWO_CHANNEL_SETTINGS if has_two_channels else ()),
+        )
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         low_v, high_v = self._limits_v(levels)
@@ -138,7 +146,7 @@ class Keysight33200Dialect(ScpiDialect):
         max_burst_cycles=50_000,
         panel_lock=("SYST:REM", "SYST:LOC"),
     )
-    neutral_settings = (NORMAL_POLARITY,)
+    neutral_settings = (NORMAL_POLARITY, NO_DELAY)
 
     @property
     def max_points(self) -> int:

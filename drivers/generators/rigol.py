@@ -102,6 +102,7 @@ class Dg1000zDialect(RigolDialect):
             expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
             expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
             expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            expect_value(":SOUR1:BURS:TDEL", 0.0, 1e-6),
             expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
             expect_keyword(":SOUR1:BURS:IDLE", "FPT"),
             expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
@@ -115,7 +116,9 @@ class Dg1000zDialect(RigolDialect):
 
     def arm(self, levels: Levels) -> None:
         self.write_checked(":SOUR1:BURS:MODE TRIG", ":SOUR1:BURS:NCYC 1", ":SOUR1:BURS:PHAS 0")
-        self.write_checked(":SOUR1:BURS:TRIG:SOUR MAN", ":SOUR1:BURS:IDLE FPT", ":SOUR1:BURS:STAT ON")
+        self.write_checked(
+            ":SOUR1:BURS:TDEL 0", ":SOUR1:BURS:TRIG:SOUR MAN", ":SOUR1:BURS:IDLE FPT", ":SOUR1:BURS:STAT ON"
+        )
         self.freeze_range(levels)
 
     def download_waveform(self, points: Points) -> None:

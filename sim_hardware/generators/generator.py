@@ -58,7 +58,8 @@ class GeneratorSettings:
 
     `frequency_hz` of an arbitrary waveform is the rate of its whole period. `idle` is the waiting level of a burst in parts of
     the amplitude; None: its start phase. `inverted` flips the output about its offset, which is unchanged. `gated` leaves 0 V
-    between bursts. `added_v` is the volts added by another channel.
+    between bursts. `added_v` is the volts added by another channel. `delay_s` passes from a trigger to its burst;
+    `advances_by_trigger` plays one point of the waveform at each trigger, which moves the output by less than its noise.
     """
 
     on: bool = False
@@ -74,6 +75,8 @@ class GeneratorSettings:
     idle: float | None = None
     period_s: float = 10e-3
     trigger: Literal["IMM", "BUS", "EXT"] = "IMM"
+    delay_s: float = 0.0
+    advances_by_trigger: bool = False
     sweep: bool = False
     start_hz: float = 100.0
     stop_hz: float = 1e3
@@ -195,14 +198,14 @@ class SimulatedGenerator:
     def trigger(self) -> None:
         """Start the armed burst or sweep."""
         self._triggers += 1
-        if self._triggers % 2 == 0 and self._deviates("start", "sometimes-lost"):
+        if self.settings.advances_by_trigger or (self._triggers % 2 == 0 and self._deviates("start", "sometimes-lost")):
             return
 
         def make(t: float) -> plant.Segment:
             self._clock = self._next_clock
             s = self.settings
             if s.burst:
-                self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
+                self._burst = self._tone(t + s.delay_s, math.radians(s.phase_deg), s.cycles)
                 if self._deviates("after", "zero"):
                     self._burst = replace(self._burst, idle_v=0.0)
                 if self._deviates("surge", "at-start"):

@@ -51,6 +51,7 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
     TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"IMMediate": "IMM", "BUS": "BUS", "EXTernal": "EXT"}
     FREQUENCY_HEADER = "FREQuency[:CW]"
     TRIGGER_HEADER = "TRIGger[1]"
+    LONGEST_DELAY_S = 85.0
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
         super().__init__(generator, now, unit)
@@ -68,6 +69,7 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
             wires.ScpiCommand(SOURCE + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
             self._mode_command(SOURCE + "SWEep:STATe", "sweep", "burst"),
             self._number(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
+            self._number("TRIGger[1]:DELay", "delay_s", "S", 0.0, self.LONGEST_DELAY_S, 0.0),
             self._number(SOURCE + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, period_s),
             wires.ScpiCommand(SOURCE + "APPLy:SINusoid", partial(self._apply, function="SIN")),
             wires.ScpiCommand(SOURCE + "APPLy:DC", partial(self._apply, function="DC")),
@@ -98,6 +100,8 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
 
 class SimulatedKeysight33500(SimulatedKeysightGenerator):
     """33500B, 33600A, EDU33210 and FG33530: named waveforms, a sample rate, a filter, output limits, ABORt."""
+
+    LONGEST_DELAY_S = 1000.0
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
         super().__init__(generator, now, unit)
@@ -133,6 +137,9 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
             wires.ScpiCommand(SOURCE + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
             self._number(SOURCE + "FUNCtion:ARBitrary:SRATe", "_rate_hz", "SA/S", 1e-6, 250e6, 40e3, play),
             self._choice(SOURCE + "FUNCtion:ARBitrary:FILTer", "_interpolated", shapes, play),
+            self._choice(
+                SOURCE + "FUNCtion:ARBitrary:ADVance", "advances_by_trigger", {"SRATe": False, "TRIGger": True}
+            ),
         ]
 
     def _other_channel_commands(self) -> list[wires.ScpiCommand]:

@@ -15,7 +15,6 @@ INFINITY.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -113,6 +112,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             *self._rate_commands(),
             self._mode_command(SOURCE + "SWEep:STATe", "sweep", "burst"),
             self._number(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
+            self._number(SOURCE + "BURSt:TDELay", "delay_s", "S", 0.0, 100.0, 0.0),
             *self._idle_commands(),
             self._stored_switch("SYSTem:KLOCk[:STATe]"),
             *self._download_commands(),
@@ -225,23 +225,15 @@ class SimulatedRigolDg800(SimulatedRigolDg):
         super().__init__(generator, now, unit)
         self._is_dg4000 = self._model.startswith("DG4")
 
-    def _reset_waveform(self) -> None:
-        super()._reset_waveform()
-        self._delay_s = 0.0
-
     def format_polarity(self, inverted: bool) -> str:
         return super().format_polarity(inverted) if self._model.startswith("DG4") else "INV" if inverted else "NORM"
 
     def _range_commands(self) -> list[wires.ScpiCommand]:
         levels = self._levels
-        delay = self._setting(
-            SOURCE + "BURSt:TDELay", "_delay_s", partial(levels.parse_delay, longest_s=100.0), self.format_number
-        )
         if not self._is_dg4000:
-            return [delay, *levels.limit_commands("OUTPut[1]:VOLLimit", "[:STATe]", self.format_switch)]
+            return [*levels.limit_commands("OUTPut[1]:VOLLimit", "[:STATe]", self.format_switch)]
         noise = self._choice("OUTPut[1]:NOISe[:STATe]", "added_v", {"OFF": 0.0, "ON": OTHER_CHANNEL_NOISE_V})
         return [
-            delay,
             wires.ScpiCommand("OUTPut[1]:LOAD", levels.set_load, lambda _: self._format_load()),
             self._keyword_command(OTHER_FUNCTION, "SINusoid", "USER"),
             self._keyword_command(PANEL_CHANNEL, "CH1", "CH2"),

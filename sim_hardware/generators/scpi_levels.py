@@ -65,10 +65,6 @@ class OutputLevels:
             self._queue_error(wires.ScpiError(-222, "value clipped to lower limit"))
         return min(max(value, low), high)
 
-    def parse_delay(self, text: str, longest_s: float) -> float:
-        """Return a delay of the burst in seconds."""
-        return self.clip(wires.parse_number(text, "S"), 0.0, longest_s)
-
     def check_limits(self, emf_vpp: float, emf_offset_v: float, function: str) -> None:
         """Raise ScpiError if the output would leave the active limits."""
         if not self.limits_on:

@@ -8,7 +8,6 @@ may play its sequencer instead.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -53,13 +52,11 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         self._memory_points = 8192 if self._is_afg1000 else 65_536
         self._edit_memory = np.zeros(1000)
         self._high_z = unit.high_z_by_hand  # the load set at the front panel of an AFG1000
-        self._delay_s = 0.0
         if self._is_afg1000 and self._high_z:
             self._levels.set_load(["INF"])
 
     def reset(self) -> None:
         super().reset()
-        self._delay_s = 0.0
         self._generator.apply_settings(period_s=1e-3)
         self._idle_keyword = self.traits.get("idle-setting", "START")
         if self._is_afg1000 and self._high_z:
@@ -74,7 +71,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
 
     @property
     def commands(self) -> Sequence[wires.ScpiCommand]:
-        levels, delay = self._levels, partial(self._levels.parse_delay, longest_s=85.0)
+        levels = self._levels
         shared = [c for c in levels.commands(SOURCE) if not any(w in c.pattern for w in (":RANGe", ":LOAD", ":STATe"))]
         load = wires.ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm))
         kept = [c for c in shared if not (self._is_afg1000 and "LIMit" in c.pattern)]
@@ -86,7 +83,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             *self._other_channel_commands(),
             *self._afg31000_commands(),
             *([] if self._is_afg1000 else [self._stored_switch("SYSTem:KLOCk[:STATe]")]),
-            self._setting(SOURCE + "BURSt:TDELay", "_delay_s", delay, self.format_number),
+            self._number(SOURCE + "BURSt:TDELay", "delay_s", "S", 0.0, 85.0, 0.0),
             wires.ScpiCommand("TRACe:DEFine", self._define_edit_memory),
             wires.ScpiCommand("DATA:DEFine", self._define_edit_memory),
             wires.ScpiCommand("DATA[:DATA]", self._download),

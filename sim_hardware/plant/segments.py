@@ -89,7 +89,7 @@ class ArbitraryWaveform:
 
 @dataclass(frozen=True, slots=True)
 class PeriodicSegment:
-    """A sine from `origin_s`, where its phase is `phase_rad`; after `cycles` it rests at `idle_v`.
+    """A sine from `origin_s`, where its phase is `phase_rad`; before it, and after `cycles`, it rests at `idle_v`.
 
     `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once. With `wave` the waveform
     replaces the sine.
@@ -116,7 +116,7 @@ class PeriodicSegment:
 
     @property
     def breakpoints_s(self) -> tuple[float, ...]:
-        return (self.end_s,) if math.isfinite(self.cycles) and math.isinf(self.period_s) else ()
+        return (self.origin_s, self.end_s) if math.isfinite(self.cycles) and math.isinf(self.period_s) else ()
 
     def phase_at(self, t: float) -> float:
         """Phase in radians at time `t` of the running sine."""
@@ -136,7 +136,7 @@ class PeriodicSegment:
         wave *= self.amplitude_v
         wave += self.offset_v
         if math.isfinite(self.cycles):
-            wave[since >= self.cycles / self.frequency_hz] = self.idle_v
+            wave[(since < 0) | (since >= self.cycles / self.frequency_hz)] = self.idle_v
         return wave
 
 

@@ -547,9 +547,10 @@ def test_a_quiet_run_sends_nothing_to_the_source_at_its_end(lab: BenchConnection
     source.stop = lambda: stops.append("stop") or stop()  # type: ignore[method-assign, func-returns-value]
     source.end_level = lambda s: stops.append("end") or end_level(s)  # type: ignore[method-assign, func-returns-value]
     with armed_bench(lab, journal):
-        pass
+        stops.clear()
     assert stops == []
     with armed_bench(lab, journal) as armed:
+        stops.clear()
         armed.start_drive(Hold(3.0, 9.0))
     assert stops == ["end"]
     source.stop, source.end_level = stop, end_level  # type: ignore[method-assign]

@@ -41,7 +41,7 @@ def test_a_laser_that_moves_between_two_points_disturbs_none(tmp_path: Path) -> 
             lambda: lab.control.perform_action("bump-sensor", {"by_m": 5e-5}),
         )
         ran = run(SineDwell(frequencies_hz=(150.0, 160.0)), tmp_path, lab, first)
-    assert [Quality(point.quality) for point in ran.points] == [Quality.SIMULATED] * 2
+    assert all(Quality(point.quality).usable for point in ran.points)
 
 
 @pytest.mark.breaks_the_drive

@@ -142,7 +142,11 @@ def test_a_driver_that_ends_the_interpreter_ends_the_run_at_measured_rest(
     with laboratory() as lab:
         source = lab.bench.amplifier._source
 
-        def leave(*_: object) -> None:
+        call = getattr(source, method)
+
+        def leave(*arguments: object) -> object:
+            if not lab.bench.high_voltage_enabled:
+                return call(*arguments)
             monkeypatch.undo()
             raise SystemExit(1)
 
@@ -185,7 +189,7 @@ def test_a_file_that_cannot_be_written_fails_the_run_at_rest(tmp_path: Path, mon
     taken = []
 
     def full(self: RunFileWriter, *arguments: Any) -> int:
-        taken.append(1)
+        taken.append(1) if lab.bench.high_voltage_enabled else None
         if len(taken) > 12:
             self._file.close()  # what a vanished disk looks like to the next write
         return block(self, *arguments)

@@ -40,7 +40,7 @@ from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory):
-    with laboratory(simulated(seed=7)) as lab:
+    with laboratory(simulated(seed=8)) as lab:
         yield run(SineDwell(), tmp_path_factory.mktemp("runs"), lab)
 
 
