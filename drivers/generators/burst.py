@@ -14,6 +14,7 @@ The commands of a family, and what its instruments can do, are a `Dialect`.
 """
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from typing import ClassVar
 
@@ -88,6 +89,9 @@ class BurstGenerator:
     def supports_model(cls, model: str) -> bool:
         """Return whether this driver supports a model, by the name that `*IDN?` reports."""
         return cls.dialect_type.capabilities.supports_model(model)
+
+    def report_failures(self, on_failure: Callable[[BaseException], None]) -> None:
+        self._output.on_failure = on_failure
 
     def reconnect(self) -> None:
         self._scpi.link.reopen()

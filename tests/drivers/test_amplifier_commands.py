@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -427,6 +427,26 @@ def test_the_first_of_two_failures_is_reported_once_and_raised() -> None:
     with pytest.raises(InstrumentError, match="it did not stop"):
         amplifier.return_to_rest()
     assert reported == [first]
+
+
+def test_an_error_within_a_way_to_rest_is_told_when_it_occurs_and_once_and_none_outside_of_it() -> None:
+    class Reporting(PlayedSource):
+        def report_failures(self, on_failure: Callable[[BaseException], None]) -> None:
+            self.tell = on_failure
+
+        def stop(self) -> None:
+            self.tell(LinkError("late"))
+            self.sent.append("remaining steps")
+            raise LinkError("late; sent blind")
+
+    source = Reporting()
+    amplifier = HvAmplifier(source, AmplifierMap(), DriveLimits(), VirtualClock())
+    amplifier.on_failure = lambda error: source.sent.append(str(error))
+    source.tell(LinkError("of a command whose caller has the error"))
+    with pytest.raises(LinkError, match="sent blind"):
+        amplifier.force_rest()
+    source.tell(LinkError("after it"))
+    assert source.sent == ["late", "remaining steps"]
 
 
 def test_closing_closes_the_link_and_sends_nothing() -> None:

@@ -116,9 +116,13 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
     with make(model, timeout_s=0.5) as (source, bench, _):
         playing(source, bench)
         bench.inject(fault)
+        told_s: list[float] = []
+        source.report_failures(lambda _: told_s.append(bench.clock.now()))
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
             source.stop()
         bench.clock.sleep(0.3)
+        volts = bench.history.volts(np.arange(told_s[0], bench.clock.now(), 1e-4))
+        assert abs(volts - 2.5).max() > 0.5  # told with the first one, before the drive has come to rest
         assert_safe_voltage(report_at_rest(bench.report))  # constant at rest, reached in small steps
         bench.clear(fault)
         bench.clock.sleep(0.1)
