@@ -278,7 +278,7 @@ def test_an_output_that_is_not_at_rest_after_its_set_up_is_refused(
     with live() as (source, _):
         inside_v = source._readback.inside_v
         monkeypatch.setattr(source._readback, "inside_v", lambda: (inside_v() or 0.0) + off_v)
-        with pytest.raises(InstrumentError, match="inside the card .limit"):
+        with pytest.raises(InstrumentError, match=r"inside the card \(limit"):
             source.initialize_at_rest(2.5, 0.0, 5.0)
 
 
