@@ -20,13 +20,13 @@ from protocols.base import (
     Record,
     RunEnded,
     RunPaused,
-    RunStarted,
     RunStatus,
 )
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import ResumableRun
+from protocols.runfile import RunFileWriter, StorageError
 from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from sim_hardware.plant.setup_state import initial_state
@@ -234,26 +234,27 @@ def test_what_a_run_left_is_asked_for_once(tmp_path: Path) -> None:
     assert asked == [0, 1, 0]
 
 
-def test_what_a_run_left_is_asked_for_again_if_nobody_has_answered(tmp_path: Path) -> None:
+def test_what_a_run_left_is_asked_for_by_the_next_one_that_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise StorageError("the disk is full")
+
     events: list = []
-
-    def leave(event: object) -> None:
-        if isinstance(event, RunStarted):
-            begun.append(event)
-            if len(begun) == 2:  # before it asks
-                one.stop()
-
-    begun: list = []
-    one, _ = session(events, leave)
+    one, _ = session(events)
     one.start()
     asked = []
-    for protocol in (Leaving(script=(Record(0.05),)), *[Scripted(script=(Record(0.05),))] * 3):
-        one.run(RunRequest(protocol, tmp_path, "T1"))
-        assert one.finished.wait(60)
+    for protocol, is_refused in ((Leaving(script=(Record(0.05),)), False), (SHORT, True), (SHORT, False)):
+        with monkeypatch.context() as patch:
+            if is_refused:
+                patch.setattr(RunFileWriter, "new", full)
+            one.run(RunRequest(protocol, tmp_path, "T1"))
+            assert one.finished.wait(60)
+        assert any(isinstance(e, RunRejected) for e in events) is is_refused
         asked.append(sum(isinstance(e, PromptShown) and e.prompt.action == "restore" for e in events))
         events.clear()
     assert one.close(60)
-    assert asked == [0, 0, 1, 0]
+    assert asked == [0, 0, 1]
 
 
 def test_signs_of_life_are_of_the_present_phase_and_the_last_readings_are_kept(tmp_path: Path) -> None:
