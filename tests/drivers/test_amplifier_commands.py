@@ -251,6 +251,10 @@ def test_the_way_to_rest_is_predicted_from_the_farthest_level_and_refused_if_it_
     assert HvAmplifier(source, below, DriveLimits(ramp_v_per_s=2.0), VirtualClock()).predict_rest_s() == pytest.approx(
         1.0 + 2.5 / 2.0
     )
+    for measured_s, expected_s in ((0.4, 1.5), (1.6, 1.6 + 0.5)):
+        amplifier = commanded(source)
+        amplifier.measured_stop_s = measured_s
+        assert amplifier.check_way_to_rest() == pytest.approx(expected_s)
     source.rest_s = 3.4
     assert commanded(source).check_way_to_rest() == pytest.approx(3.9)
     source.rest_s = 3.6
