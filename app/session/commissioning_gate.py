@@ -64,7 +64,7 @@ def commissioning_state(
         reply = f"; its slowest reply took {times['reply_s']:.2f} s" if times["reply_s"] else ""
         note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}{reply}"
         stored = {"status": "commissioned", "date": record.date, "record": str(record.path)}
-        return CommissioningState("", note, {**stored, **_or_null(times)}, **times)
+        return _allowed(note, {**stored, **_or_null(times)}, times)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}
@@ -87,7 +87,13 @@ def _state_of_simulated_bench(identity: Identity, simulated_bench: str) -> Commi
         if record is not None and record.verdict == "pass":
             times = _times_used(record, "level_stop_s", "interlock_s")
             stored |= {"record": str(record.path), **_or_null(times)}
-    return CommissioningState("", "", stored, **times)
+    return _allowed("", stored, times)
+
+
+def _allowed(note: str, stored: dict[str, Any], times: dict[str, float]) -> CommissioningState:
+    """Return the state in which high voltage is allowed, with the measured times."""
+    stop_s, reply_s, level_stop_s, interlock_s = (times.get(name, 0.0) for name in TIMES_USED)
+    return CommissioningState("", note, stored, stop_s, reply_s, level_stop_s=level_stop_s, interlock_s=interlock_s)
 
 
 def _times_used(record: "CommissioningRecord", *names: str) -> dict[str, float]:
