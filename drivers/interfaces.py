@@ -305,8 +305,8 @@ class LiveChecker(Protocol):
 class FailureReporter(Protocol):
     """A source that reports an error on the way to rest when it occurs, and then sends the remaining commands."""
 
-    def report_failures(self, on_failure: Callable[[BaseException], None]) -> None:
-        """Set the function that is called with each such error."""
+    on_failure: Callable[[BaseException], None]
+    """Called with each such error."""
 
 
 @runtime_checkable

@@ -93,9 +93,6 @@ class HvAmplifier:
         """Duration of Stop from the commissioning of the source; 0 without commissioning."""
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         """Callback at the first failed command of a way to rest, before its remaining commands are sent."""
-        self._is_reported = True
-        if isinstance(source, FailureReporter):
-            source.report_failures(self._report)
 
     @property
     def identity(self) -> Identity:
@@ -367,7 +364,16 @@ class HvAmplifier:
             BenchError: the watchdog took over the source; nothing more was sent.
         """
         with self._watchdog.allow_silence():
-            failure, self._is_reported = None, False
+            failure: BaseException | None = None
+            reported: list[BaseException] = []
+
+            def report(error: BaseException) -> None:
+                if not reported:
+                    reported.append(error)
+                    self.on_failure(error)
+
+            if isinstance(self._source, FailureReporter):
+                self._source.on_failure = report
             for way in (self._stop, self._ramp_to_rest):
                 try:
                     way()
@@ -377,19 +383,15 @@ class HvAmplifier:
                     ):
                         raise
                     failure = failure or error  # an error in a driver's code must not prevent the ramp
-                    self._report(error)
-            self._is_reported = True  # outside a way to rest the caller has the error
+                    report(error)
+            if isinstance(self._source, FailureReporter):
+                self._source.on_failure = lambda _: None  # outside a way to rest the caller has the error
             if failure is not None:
                 raise failure
             self._drive_end_s = 0.0
             if self._pulse is not None and self.hastens_levels:
                 self._watchdog.forget_level()
             self._pulse, self._level_end_s = None, math.inf
-
-    def _report(self, error: BaseException) -> None:
-        if not self._is_reported:
-            self._is_reported = True
-            self.on_failure(error)
 
     def _stop(self) -> None:
         if self._pulse is not None and isinstance(self._source, FiniteHolder):

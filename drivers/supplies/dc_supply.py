@@ -107,7 +107,7 @@ class DcSupply:
         self._level_v = math.nan
         self._rest_v: float | None = None
         self._staircase: StaircaseThread | None = None
-        self._on_failure: Callable[[BaseException], None] = lambda _: None
+        self.on_failure: Callable[[BaseException], None] = lambda _: None
         self.longest_settling_s = 0.0
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
@@ -174,9 +174,6 @@ class DcSupply:
 
     unattended_end = "the output stays at the level that was reached"
 
-    def report_failures(self, on_failure: Callable[[BaseException], None]) -> None:
-        self._on_failure = on_failure
-
     def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
         del drive, rest_v
         return math.inf
@@ -194,7 +191,7 @@ class DcSupply:
             slow_reply_s=lambda: self._output.slow_reply_s,
             now=self._clock.now,
             join=join_commands,
-            on_failure=self._on_failure,
+            on_failure=self.on_failure,
         )
         start_v = self.idle_level_v()
         steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)

@@ -238,7 +238,7 @@ def test_what_a_run_left_is_asked_for_by_the_next_one_that_begins(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
-        raise StorageError("the disk is full")
+        raise StorageError("full")
 
     events: list = []
     one, _ = session(events)
@@ -305,7 +305,7 @@ def test_a_run_that_is_given_up_ends_as_requested_and_is_told_once(is_stopped: b
     one.runner, one._rescue = SimpleNamespace(path=Path("run.h5")), SimpleNamespace(end_run=end_run)
     if is_stopped:
         one.stop()
-    one.give_up("the driver hangs")
+    one.give_up("hangs")
     (ended,) = [e for e in events if isinstance(e, RunEnded)]
     assert ended.status == (RunStatus.STOPPED if is_stopped else RunStatus.FAILED)
     assert one.abandoned

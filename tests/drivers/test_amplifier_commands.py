@@ -435,21 +435,20 @@ def test_the_first_of_two_failures_is_reported_once_and_raised() -> None:
 
 def test_an_error_within_a_way_to_rest_is_told_when_it_occurs_and_once_and_none_outside_of_it() -> None:
     class Reporting(PlayedSource):
-        def report_failures(self, on_failure: Callable[[BaseException], None]) -> None:
-            self.tell = on_failure
+        on_failure: Callable[[BaseException], None] = staticmethod(lambda _: None)
 
         def stop(self) -> None:
-            self.tell(LinkError("late"))
+            self.on_failure(LinkError("late"))
             self.sent.append("remaining steps")
-            raise LinkError("late; sent blind")
+            raise LinkError("late once more")
 
     source = Reporting()
     amplifier = HvAmplifier(source, AmplifierMap(), DriveLimits(), VirtualClock())
     amplifier.on_failure = lambda error: source.sent.append(str(error))
-    source.tell(LinkError("of a command whose caller has the error"))
-    with pytest.raises(LinkError, match="sent blind"):
+    source.on_failure(LinkError("before"))
+    with pytest.raises(LinkError):
         amplifier.force_rest()
-    source.tell(LinkError("after it"))
+    source.on_failure(LinkError("after"))
     assert source.sent == ["late", "remaining steps"]
 
 

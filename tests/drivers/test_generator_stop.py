@@ -117,7 +117,7 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
         playing(source, bench)
         bench.inject(fault)
         told_s: list[float] = []
-        source.report_failures(lambda _: told_s.append(bench.clock.now()))
+        source.on_failure = lambda _: told_s.append(bench.clock.now())
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
             source.stop()
         bench.clock.sleep(0.3)
