@@ -4,7 +4,7 @@ Real and simulated instruments implement the same interfaces and pass the same c
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
@@ -299,6 +299,14 @@ class LiveChecker(Protocol):
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
         """Whether the output is on, set up by this driver, and not at rest. Changes nothing."""
+
+
+@runtime_checkable
+class FailureReporter(Protocol):
+    """A source that reports an error on the way to rest when it occurs, and then sends the remaining commands."""
+
+    on_failure: Callable[[BaseException], None]
+    """Called with each such error."""
 
 
 @runtime_checkable

@@ -153,13 +153,13 @@ def _import_for_a_run() -> None:
 def _gate(config: BenchConfig, bench: Bench, without_commissioning: str) -> None:
     """Keep high voltage off a real source that is not commissioned, unless there is a reason; each run stores which."""
     simulated_bench = ""
-    if config.simulated and bench.amplifier.plays_to_the_end:
+    if config.simulated and (bench.amplifier.plays_to_the_end or config.interlock.line):
         from app.session.commissioning_record import simulated_bench_key
 
         simulated_bench = simulated_bench_key(config)
     state = commissioning_state(bench.amplifier.identity, bench.simulated, without_commissioning, simulated_bench)
     bench.amplifier.hastens_levels = state.level_stop_s > 0
-    bench.amplifier.measured_stop_s = state.stop_s
+    bench.amplifier.measured_stop_s, bench.interlock.measured_s = state.stop_s, state.interlock_s
     bench.amplifier.holds_by_offset = state.holds_by_offset
     bench.high_voltage_refusal, bench.commissioning_note = state.refusal, state.note
     bench.configuration = {**bench.configuration, "commissioning": state.stored}

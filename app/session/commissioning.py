@@ -1,5 +1,6 @@
 """Commissioning of a bench: exercises its source with high voltage off, and measures its interlock with high voltage on."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -9,8 +10,16 @@ from app.config import BenchConfig
 from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, allows_second_connection, connect
 from app.session.commissioning_record import save_record, simulated_bench_key
 from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
+from drivers.evidence import OutputCheck
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Event, Prompt
-from protocols.commissioning import Commissioned, MessageLog, commission_bench, measure_interlock, worst_verdict
+from protocols.commissioning import (
+    CheckedOutput,
+    Commissioned,
+    MessageLog,
+    commission_bench,
+    measure_interlock,
+    worst_verdict,
+)
 
 RATES_HZ = (100e3, 50e3, 20e3)
 """Scans per second: the first that the card can do."""
@@ -26,6 +35,7 @@ INTERLOCK_ON = replace(
 INTERLOCK_OFF = replace(
     DISABLE_HIGH_VOLTAGE, text="The interlock is measured. Switch the amplifier's high voltage OFF at the amplifier."
 )
+INTERLOCK_NOT_MEASURED = CheckedOutput(OutputCheck.INTERLOCK, math.nan, "s", None, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +81,19 @@ def commission(
         switch = _Switch(connection, ask)
         result = commission_bench(bench, switch, rate_hz, messages, progress, second_client, check_stop)
         identity = bench.amplifier.identity
+        of_source, wired = result, config.interlock.line and (not config.simulated or speed is not None)
+        if wired:  # until it is measured, so that a commissioning that ends before is no valid one
+            result = replace(of_source, checks=(*of_source.checks, INTERLOCK_NOT_MEASURED))
         path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
-    wired = config.interlock.line and (not config.simulated or speed is not None)
-    if wired and worst_verdict(result.checks) == "pass":
+    if wired and worst_verdict(of_source.checks) == "pass":
         progress("interlock", 1.0)
-        with connect(config, speed, UNATTENDED_BLOCK_S) as connection:
+        reason = "its interlock is measured now"
+        with connect(config, speed, UNATTENDED_BLOCK_S, without_commissioning=reason) as connection:
             on_live(connection.bench)
             switch = _Switch(connection, ask, is_off=True, may_enable=True)
             check = measure_interlock(connection.bench, switch, check_stop, publish)
-            result = replace(result, checks=(*result.checks, check))
+            times = replace(of_source.times, interlock_s=check.value)
+            result = replace(of_source, checks=(*of_source.checks, check), times=times)
             path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
             switch.disable()
     return CommissionedSource(identity, result, rate_hz, path)

@@ -14,6 +14,8 @@ REMEDY = (
     "which every run of this session stores"
 )
 
+TIMES_USED = "stop_s", "reply_s", "level_stop_s", "interlock_s"
+
 
 @dataclass(frozen=True, slots=True)
 class CommissioningState:
@@ -27,6 +29,7 @@ class CommissioningState:
         reply_s: longest measured time from a message to its reply; 0 if unknown.
         holds_by_offset: whether a level is held by the offset, for want of a measurement of an uneven waveform's volts.
         level_stop_s: measured duration of Stop from a level with a hastened end; 0 if not measured, or impossible.
+        interlock_s: measured time from the interlock's last heartbeat until high voltage is off; 0 if not measured.
     """
 
     refusal: str
@@ -36,6 +39,7 @@ class CommissioningState:
     reply_s: float = 0.0
     holds_by_offset: bool = False
     level_stop_s: float = 0.0
+    interlock_s: float = 0.0
 
 
 def commissioning_state(
@@ -55,20 +59,12 @@ def commissioning_state(
 
     record = load_record(identity)
     if record is not None and record.is_valid:
-        stop_s, reply_s = (s if math.isfinite(s) else None for s in (record.times.stop_s, record.times.reply_s))
-        stored = {
-            "status": "commissioned",
-            "date": record.date,
-            "stop_s": stop_s,
-            "reply_s": reply_s,
-            "record": str(record.path),
-        }
-        stop = f"; Stop took {stop_s:.2f} s" if stop_s is not None else ""
-        reply = f"; its slowest reply took {reply_s:.2f} s" if reply_s is not None else ""
+        times = _times_used(record)
+        stop = f"; Stop took {times['stop_s']:.2f} s" if times["stop_s"] else ""
+        reply = f"; its slowest reply took {times['reply_s']:.2f} s" if times["reply_s"] else ""
         note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}{reply}"
-        level_stop_s = _level_stop_s(record)
-        stored["level_stop_s"] = level_stop_s or None
-        return CommissioningState("", note, stored, stop_s or 0.0, reply_s or 0.0, level_stop_s=level_stop_s)
+        stored = {"status": "commissioned", "date": record.date, "record": str(record.path)}
+        return _allowed(note, {**stored, **_or_null(times)}, times)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}
@@ -83,19 +79,31 @@ def commissioning_state(
 
 def _state_of_simulated_bench(identity: Identity, simulated_bench: str) -> CommissioningState:
     stored: dict[str, Any] = {"status": "exempt", "why": "simulated bench"}
-    level_stop_s = 0.0
+    times: dict[str, float] = {}
     if simulated_bench:
         from app.session.commissioning_record import load_record
 
         record = load_record(identity, simulated_bench)
         if record is not None and record.verdict == "pass":
-            level_stop_s = _level_stop_s(record)
-            stored |= {"record": str(record.path), "level_stop_s": level_stop_s or None}
-    return CommissioningState("", "", stored, level_stop_s=level_stop_s)
+            times = _times_used(record, "level_stop_s", "interlock_s")
+            stored |= {"record": str(record.path), **_or_null(times)}
+    return _allowed("", stored, times)
 
 
-def _level_stop_s(record: "CommissioningRecord") -> float:
-    return record.times.level_stop_s if math.isfinite(record.times.level_stop_s) else 0.0
+def _allowed(note: str, stored: dict[str, Any], times: dict[str, float]) -> CommissioningState:
+    """Return the state in which high voltage is allowed, with the measured times."""
+    stop_s, reply_s, level_stop_s, interlock_s = (times.get(name, 0.0) for name in TIMES_USED)
+    return CommissioningState("", note, stored, stop_s, reply_s, level_stop_s=level_stop_s, interlock_s=interlock_s)
+
+
+def _times_used(record: "CommissioningRecord", *names: str) -> dict[str, float]:
+    """Return measured times that the program uses, by name; 0 where one was not measured."""
+    times = {name: getattr(record.times, name) for name in names or TIMES_USED}
+    return {name: time_s if math.isfinite(time_s) else 0.0 for name, time_s in times.items()}
+
+
+def _or_null(times: dict[str, float]) -> dict[str, float | None]:
+    return {name: time_s or None for name, time_s in times.items()}
 
 
 def _describe_missing(identity: Identity, record: "CommissioningRecord | None") -> str:

@@ -46,7 +46,7 @@ def simulated_bench_key(config: BenchConfig) -> str:
     if not config.simulated:
         return ""
     given = config.simulation or {}
-    instruments = {name: given.get(name) for name in ("generator", "supply", "card", "seed", "source")}
+    instruments = {name: given.get(name) for name in ("generator", "supply", "card", "seed", "source", "interlock")}
     text = json.dumps([instruments, config.source.model_dump(mode="json")], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 

@@ -14,6 +14,7 @@ from drivers.drive_shapes import Drive, Hold, LevelPulse
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
     DriveChecker,
+    FailureReporter,
     FiniteHolder,
     HoldRenewer,
     Identity,
@@ -364,6 +365,15 @@ class HvAmplifier:
         """
         with self._watchdog.allow_silence():
             failure: BaseException | None = None
+            reported: list[BaseException] = []
+
+            def report(error: BaseException) -> None:
+                if not reported:
+                    reported.append(error)
+                    self.on_failure(error)
+
+            if isinstance(self._source, FailureReporter):
+                self._source.on_failure = report
             for way in (self._stop, self._ramp_to_rest):
                 try:
                     way()
@@ -372,9 +382,10 @@ class HvAmplifier:
                         isinstance(error, BenchError) and not isinstance(error, InstrumentError)
                     ):
                         raise
-                    if failure is None:  # an error in a driver's code must not prevent the ramp
-                        failure = error
-                        self.on_failure(error)
+                    failure = failure or error  # an error in a driver's code must not prevent the ramp
+                    report(error)
+            if isinstance(self._source, FailureReporter):
+                self._source.on_failure = lambda _: None  # outside a way to rest the caller has the error
             if failure is not None:
                 raise failure
             self._drive_end_s = 0.0

@@ -50,6 +50,8 @@ class Interlock:
 
     def __init__(self, lines: DigitalLines | None = None, monostable_s: float = math.inf) -> None:
         self._lines, self.monostable_s = lines, monostable_s
+        self.measured_s = 0.0
+        """Time from the last heartbeat until high voltage is off, measured by commissioning; 0 without."""
         self._is_watched = self._is_permitted = self._is_high = self._was_closed = False
         self._closed: bool | None = None
         self._beats, self._edge_s, self._dropped = 0, math.inf, ""
@@ -59,7 +61,10 @@ class Interlock:
         """Further clause about the high voltage without a heartbeat; empty without an interlock."""
         if self._lines is None:
             return ""
-        return f"; the interlock switches high voltage off {self.monostable_s:g} s after its last heartbeat"
+        measured = f"measured {self.measured_s:.2f} s at commissioning" if self.measured_s else "not measured"
+        return (
+            f"; the interlock switches high voltage off {self.monostable_s:g} s after its last heartbeat ({measured})"
+        )
 
     @property
     def edge_age_s(self) -> float:

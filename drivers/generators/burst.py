@@ -14,6 +14,7 @@ The commands of a family, and what its instruments can do, are a `Dialect`.
 """
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from typing import ClassVar
 
@@ -76,6 +77,8 @@ class BurstGenerator:
         self.dialect = self.dialect_type(self._scpi, clock, self.identity.model)
         self.playable = PlayableDrives(self.capabilities, self._scpi.instrument, self.dialect.max_points, step_v, clock)
         self._output = BurstOutput(self._scpi, clock, self.dialect, step_v, step_interval_s)
+        self.on_failure: Callable[[BaseException], None] = lambda _: None
+        self._output.on_failure = lambda error: self.on_failure(error)  # noqa: PLW0108 - it is replaced later
         self.plays_to_the_end = not self.capabilities.holds_range
         """Whether a drive can only be stopped by waiting for its end."""
         limit = f" within {MAX_UNSTOPPABLE_DRIVE_S:g} s" if self.plays_to_the_end else ""

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -54,6 +55,7 @@ class BurstOutput:
         self._scpi, self._clock, self._dialect = scpi, clock, dialect
         self._capabilities = dialect.capabilities
         self._step_v, self._step_interval_s = step_v, step_interval_s
+        self.on_failure: Callable[[BaseException], None] = lambda _: None
 
     def load_waveform(self, points: Points) -> None:
         """Download a waveform unless it is the stored one."""
@@ -218,6 +220,7 @@ class BurstOutput:
             slow_reply_s=lambda: self._scpi.slow_reply_s,
             now=self._clock.now,
             join=join_commands if self._capabilities.joins_commands else None,
+            on_failure=self.on_failure,
         )
 
     def _wait_for_burst_end(self) -> None:

@@ -13,6 +13,7 @@ A supply has no memory for a waveform: a thread steps it along a drive during th
 
 import math
 import threading
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -106,6 +107,7 @@ class DcSupply:
         self._level_v = math.nan
         self._rest_v: float | None = None
         self._staircase: StaircaseThread | None = None
+        self.on_failure: Callable[[BaseException], None] = lambda _: None
         self.longest_settling_s = 0.0
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
@@ -189,6 +191,7 @@ class DcSupply:
             slow_reply_s=lambda: self._output.slow_reply_s,
             now=self._clock.now,
             join=join_commands,
+            on_failure=self.on_failure,
         )
         start_v = self.idle_level_v()
         steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)

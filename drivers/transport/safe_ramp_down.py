@@ -37,6 +37,7 @@ class RampDown:
             connection is slow and the ramp may be pipelined, else 0.
         now: bench time.
         join: function that joins commands to one message; None: separate messages.
+        on_failure: callback at each error after which the ramp continues, before its next step.
     """
 
     def __init__(
@@ -47,8 +48,9 @@ class RampDown:
         slow_reply_s: Callable[[], float] = lambda: 0.0,
         now: Callable[[], float] = time.monotonic,
         join: Callable[[Sequence[str]], str] | None = None,
+        on_failure: Callable[[BaseException], None] = lambda _: None,
     ) -> None:
-        self._link, self._best_effort = link, best_effort
+        self._link, self._best_effort, self._on_failure = link, best_effort, on_failure
         self._errors: list[InstrumentError] = []
         self.blind = False
         self._read_slow_reply_s, self._now = slow_reply_s, now
@@ -155,3 +157,4 @@ class RampDown:
             raise error
         self._errors.append(error)
         self.blind = self.blind or isinstance(error, LinkError)
+        self._on_failure(error)

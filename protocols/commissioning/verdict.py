@@ -91,6 +91,7 @@ class MeasuredTimes:
         level_stop_s: time of Stop from a level with a hastened end, for a source that cannot abort bursts; NaN for a jump of the
             output.
         upload_s: time of the upload of the driver's longest waveform.
+        interlock_s: time from the last heartbeat of the interlock until high voltage is off.
     """
 
     stop_s: float
@@ -99,6 +100,7 @@ class MeasuredTimes:
     reply_s: float = math.nan
     level_stop_s: float = math.nan
     upload_s: float = math.nan
+    interlock_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

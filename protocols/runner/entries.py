@@ -144,7 +144,7 @@ class EntryRunner:
     def _check_drift(self, armed: ArmedBench, resumed: "ResumableRun") -> None:
         """Measure the last good entry again to check for drift."""
         last = resumed.drift_check_entry
-        if last is None or last in resumed.repeat_entries:
+        if last is None:
             return
         _, before = self._progress.measured[last]
         self._measure_entry(armed, last)

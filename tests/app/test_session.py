@@ -4,17 +4,29 @@ import threading
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from app.session.bench_connection import connect
-from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
+from app.session.session import BenchFailed, BenchOpened, BlockMonitored, RunRejected, Session, SessionState
+from app.session.supervisor import Signs
 from drivers.errors import BenchError, InstrumentError, UnsafeError
-from protocols.base import PointMeasured, Prompt, PromptAnswered, PromptShown, Record, RunEnded, RunPaused, RunStatus
+from protocols.base import (
+    PointMeasured,
+    Prompt,
+    PromptAnswered,
+    PromptShown,
+    Record,
+    RunEnded,
+    RunPaused,
+    RunStatus,
+)
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import ResumableRun
+from protocols.runfile import RunFileWriter, StorageError
 from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from sim_hardware.plant.setup_state import initial_state
@@ -220,6 +232,86 @@ def test_what_a_run_left_is_asked_for_once(tmp_path: Path) -> None:
         events.clear()
     assert one.close(60)
     assert asked == [0, 1, 0]
+
+
+def test_what_a_run_left_is_asked_for_by_the_next_one_that_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise StorageError("full")
+
+    events: list = []
+    one, _ = session(events)
+    one.start()
+    asked = []
+    for protocol, is_refused in ((Leaving(script=(Record(0.05),)), False), (SHORT, True), (SHORT, False)):
+        with monkeypatch.context() as patch:
+            if is_refused:
+                patch.setattr(RunFileWriter, "new", full)
+            one.run(RunRequest(protocol, tmp_path, "T1"))
+            assert one.finished.wait(60)
+        assert any(isinstance(e, RunRejected) for e in events) is is_refused
+        asked.append(sum(isinstance(e, PromptShown) and e.prompt.action == "restore" for e in events))
+        events.clear()
+    assert one.close(60)
+    assert asked == [0, 0, 1]
+
+
+def test_signs_of_life_are_of_the_present_phase_and_the_last_readings_are_kept(tmp_path: Path) -> None:
+    signs: dict[str, Signs] = {}
+    watched = threading.Event()
+
+    def look(event: object) -> None:
+        signs[type(event).__name__] = one.signs()
+        if isinstance(event, BlockMonitored):
+            watched.set()
+
+    one, _ = session([], look)
+    one.start()
+    one.monitor(True)
+    assert watched.wait(60)
+    one.monitor(False)
+    one.run(RunRequest(SHORT, tmp_path, "T1"))
+    assert one.finished.wait(60)
+    assert one.close(60)
+    phases = {
+        "BenchOpened": (False, False, False, False),
+        "BlockMonitored": (False, True, False, False),
+        "DriveStarted": (True, False, True, False),
+        "RunEnded": (False, False, False, True),
+    }
+    seen = {name: signs[name] for name in phases}
+    assert {
+        name: (each.running, each.watching_card, each.may_be_live, each.at_end) for name, each in seen.items()
+    } == phases
+    assert not any(each.told_unsafe or each.connecting for each in seen.values())
+    assert one.bench is None
+    assert one.observation.card is not None
+
+
+@pytest.mark.parametrize("is_stopped", [True, False])
+@pytest.mark.parametrize("concludes", [True, False])
+def test_a_run_that_is_given_up_ends_as_requested_and_is_told_once(is_stopped: bool, concludes: bool) -> None:
+    events: list = []
+    one, _ = session(events)
+
+    def end_run(runner: object, bench: object, status: RunStatus, hangs: str) -> RunEnded:
+        ended = RunEnded(status, hangs, "")
+        if concludes:
+            one._events.publish(ended)
+        return ended
+
+    one.state, one.bench = SessionState.RUNNING, SimpleNamespace(reading=None, answered_s={})
+    one.runner, one._rescue = SimpleNamespace(path=Path("run.h5")), SimpleNamespace(end_run=end_run)
+    if is_stopped:
+        one.stop()
+    one.give_up("hangs")
+    (ended,) = [e for e in events if isinstance(e, RunEnded)]
+    assert ended.status == (RunStatus.STOPPED if is_stopped else RunStatus.FAILED)
+    assert one.abandoned
+    assert one.finished.is_set()
+    assert one.state is SessionState.NO_BENCH
+    assert isinstance(events[-1], BenchFailed)
 
 
 @pytest.mark.deep

@@ -213,7 +213,7 @@ def test_no_error_in_stopping_prevents_the_ramp_and_it_is_told_before_the_ramp(e
     assert source.told == [error, Ramp(4.0, 2.5, 0.3)]
 
 
-@pytest.mark.deep
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("model", BOXES)
 def test_an_output_that_was_switched_off_during_a_drive_is_named_when_the_drive_is_over(model: str) -> None:
     source, bench, panel = made(model)

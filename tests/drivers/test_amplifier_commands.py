@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -251,6 +251,10 @@ def test_the_way_to_rest_is_predicted_from_the_farthest_level_and_refused_if_it_
     assert HvAmplifier(source, below, DriveLimits(ramp_v_per_s=2.0), VirtualClock()).predict_rest_s() == pytest.approx(
         1.0 + 2.5 / 2.0
     )
+    for measured_s, expected_s in ((0.4, 1.5), (1.6, 1.6 + 0.5)):
+        amplifier = commanded(source)
+        amplifier.measured_stop_s = measured_s
+        assert amplifier.check_way_to_rest() == pytest.approx(expected_s)
     source.rest_s = 3.4
     assert commanded(source).check_way_to_rest() == pytest.approx(3.9)
     source.rest_s = 3.6
@@ -427,6 +431,25 @@ def test_the_first_of_two_failures_is_reported_once_and_raised() -> None:
     with pytest.raises(InstrumentError, match="it did not stop"):
         amplifier.return_to_rest()
     assert reported == [first]
+
+
+def test_an_error_within_a_way_to_rest_is_told_when_it_occurs_and_once_and_none_outside_of_it() -> None:
+    class Reporting(PlayedSource):
+        on_failure: Callable[[BaseException], None] = staticmethod(lambda _: None)
+
+        def stop(self) -> None:
+            self.on_failure(LinkError("late"))
+            self.sent.append("remaining steps")
+            raise LinkError("late once more")
+
+    source = Reporting()
+    amplifier = HvAmplifier(source, AmplifierMap(), DriveLimits(), VirtualClock())
+    amplifier.on_failure = lambda error: source.sent.append(str(error))
+    source.on_failure(LinkError("before"))
+    with pytest.raises(LinkError):
+        amplifier.force_rest()
+    source.on_failure(LinkError("after"))
+    assert source.sent == ["late", "remaining steps"]
 
 
 def test_closing_closes_the_link_and_sends_nothing() -> None:

@@ -166,6 +166,7 @@ def test_the_operator_is_asked_at_rest_where_an_earlier_program_left_the_source_
         assert volts.get("operator: off", 2.5) == pytest.approx(2.5, abs=0.01)
         assert volts["watchdog: armed"] in (pytest.approx(1.2, abs=0.01), pytest.approx(2.5, abs=0.01))
     assert journal.lines[0] == "watchdog: armed"  # while the source was being ramped
+    assert journal.volts[0] == pytest.approx(1.2, abs=0.01)
 
 
 @pytest.mark.parametrize(("volts", "left"), [(2.54, False), (2.6, True), (0.0, True)])

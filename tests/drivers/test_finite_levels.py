@@ -41,7 +41,7 @@ def volts(lab: BenchConnection, begin_s: float) -> tuple[np.ndarray, np.ndarray]
     return t, lab.control.history.volts(t)
 
 
-@pytest.mark.deep
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("model", GENERATORS)
 @pytest.mark.parametrize("level_v", [5.0, 0.5])
 def test_a_level_is_reached_held_for_longer_than_planned_and_left_by_itself(model: str, level_v: float) -> None:
@@ -66,7 +66,6 @@ def test_a_level_is_reached_held_for_longer_than_planned_and_left_by_itself(mode
         assert math.isinf(amplifier.level_remaining_s)
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize("model", ["DG1032Z", "SDG1032X"])
 def test_stop_leaves_a_level_at_the_slope_of_the_bench_or_waits_for_its_end(model: str) -> None:
     with at_rest(model) as lab:
@@ -86,7 +85,7 @@ def test_stop_leaves_a_level_at_the_slope_of_the_bench_or_waits_for_its_end(mode
         assert math.isinf(amplifier.level_remaining_s)
 
 
-@pytest.mark.deep
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("model", WAITING)
 @pytest.mark.parametrize("level_v", [5.0, 0.0])
 @pytest.mark.parametrize("late", [(0.0, 0.0), (0.3, 0.2)], ids=["prompt wire", "late wire"])
@@ -114,7 +113,6 @@ def test_stop_hastens_the_end_of_a_level_where_commissioning_has_measured_that_i
         assert amplifier.is_source_at_rest()
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
 def test_a_second_driver_hastens_the_end_of_a_level_that_the_program_has_stated(
     model: str, monkeypatch: pytest.MonkeyPatch
@@ -149,7 +147,6 @@ def test_a_second_driver_hastens_the_end_of_a_level_that_the_program_has_stated(
         assert noted == [()]
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C", "DG812"])
 def test_a_level_whose_end_cannot_be_hastened_is_waited_for(model: str) -> None:
     """The wire is cut: the level returns to rest by itself, and Stop does not report rest before."""
@@ -168,7 +165,6 @@ def test_a_level_whose_end_cannot_be_hastened_is_waited_for(model: str) -> None:
         assert np.abs(np.diff(seen)).max() <= STEP_V
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize(
     ("model", "hold_s", "words"),
     [

@@ -116,9 +116,13 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
     with make(model, timeout_s=0.5) as (source, bench, _):
         playing(source, bench)
         bench.inject(fault)
+        told_s: list[float] = []
+        source.on_failure = lambda _: told_s.append(bench.clock.now())
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
             source.stop()
         bench.clock.sleep(0.3)
+        volts = bench.history.volts(np.arange(told_s[0], bench.clock.now(), 1e-4))
+        assert abs(volts - 2.5).max() > 0.5  # told with the first one, before the drive has come to rest
         assert_safe_voltage(report_at_rest(bench.report))  # constant at rest, reached in small steps
         bench.clear(fault)
         bench.clock.sleep(0.1)
@@ -150,6 +154,43 @@ def test_away_from_rest_an_unreadable_answer_ends_the_way_at_once() -> None:
         with pytest.raises(LinkError):
             source.ramp_to(4.0, 0.3)
         assert bench.report().end_v == pytest.approx(3.0, abs=0.06)  # one step at most
+        begin_s = bench.clock.now() - 1e-3
+        with pytest.raises(LinkError):
+            source.ramp_to(2.5, 0.3)  # blind, from the step that may have arrived
+        bench.clock.sleep(0.1)
+        volts = bench.history.volts(np.arange(begin_s, bench.clock.now(), 1e-4))
+        assert abs(np.diff(volts)).max() < 0.0501
+        assert volts[-1] == pytest.approx(2.5, abs=1e-3)
+
+
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize("model", HOLDERS)
+@pytest.mark.parametrize(("setting", "way"), [("amplitude", "stop"), ("offset", "ramp_to")])
+def test_a_setting_that_stays_where_it_was_is_noticed_at_the_end_of_the_way(
+    setting: str, way: str, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with direct(model) as (source, bench, _):
+        playing(source, bench)
+        if way == "ramp_to":
+            source.stop()
+            source.ramp_to(3.0, 0.1)
+        command = getattr(source.dialect, f"{setting}_command")
+        monkeypatch.setattr(source.dialect, f"{setting}_command", lambda value: command(max(value, 2.7)))
+        with pytest.raises(InstrumentError, match=setting):
+            getattr(source, way)(*((2.5, 0.1) if way == "ramp_to" else ()))
+
+
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize("model", HOLDERS)
+def test_a_small_burst_of_another_program_is_ended(model: str) -> None:
+    with direct(model) as (source, bench, _):
+        playing(source, bench)
+        source.dialect.amplitude_command(source.capabilities.idle_amplitude_vpp).send()
+        BOXES[model](bench.link(2.0), bench.clock).stop()
+        bench.clock.sleep(0.1)
+        begin_s = bench.clock.now()
+        bench.clock.sleep(0.2)
+        assert np.ptp(bench.history.volts(np.arange(begin_s, bench.clock.now(), 1e-4))) == 0.0
 
 
 def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:

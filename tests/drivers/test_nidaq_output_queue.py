@@ -82,7 +82,6 @@ def slow(lease_s: float = 5.0) -> Iterator[tuple[NiAnalogOutput, SimulatedBench,
         source.close()
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize("reply_s", [0.1, 0.3, 0.6, 0.9])
 def test_a_level_on_a_wire_that_becomes_slow_is_renewed_or_returns_to_rest(reply_s: float) -> None:
     """A renewal that arrived after its samples were on their way made the output jump back from rest to the level."""
@@ -97,7 +96,6 @@ def test_a_level_on_a_wire_that_becomes_slow_is_renewed_or_returns_to_rest(reply
         assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
-@pytest.mark.deep
 def test_a_held_level_is_at_rest_by_itself_before_a_slow_wire_has_sent_a_ramp() -> None:
     with slow() as (source, bench, library):
         source.ramp_to(4.0, 0.4)
@@ -110,7 +108,6 @@ def test_a_held_level_is_at_rest_by_itself_before_a_slow_wire_has_sent_a_ramp() 
         assert 5.0 < at_rest_s < 5.5
 
 
-@pytest.mark.deep
 def test_a_drive_from_a_level_that_has_returned_to_rest_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with slow() as (source, bench, _):
         source.ramp_to(4.0, 0.4)
@@ -126,7 +123,6 @@ def test_a_drive_from_a_level_that_has_returned_to_rest_is_refused(monkeypatch: 
         monkeypatch.undo()
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize("reply_s", [0.1, 0.6])
 def test_a_drive_is_stopped_without_a_jump_on_a_wire_that_became_slow(reply_s: float) -> None:
     with slow() as (source, bench, library):
@@ -151,7 +147,6 @@ def test_an_acquisition_that_falls_behind_on_a_slow_wire_does_not_delay_the_rele
         assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
-@pytest.mark.deep
 def test_a_network_on_which_samples_take_their_time_does_not_delay_a_fade_unnoticed() -> None:
     """200 000 samples are 1.6 MB, 0.13 s at 100 Mbit/s: the fade arrived when its samples were already on their way."""
     with slow() as (source, bench, library):
@@ -174,7 +169,7 @@ def hold_up(monkeypatch: pytest.MonkeyPatch, bench: SimulatedBench, *pauses_s: f
     monkeypatch.setattr(PlaybackProgress, "first_changeable", first_changeable)
 
 
-@pytest.mark.deep
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("pause_s", [0.3, 1.0, 3.0, 4.5, 6.0])
 def test_a_program_that_is_held_up_in_a_renewal_does_not_make_the_output_jump(
     pause_s: float, monkeypatch: pytest.MonkeyPatch
@@ -190,7 +185,6 @@ def test_a_program_that_is_held_up_in_a_renewal_does_not_make_the_output_jump(
         assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
-@pytest.mark.deep
 def test_a_program_that_is_held_up_in_a_stop_stops_later(monkeypatch: pytest.MonkeyPatch) -> None:
     with slow() as (source, bench, _):
         source.start_drive(Sine(40.0, 2.0, 2.5, 800))
@@ -261,6 +255,43 @@ def test_a_task_is_kept_while_its_output_is_not_measured_at_rest() -> None:
         assert report.end_v == pytest.approx(2.5, abs=1e-3)
         source.reconnect()
         assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("level_v", [4.0, 1.0])
+def test_closing_at_a_level_goes_to_rest_first_and_no_drive_begins_elsewhere(level_v: float) -> None:
+    with live() as (source, bench):
+        source.ramp_to(level_v, 0.4)
+        before = bench.report().end_v
+        for beginning_v in (level_v - 0.3, level_v + 0.3):
+            with pytest.raises(InstrumentError):
+                source.start_drive(Sine(40.0, 0.2, beginning_v, 4))
+        assert bench.report().end_v == before
+    report = bench.report()
+    assert report.end_v == pytest.approx(2.5, abs=1e-3)
+    assert report.largest_jump_v < 0.05
+
+
+@pytest.mark.parametrize("off_v", [0.1, -0.1])
+def test_an_output_that_is_not_at_rest_after_its_set_up_is_refused(
+    off_v: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with live() as (source, _):
+        inside_v = source._readback.inside_v
+        monkeypatch.setattr(source._readback, "inside_v", lambda: (inside_v() or 0.0) + off_v)
+        with pytest.raises(InstrumentError):
+            source.initialize_at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("drive", "served_s"), [(Hold(4.0, 1.0), 5.3), (Hold(1.0, 1.0), 5.3), (Sine(40.0, 1.0, 2.5, 80), 2.0)]
+)
+def test_the_time_to_rest_without_a_program_is_of_a_server_and_none_of_this_computer(
+    drive: Hold | Sine, served_s: float
+) -> None:
+    with live() as (source, _):
+        assert source.unattended_rest_s(drive, 2.5) == math.inf
+        source._server = "localhost:1"
+        assert source.unattended_rest_s(drive, 2.5) == pytest.approx(served_s)
 
 
 def test_a_drive_that_plays_on_after_its_stop_is_not_released_although_its_mean_is_the_idle_level(

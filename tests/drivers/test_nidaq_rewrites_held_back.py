@@ -93,7 +93,6 @@ def test_a_sine_that_cannot_be_rewritten_keeps_the_sample_reached_and_is_left_in
         assert jump_v < 0.01
 
 
-@pytest.mark.deep
 def test_a_block_that_began_before_the_release_is_not_taken_for_the_level() -> None:
     """On a busy computer the time of the first scan is late: the block that counts as new still shows the drive."""
     with (
@@ -109,7 +108,6 @@ def test_a_block_that_began_before_the_release_is_not_taken_for_the_level() -> N
             assert jump_v < 0.01
 
 
-@pytest.mark.deep
 def test_a_level_is_held_by_one_task_after_the_other_and_returns_to_rest_by_itself() -> None:
     with live("waits", lease_s=2.0) as (amplifier, source, bench):
         amplifier.start_drive(Hold(4.5, 60.0))
@@ -148,7 +146,6 @@ def test_a_level_that_began_to_return_while_its_renewal_was_refused_is_not_broug
         assert report.end_v == pytest.approx(2.5, abs=1e-3)
 
 
-@pytest.mark.deep
 def test_a_drive_whose_cable_to_the_card_is_off_plays_on_to_its_end_and_says_so() -> None:
     """A level may be taken from the cable only where it has shown the drive."""
     with (
@@ -171,7 +168,6 @@ def test_a_drive_whose_cable_to_the_card_is_off_plays_on_to_its_end_and_says_so(
         assert bench.report().largest_jump_v < 0.01
 
 
-@pytest.mark.deep
 def test_a_drive_whose_trigger_never_came_is_released_where_it_would_have_begun() -> None:
     with live("waits", start_trigger="ai/SampleClock") as (amplifier, source, bench):
         amplifier.start_drive(Sine(40.0, 2.0, 2.5, 160))

@@ -4,13 +4,14 @@ import re
 import threading
 import tracemalloc
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers import Hold
+from drivers import Hold, LevelAction, Sine
 from protocols.base import (
     Ask,
     BlockDiscarded,
@@ -18,6 +19,7 @@ from protocols.base import (
     Play,
     PointMeasured,
     Prompt,
+    Quality,
     ReadMeter,
     Record,
     Recording,
@@ -88,6 +90,36 @@ def test_nothing_is_recorded_or_waited_beyond_the_end_of_a_level(
     assert ran.status == (RunStatus.COMPLETED if is_long_enough else RunStatus.FAILED)
     assert (re.search(r"\blevel\b.*\bin \d\.\d s\b", ran.reason) is None) == is_long_enough
     assert ran.report.ends_at_rest
+
+
+def test_a_recording_with_its_drive_has_rest_before_it_and_the_whole_drive(tmp_path: Path) -> None:
+    drive = Sine(50.0, 1.0, 2.5, 20)
+    protocol = Scripted(script=(Record(drive.duration_s, drive, lead_s=0.1), Record(0.05)))
+    with laboratory() as lab:
+        run(protocol, tmp_path, lab)
+    recording = protocol.__dict__["answers"][0]
+    volts = recording.drive_v - 2.5
+    assert abs(volts[: round(0.1 * recording.rate_hz)]).max() < 0.01
+    assert np.sum(volts**2) / recording.rate_hz == pytest.approx(drive.duration_s / 2, rel=0.01)
+
+
+@pytest.mark.breaks_the_drive
+@pytest.mark.parametrize("is_lost", [True, False])
+def test_a_recording_of_one_block_that_begins_after_the_drive_was_lost_is_flagged(
+    is_lost: bool, tmp_path: Path
+) -> None:
+    def cut(event: object) -> None:
+        if is_lost and isinstance(event, SettlingFinished):
+            lab.control.inject("drive-cable-off")
+        elif isinstance(event, RecordingFinished):
+            lab.control.clear()
+
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, drive=LevelAction.OFF)
+        protocol = Scripted(script=(SETTLE, Record(0.05), Record(lab.bench.block_s)))
+        run(protocol, tmp_path, lab, cut, safe=False)
+    flagged = [Quality.DRIVE_OFF in Quality(each.quality) for each in protocol.__dict__["answers"][1:]]
+    assert flagged[0] is is_lost
 
 
 @pytest.mark.deep

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -35,6 +35,7 @@ from protocols.runfile.reader import Run
 from protocols.runner.abort_levels import LevelMonitor
 from protocols.runner.readback import DriveReadback
 from sim_hardware.clock import VirtualClock
+from tests.helpers.level_protocol import Levels
 from tests.helpers.messages import assert_names
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Hesitant, Scripted
 from tests.helpers.simulated_bench import Ran, Trigger, laboratory, run, simulated
@@ -139,8 +140,8 @@ def test_a_level_that_ends_the_run_names_it_in_the_verdict(tmp_path: Path) -> No
 class Answering:
     """An operator who answers the question about a level."""
 
-    def __init__(self, operator: Any, answer: str) -> None:
-        self._operator, self._answer, self._asked = operator, answer, set[int]()
+    def __init__(self, operator: Any, *answers: str) -> None:
+        self._operator, self._answers, self._asked = operator, list(answers), set[int]()
 
     def show(self, ask_id: int, prompt: Any) -> None:
         if prompt.action == "abort-level":
@@ -149,17 +150,28 @@ class Answering:
             self._operator.show(ask_id, prompt)
 
     def answer(self, ask_id: int) -> str | None:
-        return self._answer if ask_id in self._asked else self._operator.answer(ask_id)
+        return self._answers.pop(0) if ask_id in self._asked else self._operator.answer(ask_id)
 
 
-@pytest.mark.deep
-def test_the_operator_may_ignore_a_level_for_the_rest_of_the_run(tmp_path: Path) -> None:
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("answers", "actions", "status"),
+    [
+        (("ignore",), ["ask", "warning", "warning"], RunStatus.COMPLETED),
+        (("again", "ignore"), ["ask", "ask", "warning", "warning"], RunStatus.COMPLETED),
+        (("again", "stop"), ["ask", "ask"], RunStatus.STOPPED),
+    ],
+)
+def test_a_level_is_ignored_for_the_rest_of_the_run_only_if_the_operator_says_so(
+    answers: tuple[str, ...], actions: list[str], status: RunStatus, tmp_path: Path
+) -> None:
     with laboratory() as lab:
         lab.bench.levels = replace(lab.bench.levels, stroke_m=1e-4)
-        ran = run(SHORT, tmp_path, lab, operator=Answering(lab.operator, "ignore"))
-    assert ran.status == RunStatus.COMPLETED
-    assert [event.action for event in exceeded(ran)] == ["ask", "warning", "warning"]
-    assert ran.kinds().count("Paused") == ran.kinds().count("Resumed") == 1
+        ran = run(SHORT, tmp_path, lab, operator=Answering(lab.operator, *answers))
+    assert ran.status == status
+    assert [event.action for event in exceeded(ran)] == actions
+    assert ran.kinds().count("Paused") == len(answers)
+    assert ran.kinds().count("Resumed") == len(answers) - answers.count("stop")
 
 
 def test_no_drive_begins_before_the_question_about_a_level_that_was_exceeded_while_the_run_waited(
@@ -288,6 +300,19 @@ def test_three_points_without_response_stop_the_run(tmp_path: Path) -> None:
     assert len(ran.points) == 4  # one good one before
     assert ran.status == RunStatus.STOPPED
     assert event.words in ran.verdict.reasons[0]
+
+
+def test_three_entries_that_give_no_point_stop_the_run(tmp_path: Path) -> None:
+    class Nothing(Levels):
+        name: ClassVar[str] = "nothing"
+
+        def point(self, key: Any, recordings: Any, simulated: bool) -> Any:
+            raise ValueError("nothing is seen")
+
+    ran, _ = run_with(tmp_path, protocol=Nothing())
+    (event,) = exceeded(ran)
+    assert (event.level, event.value) == ("no_response", 3.0)
+    assert ran.status == RunStatus.STOPPED
 
 
 RATE_HZ = 5000.0

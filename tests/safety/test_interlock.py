@@ -14,11 +14,12 @@ import pytest
 from app.config import BenchConfig
 from app.session import commissioning as app_commissioning
 from app.session import commissioning_record, connect
-from app.session.commissioning import commission
+from app.session.commissioning import INTERLOCK_ON, commission
 from app.session.commissioning_record import load_record
 from drivers import ArmedBench, Bench, BenchError, Hold, UnsafeError, WallClock
 from drivers.evidence.assumption import OutputCheck
 from drivers.nidaq.digital_lines import NiDigitalLines
+from protocols.base import Prompt
 from protocols.commissioning.interlock import measure_interlock
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict
@@ -255,8 +256,24 @@ def test_the_record_has_the_measured_time_and_a_slow_interlock_keeps_high_voltag
         assert not world.history.high_voltage_on
         record = load_record(done.identity)
         assert record is not None
-        assert done.result.checks[-1].value == pytest.approx(0.5 + off_s, abs=0.05)
+        off = done.result.checks[-1]
+        assert off.value == pytest.approx(0.5 + off_s, abs=0.05), off.detail
         with connect(config) as opened:
             assert bool(opened.bench.high_voltage_refusal) == (off_s > 1.0)
             if off_s > 1.0:
                 assert OutputCheck.INTERLOCK in opened.bench.high_voltage_refusal
+            else:
+                assert f"(measured {off.value:.2f} s at commissioning)" in opened.bench.interlock.statement
+
+        def leave(prompt: Prompt) -> None:
+            """Leave the commissioning when the source is done, before high voltage is switched on."""
+            if prompt == INTERLOCK_ON:
+                raise KeyboardInterrupt
+            operator.show(0, prompt)
+
+        with pytest.raises(KeyboardInterrupt):
+            commission(config, None, leave)
+        with connect(config) as opened:
+            refusal = opened.bench.high_voltage_refusal
+            assert f"{OutputVerdict.NOT_MEASURED}: {OutputCheck.INTERLOCK}" in refusal
+            assert "(not measured)" in opened.bench.interlock.statement

@@ -1,6 +1,7 @@
 """Watchdog process in this process, with pipes and a clock of the test: every line it reads, sends, logs and commands."""
 
 import io
+import json
 import os
 import queue
 import signal
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 
 from drivers.bench.drive_limits import DriveLimits
+from drivers.drive_shapes import LevelPulse
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 from drivers.watchdog import process
@@ -282,6 +284,34 @@ def test_a_heartbeat_says_how_long_the_next_one_may_take(start: Callable[..., Lo
     loop.say("live")  # what was allowed before counts no more
     loop.pass_time(0.41)
     assert loop.calls[1:] == REST * 2
+
+
+LEVEL = json.dumps({"level_v": 4.0, "rest_v": 2.5, "rise_s": 0.3, "hold_s": 6.0, "remaining_s": 5.0})
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("lines", "is_adopted"),
+    [
+        (["live", f"level {LEVEL}"], True),
+        (["live", f"level {LEVEL}", "level"], False),
+        (["live", f"level {LEVEL}", "live"], False),
+    ],
+)
+def test_a_level_is_hastened_until_it_is_forgotten_or_another_run_begins(
+    start: Callable[..., Loop], lines: list[str], is_adopted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def adopt(source: Source, pulse: LevelPulse, end_s: float) -> None:
+        source.calls.append(f"adopt {pulse.level_v:g} V until {end_s:g}")
+
+    monkeypatch.setattr(Source, "adopt_level", adopt, raising=False)
+    loop = ready(start)
+    loop.say(*lines)
+    loop.pass_time(0.42)
+    adopted = [call for call in loop.calls if call.startswith("adopt")]
+    assert loop.calls[1:] == [*adopted, *REST]
+    assert len(adopted) == is_adopted
+    assert not adopted or adopted[0].startswith("adopt 4 V until ")
 
 
 def test_after_rest_nothing_is_watched(start: Callable[..., Loop]) -> None:

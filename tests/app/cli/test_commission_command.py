@@ -146,14 +146,16 @@ def test_records_of_a_simulated_bench_are_kept_apart_and_count_for_the_same_one_
     key = simulated_bench_key(config)
     assert key != simulated_bench_key(simulated(generator={"model": "SDG1032X", "traits": "retime=restarts"}))
     assert key == simulated_bench_key(simulated(generator={"model": "SDG1032X"}, speed=20.0))
-    times = MeasuredTimes(0.2, 1e-3, float("nan"), 0.4, 1.25)
+    assert key != simulated_bench_key(simulated(generator={"model": "SDG1032X"}, interlock={"release_s": 0.2}))
+    times = MeasuredTimes(0.2, 1e-3, float("nan"), 0.4, 1.25, interlock_s=0.58)
     path = save_record(
         IDENTITY, simulated=True, rate_hz=1e5, result=replace(result(), times=times), simulated_bench=key
     )
     assert path.relative_to(tmp_path / "data" / "commissioning").parts[:2] == ("simulated", key)
     assert load_record(IDENTITY) is None
     assert commissioning_state(IDENTITY, simulated=False).refusal.startswith("There is no commissioning record")
-    assert commissioning_state(IDENTITY, simulated=True, simulated_bench=key).level_stop_s == 1.25
+    state = commissioning_state(IDENTITY, simulated=True, simulated_bench=key)
+    assert (state.level_stop_s, state.interlock_s, state.stored["interlock_s"]) == (1.25, 0.58, 0.58)
     assert commissioning_state(IDENTITY, simulated=True, simulated_bench="other").level_stop_s == 0.0
 
 
