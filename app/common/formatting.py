@@ -24,6 +24,11 @@ def typeset(text: str) -> str:
     return _raise_exponents(re.sub(r"(?<![\w.)\]-])-(?=\d)", "−", text))
 
 
+def sentence_case(text: str) -> str:
+    """Return a text with a capital first letter; a symbol stays, such as `c₀`."""
+    return text[:1].upper() + text[1:] if text[:2].isalpha() or text.startswith("a ") else text
+
+
 def _raise_exponents(text: str) -> str:
     return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), text)
 

@@ -177,6 +177,8 @@ class MainWindow(QMainWindow):
             self.start_run()
         elif action == "continue":
             self.controller.repeat_entries((), self.tabs.folder)
+        elif action == "budget":
+            self.tabs.identification_requested.emit()
 
     def escape(self) -> None:
         """Stop from arming until rest is measured; otherwise close what lies on top, or go one step back."""

@@ -54,6 +54,11 @@ GROUPS: dict[str, dict[str, str]] = {
         "membrane-missing": "Membrane missing",
         "weight-mislabelled": "50 g weight weighs 61 g",
     },
+    "Interlock": {
+        "interlock-line-off": "Heartbeat’s wire is off",
+        "interlock-relay-stuck": "Relay sticks as it is",
+        "interlock-never-drops": "Monostable does not drop",
+    },
 }
 """Short names of the faults by group; one that is not listed has its description."""
 

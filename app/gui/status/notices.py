@@ -1,10 +1,12 @@
 """Notices over the page: operator prompts, the unsafe state, failures, and the question whether to close."""
 
+import math
 import time
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
+from app.common import sentence_case
 from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
@@ -65,15 +67,15 @@ class Notices(QObject):
         """Show the messages of a window state."""
         self._no_bench = not view.connected and bool(view.problem)
         self.unsafe.show_state(view)
-        self.problem.show_message("" if view.unsafe else f"{view.problem[:1].upper()}{view.problem[1:]}")
+        self.problem.show_message("" if view.unsafe else sentence_case(view.problem))
         self.problem.buttons[0].setVisible(self._no_bench)
         self._update_answer()
 
     def tick(self) -> None:
         """Show the volts at the amplifier's input on the card of the unsafe state, where they are known."""
         card = self._controller.adapter.observation.card
-        known = card is not None and card.age_s(time.monotonic()) <= KNOWN_S
-        self.unsafe.show_volts(card.drive_v if card is not None and known else None)
+        age_s = math.inf if card is None else card.age_s(time.monotonic())
+        self.unsafe.show_volts(card.drive_v if card is not None and age_s <= KNOWN_S else None, age_s)
 
     def show_prompt(
         self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None, note: str = ""

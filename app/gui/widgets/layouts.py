@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.common import Severity
+from app.common import Severity, sentence_case
 from app.gui.face import KINDS, font_of_kind, px, set_margins
 from app.gui.widgets.key_caps import show_key
 
@@ -207,7 +207,7 @@ def make_labelled_grid(
     """Return a grid of editors in the second column, each with its label, from top to bottom; `wrap`: long labels are wrapped."""
     fields = grid(spacing=spacing, stretch=stretch)
     for at, (text, editor) in enumerate(editors.items()):
-        label = make_label(text, wrap=wrap)
+        label = make_label(sentence_case(text), wrap=wrap)
         label.setBuddy(editor)
         fields.addWidget(label, at, 0)
         fields.addWidget(editor, at, 1)
