@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TypeVar
 
 from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtGui import QFont
 from PySide6.QtWidgets import (
     QBoxLayout,
     QComboBox,
@@ -57,7 +58,7 @@ def set_style_kind(widget: QWidget, kind: str) -> None:
     """Set the property `kind` that the style sheet selects, with its font, and restyle the widget."""
     if widget.property("kind") != kind:
         widget.setProperty("kind", kind)
-        widget.setFont(font_of_kind(kind))
+        widget.setFont(font_of_kind(kind) if kind in KINDS else QFont())  # an own font does not follow the text size
         _restyle(widget)
 
 
