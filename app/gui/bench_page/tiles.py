@@ -45,7 +45,6 @@ class TraceLine(QWidget):
         super().__init__()
         self._values: deque[float] = deque(maxlen=TRACE_LENGTH)
         set_length(self, height=28)
-        self.hide()
 
     def add(self, value: float) -> None:
         """Add a value; one that is not a number ends the line."""
@@ -53,7 +52,6 @@ class TraceLine(QWidget):
             self._values.append(value)
         else:
             self._values.clear()
-        self.setVisible(bool(self._values))
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -100,9 +98,11 @@ class Tile(QFrame):
             textInteractionFlags=links,
         )  # fmt: skip
         self.problem_label.linkActivated.connect(self.remedy_requested)
-        self.live_label = make_label(kind="present", wrap=False, name=f"bench.{role}.live", visible=False)
-        self.live_note = make_label(kind="note", name=f"bench.{role}.live-note", visible=False)
+        self.live_label = make_label(kind="present", wrap=False, name=f"bench.{role}.live")
+        self.live_note = make_label(kind="note", wrap=False, name=f"bench.{role}.live-note")
         self.trace = TraceLine()
+        for part, height in ((self.live_label, 34), (self.live_note, 16)):
+            set_length(part, height=height)  # without a value as well, so that nothing moves when a run begins
         self.instrument_box = make_combo(
             f"bench.{role}.found",
             f"{title}: instruments that were found",
@@ -141,9 +141,8 @@ class Tile(QFrame):
     def show_reading(self, reading: LiveValues | None) -> None:
         """Show the live value; None: there is none."""
         figure, note, value = ("", "", math.nan) if reading is None else self._live_value(reading)
-        for label, text in ((self.live_label, figure), (self.live_note, note)):
-            label.setText(typeset(text))
-            label.setVisible(bool(text))
+        self.live_label.setText(typeset(figure))
+        self.live_note.setText(typeset(note))
         self.trace.add(value)
 
     def use(self, device: FoundDevice) -> None:
@@ -282,9 +281,10 @@ class AmplifierTile(Tile):
     """The amplifier and its characteristic."""
 
     def __init__(self) -> None:
-        self.plot = AmplifierPlot()
+        self.plot = AmplifierPlot()  # in the place of the trace
         shown = ("rest_v", "low_v", "high_v", "slope_below", "slope_above")
         super().__init__("amplifier", "Amplifier", 2, {"amplifier": shown}, self.plot)
+        self.trace.hide()
 
     def show_reading(self, reading: LiveValues | None) -> None:
         super().show_reading(reading)

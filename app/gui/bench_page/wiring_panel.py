@@ -42,6 +42,8 @@ class WiringPanel(QWidget):
 
     def set_state(self, view: WindowState, is_open: bool, enabled: bool) -> None:
         """Show the state of the check; its last outcome belongs to the open bench, and is hidden while another one is shown."""
+        if not enabled and self.start_button.hasFocus():
+            self.setFocus()  # the next control would take the keyboard, and the page scroll to it
         self.start_button.setEnabled(enabled)
         before = self._outcome
         if view.protocol == WIRING_CHECK and (view.busy or view.outcome is not None):

@@ -6,7 +6,7 @@ import time
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
-from app.common import sentence_case
+from app.common import sentence_case, typeset
 from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
@@ -33,7 +33,7 @@ class Notices(QObject):
 
     def __init__(self, controller: SessionController, window: QWidget, host: OverlayHost) -> None:
         super().__init__(window)
-        self._controller, self._no_bench, self._asked_at_s = controller, False, 0.0
+        self._controller, self._no_bench, self._asked_at_s, self._replaced_at_s = controller, False, 0.0, 0.0
         self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, self._on_reconnect)
         self.closing = MessageCard(
             "notices.closing",
@@ -66,8 +66,10 @@ class Notices(QObject):
     def set_state(self, view: WindowState) -> None:
         """Show the messages of a window state."""
         self._no_bench = not view.connected and bool(view.problem)
+        if view.unsafe and self.unsafe.isHidden() and not self.problem.isHidden():
+            self._replaced_at_s = time.monotonic()  # F4 that was meant for the problem does not answer the unsafe card
         self.unsafe.show_state(view)
-        self.problem.show_message("" if view.unsafe else sentence_case(view.problem))
+        self.problem.show_message("" if view.unsafe else typeset(sentence_case(view.problem)))
         self.problem.buttons[0].setVisible(self._no_bench)
         self._update_answer()
 
@@ -133,7 +135,9 @@ class Notices(QObject):
     def _on_dismiss(self) -> None:
         if self._awaits_answer(self.closing):
             self.cancel_closing()
-        elif not (self.unsafe.isHidden() and self.problem.isHidden()):
+        elif self.unsafe.isHidden() and self.problem.isHidden():
+            return
+        elif time.monotonic() - self._replaced_at_s >= INPUT_GUARD_S:
             self._controller.acknowledge()
 
     def _on_reconnect(self) -> None:
