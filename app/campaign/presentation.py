@@ -151,7 +151,7 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     follows = () if summary.next_item is None else (CampaignAction.RUN,)
     actions = (CampaignAction.ACCEPT, CampaignAction.REJECT, *follows)
     why = f"{item.state.title}. {_dependents_text(summary, item)}"
-    return NextStep(f"Accept what {item.name} found?", why, result, actions, item.name)
+    return NextStep(f"Accept the result of {item.name}?", why, result, actions, item.name)
 
 
 def _join_names(names: list[str]) -> str:

@@ -281,10 +281,10 @@ class BenchStrip(QWidget):
         if look.hazard:
             draw_hatch(painter, QRectF(0, 0, px(10), self.height()), ink, ground, 10.0)
         side = px(28)
-        draw_icon(painter, look.icon, QRectF(px(16), (self.height() - side) / 2, side, side), ink)
+        draw_icon(painter, look.icon, QRectF(px(15), (self.height() - side) / 2, side, side), ink)
         painter.setPen(QColor(ink))
         painter.setFont(text_font(PRESENT_PX, BOLD))
-        painter.drawText(QRectF(px(52), 0, width - px(52), self.height()), LEFT, look.word)
+        painter.drawText(QRectF(px(48), 0, width - px(48), self.height()), LEFT, look.word)
 
     def _draw_measured(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None

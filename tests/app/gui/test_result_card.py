@@ -8,6 +8,7 @@ import pytest
 from PySide6.QtCore import Qt, QUrl
 
 from app.common import sentence_case
+from app.gui.results.card import BUDGET
 from app.gui.results.report_job import ReportJob
 from app.gui.shell.page_host import RUNS
 from model import quantity_label
@@ -39,7 +40,7 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     stage.happen(*LIVE, point(0, 100.0), AT_REST, ended)
     assert not card.isHidden()
     assert "Not judged" in find(card, "result.verdict").text()
-    assert shown_figure(card) == (NATURAL, "158 Hz", "<a href='budget'>total not known</a>", "± 1.6 Hz noise")
+    assert shown_figure(card) == (NATURAL, "158 Hz", BUDGET, "± 1.6 Hz noise")
     assert "moment per volt" in find(card, "result.more").text()
     assert find(card, "result.file").text() == "one.h5"
     assert find(card, "result.simulated").isVisibleTo(card)
