@@ -317,6 +317,8 @@ class BenchStrip(QWidget):
         elif narrow and in_run:
             points, _, rest = run.note.partition(", ")
             titles, notes = (points.removesuffix(" points"),), (rest,)
+        elif narrow and run.outcome is not None:
+            titles, notes = (run.note.partition(", ")[0],), titles
         elif run.outcome is None and not run.fraction:
             titles = (*titles, "No run")
         colored = not self.view.danger and look_of(self.view).tint not in ("amber", "red") and run.outcome is not None
