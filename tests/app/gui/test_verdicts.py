@@ -73,8 +73,8 @@ def test_no_usable_point_is_told_with_the_remedy_in_the_status_line_and_on_the_c
 
 def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Stage) -> None:
     expected = [
-        ["✕ FAIL", "gain above rest", "0.03", "1 … 1000", "µm/V", OPTICS],  # what to remedy comes first
-        ["✓ pass", "noise floor", "0.5", "at most 5", "µm", ""],
+        ["✕ FAIL", "Gain above rest", "0.03", "1 … 1000", "µm/V", OPTICS],  # what to remedy comes first
+        ["✓ pass", "Noise floor", "0.5", "at most 5", "µm", ""],
     ]
     begin = RunStarted("wiring-check", "run.h5", 6.0, 4, True)
     stage.window.measure_page.run_panel.set_protocol(WiringCheck())
