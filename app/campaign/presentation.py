@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from app.campaign.series import varied_label
 from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
-from app.common import format_bytes, format_duration, sentence
+from app.common import format_bytes, format_duration, sentence_case
 from app.session import format_voltage_range
 from model import format_value, quantity_label
 from protocols import Rehearsal
@@ -151,7 +151,7 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     follows = () if summary.next_item is None else (CampaignAction.RUN,)
     actions = (CampaignAction.ACCEPT, CampaignAction.REJECT, *follows)
     why = f"{item.state.title}. {_dependents_text(summary, item)}"
-    return NextStep(f"Accept what {item.name} found?", why, result, actions, item.name)
+    return NextStep(f"Accept the result of {item.name}?", why, result, actions, item.name)
 
 
 def _join_names(names: list[str]) -> str:
@@ -164,7 +164,7 @@ def _run_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     if item.rehearsal is not None:
         takes = f"{format_rehearsal(item.rehearsal, summary.time_scale)}."
         at_most = item.state.next_action is NextAction.RESUME
-        detail = f"At most {takes}" if at_most else sentence(takes)
+        detail = f"At most {takes}" if at_most else sentence_case(takes)
     hands_free = () if summary.next_hands_free is None else (CampaignAction.RUN_HANDS_FREE,)
     return NextStep(heading, next_action_reason(item.state), detail, (CampaignAction.RUN, *hands_free), item.name)
 

@@ -18,7 +18,7 @@ from .formatting import format_outcome as format_outcome
 from .formatting import format_point as format_point
 from .formatting import format_series as format_series
 from .formatting import pluralize as pluralize
-from .formatting import sentence as sentence
+from .formatting import sentence_case as sentence_case
 from .formatting import typeset as typeset
 from .formatting import typeset_unit as typeset_unit
 from .minmax import minmax_decimate as minmax_decimate

@@ -13,11 +13,6 @@ from protocols.base import Quality, Series
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def sentence(text: str) -> str:
-    """Return a text with a capital first letter; the others stay as they are."""
-    return text[:1].upper() + text[1:]
-
-
 def typeset_unit(unit: str) -> str:
     """`N m^2` as `N m²`; the unit `1` is omitted."""
     return "" if unit == "1" else _raise_exponents(unit)
@@ -27,6 +22,11 @@ def typeset(text: str) -> str:
     """Return a line as a window shows it: `N m²`, `peak-to-peak displacement`, `−5` for `N m^2`, `max - min`, `-5`."""
     text = re.sub(r"max ?- ?min", "peak-to-peak displacement", text)
     return _raise_exponents(re.sub(r"(?<![\w.)\]-])-(?=\d)", "−", text))
+
+
+def sentence_case(text: str) -> str:
+    """Return a text with a capital first letter; a symbol stays, such as `c₀`."""
+    return text[:1].upper() + text[1:] if text[:2].isalpha() or text.startswith("a ") else text
 
 
 def _raise_exponents(text: str) -> str:

@@ -157,7 +157,9 @@ class FleetSelection:
     @property
     def about(self) -> str:
         """Origin of the values, as text."""
-        source = "accepted calibrations" if self.protocol == CALIBRATION else f"{self.protocol} runs"
+        source = (
+            "accepted calibrations" if self.protocol == CALIBRATION else f"runs of {self.protocol.replace('-', ' ')}"
+        )
         return f"{source}{f' at {self.condition}' if self.condition else ''}"
 
 

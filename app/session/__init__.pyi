@@ -43,5 +43,6 @@ from .state import WindowState as WindowState
 from .state import initial_window_state as initial_window_state
 from .strip import KNOWN_S as KNOWN_S
 from .strip import StripView as StripView
+from .strip import format_measured_volts as format_measured_volts
 from .strip import format_voltage_range as format_voltage_range
 from .strip import strip_view as strip_view

@@ -4,7 +4,15 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
 
-from app.common import Severity, format_duration, format_point, format_series, outcome_severity, pluralize, sentence
+from app.common import (
+    Severity,
+    format_duration,
+    format_point,
+    format_series,
+    outcome_severity,
+    pluralize,
+    sentence_case,
+)
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
 from model import format_estimate, format_quantity, format_time
 from protocols import PROTOCOLS
@@ -167,10 +175,10 @@ def describe_verdict(verdict: Verdict, reasons_shown: bool = False) -> str:
             return ""
     if len(lines) > MAX_REASONS:
         lines = [*lines[:MAX_REASONS], f"… and {len(lines) - MAX_REASONS} more in the log"]
-    return "\n".join(sentence(line) for line in lines)
+    return "\n".join(sentence_case(line) for line in lines)
 
 
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
     estimates = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
     text = event.summary
-    return outcome_severity(event.verdict.outcome), sentence(text) + estimates
+    return outcome_severity(event.verdict.outcome), sentence_case(text) + estimates

@@ -221,7 +221,7 @@ def _run_line(view: WindowState, streamed_s: float, bench: "Bench | None") -> Ru
     progress = view.progress
     flagged = f", {view.unusable} not usable" if view.unusable else ""
     outcome = None if view.outcome is None else view.outcome.verdict.outcome
-    verdict = "no run yet" if outcome is None else f"{OUTCOME_SYMBOLS[outcome]} {outcome.upper()}"
+    verdict = "no run yet" if outcome is None else f"{OUTCOME_SYMBOLS[outcome]} {outcome}"
     if view.queued:
         return RunLine(view.queued, "begins when the bench is connected")
     if progress is None:
@@ -235,4 +235,4 @@ def _run_line(view: WindowState, streamed_s: float, bench: "Bench | None") -> Ru
     fraction = progress.done / max(progress.entries, 1)
     if outcome is None:
         return RunLine(progress.title, done, fraction)
-    return RunLine(verdict, f"{progress.title}, {done}", fraction, outcome)
+    return RunLine(progress.title, f"{verdict}, {done}", fraction, outcome)

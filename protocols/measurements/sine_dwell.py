@@ -103,7 +103,7 @@ def amplitude_text(point: SinePoint) -> str:
     phase = format_with_uncertainty(math.degrees(point.phase), math.degrees(point.phase_errors))
     return (
         f"{point.frequency:.3f} Hz: max - min {format_quantity(point.peak_to_peak, point.peak_to_peak_errors, 'm')}, "
-        f"2 x fundamental {format_quantity(2 * point.fundamental, 2 * point.fundamental_errors, 'm')}, phase {phase}°, "
+        f"2 × fundamental {format_quantity(2 * point.fundamental, 2 * point.fundamental_errors, 'm')}, phase {phase}°, "
         f"THD {format_with_uncertainty(100 * point.thd, 0.0, '%', digits=3)}"
     )
 

@@ -34,13 +34,16 @@ class BenchEditor(QWidget):
     Args:
         worker: scans.
         controls: of the simulated bench that the window has opened; None for a real one.
+        wiring: shown below the tiles.
         sensor_items: shown below the sensor's table.
     """
 
     changed = Signal()
     """A value was edited, or a fault in one was made or mended."""
 
-    def __init__(self, worker: BackgroundWorker, controls: SimulationControls | None, *sensor_items: QWidget) -> None:
+    def __init__(
+        self, worker: BackgroundWorker, controls: SimulationControls | None, wiring: QWidget, *sensor_items: QWidget
+    ) -> None:
         super().__init__()
         self._worker = worker
         self.draft: BenchDraft | None = None
@@ -66,15 +69,18 @@ class BenchEditor(QWidget):
         self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.sensor, self.card)
         self.further, self.simulation = FurtherTables(), SimulationPanel(controls)
         column(
-            row(make_label("Name", wrap=False), (self.name_edit, 1), self.kind_segments),
-            row(self.scan_button, (self.hosts_edit, 2), (self.server_edit, 1)),
+            row(
+                make_label("Name", wrap=False), (self.name_edit, 2), self.kind_segments, 12, self.scan_button,
+                (self.hosts_edit, 2), (self.server_edit, 1),
+            ),
             self.message_label,
             TileGrid(self.tiles),
+            wiring,
             self.further,
             self.simulation,
             parent=self,
             spacing=6,
-        )
+        )  # fmt: skip
         self.name_edit.textEdited.connect(lambda _: self._on_edited())
         for part in (*self.tiles, self.further, self.simulation):
             part.changed.connect(self._on_edited)

@@ -1,4 +1,4 @@
-"""Bench page: list of benches, the instruments of one, scan, live values and its file."""
+"""Bench page: switch of benches, the instruments of one, scan, live values and its file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices
-from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, QSplitter, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.config import BenchConfig, BenchDraft, bench_files
 from app.gui.bench_page.calibration_panel import CalibrationPanel
@@ -19,12 +19,14 @@ from app.gui.status import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
+    ElidedLabel,
+    WrappedRow,
+    WrappingPane,
     choose_files,
     column,
     configure,
     make_button,
-    make_label,
-    make_pane,
+    make_choice,
     make_scroll_area,
     make_toggle,
     row,
@@ -39,8 +41,8 @@ STALE_S = 1.0
 SIMULATED = (("sim", "Simulated bench"), ("ideal", "Simulated, ideal"))
 
 
-class BenchList(QWidget):
-    """The simulated benches, the user's bench files, and a new one; selecting one shows it, and does not connect to it.
+class BenchSwitch(WrappingPane):
+    """The simulated benches, the user's bench files, and a new one; choosing one shows it, and does not connect to it.
 
     Args:
         begin: begins a new bench.
@@ -51,46 +53,51 @@ class BenchList(QWidget):
 
     def __init__(self, begin: Callable[[], object]) -> None:
         super().__init__()
-        self.list = configure(
-            QListWidget(),
-            "bench.list",
-            accessibleName="benches",
-            selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
-            minimumHeight=90,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-        )
-        new = make_button("New bench", begin, tip="Begin the file of another bench", name="bench.new")
-        browse = make_button("Open a file …", self._browse, tip="A bench file from elsewhere", name="bench.browse")
-        column(make_label("Benches", "heading", wrap=False), (self.list, 1), new, browse, parent=self)
-        self.list.currentItemChanged.connect(self._on_current)
+        configure(self, "bench.switch", accessibleName="benches")
+        self.buttons: dict[str, QPushButton] = {}
+        """By path or name; the new bench has an empty one."""
+        new = make_button("New bench", begin, "link", "Begin the file of another bench", "bench.new")
+        browse = make_button("Open a file …", self._browse, "link", "A bench file from elsewhere", "bench.browse")
+        self._others = (new, browse)
+        self._row = WrappedRow(*self._others)
+        self.setLayout(self._row)
 
     def show_benches(self, files: Sequence[Path], current: str, open_bench: str) -> None:
-        """List the benches; `current` is selected without being announced, and `open_bench` marked."""
-        named = [*SIMULATED, *((str(path), path.stem) for path in files)]
-        if current and current not in dict(named):
-            named.append((current, Path(current).stem))
-        if not current:
-            named.append(("", "new bench"))
-        self.list.blockSignals(True)
-        self.list.clear()
-        for name, title in named:
-            item = QListWidgetItem(f"{title}  (open)" if name == open_bench else title)
-            item.setData(Qt.ItemDataRole.UserRole, name)
-            item.setToolTip(name)
-            self.list.addItem(item)
-            if name == current:
-                self.list.setCurrentItem(item)
-        self.list.blockSignals(False)
+        """Show the benches with `current` chosen and `open_bench` marked."""
+        named = dict((*SIMULATED, *((str(path), path.stem) for path in files)))
+        named.setdefault(current, Path(current).stem or "new bench")
+        focused = any(button.hasFocus() for button in self.buttons.values())
+        while self._row.takeAt(0) is not None:
+            pass
+        for button in self.buttons.values():
+            button.deleteLater()
+        self.buttons = {name: self._make_button(name, title, name == open_bench) for name, title in named.items()}
+        for button in (*self.buttons.values(), *self._others):
+            self._row.addWidget(button)
+        self.buttons[current].setChecked(True)
+        if focused:
+            self.take_focus()
 
-    def _on_current(self, item: QListWidgetItem | None) -> None:
-        if item is not None and (name := item.data(Qt.ItemDataRole.UserRole)):
-            self.selected.emit(name)
+    def _make_button(self, name: str, title: str, is_open: bool) -> QPushButton:
+        button = make_choice(f"{title}  (open)" if is_open else title, name, checkable=True)
+        if name:
+            button.clicked.connect(lambda _=False: self.selected.emit(name))
+        return configure(button, f"bench.show.{name}", kind="choice", autoExclusive=True)
+
+    def hasHeightForWidth(self) -> bool:
+        """Return False: its least height follows from its width, and the page below shrinks to nothing."""
+        return False
+
+    def take_focus(self) -> None:
+        """Give the keyboard to the chosen bench."""
+        chosen = next((each for each in self.buttons.values() if each.isChecked()), self._others[0])
+        chosen.setFocus()
 
     def _browse(self) -> None:
         choose_files(self, "Open a bench file", lambda paths: self.selected.emit(str(paths[0])), "Bench files (*.toml)")
 
 
-class BenchPage(QSplitter):
+class BenchPage(QWidget):
     """One page of the window.
 
     Args:
@@ -111,11 +118,11 @@ class BenchPage(QSplitter):
     """Speed of the simulated bench; None is the virtual clock."""
 
     def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str) -> None:
-        super().__init__(Qt.Orientation.Horizontal)
+        super().__init__()
         self._adapter, self._config, self._open_bench = adapter, config, open_bench
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
-        self.benches = BenchList(self._begin_bench)
+        self.benches = BenchSwitch(self._begin_bench)
         self.connect_button = make_button(
             "Save and connect",
             self.save_and_connect,
@@ -133,9 +140,7 @@ class BenchPage(QSplitter):
         self.show_button = make_button(
             "Show file", lambda: _show_file(self.draft), tip="Open the folder of the file", name="bench.show"
         )
-        self.file_label = make_label(
-            kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
-        )
+        self.file_label = configure(ElidedLabel(), "bench.file", kind="note")
         self.calibration = CalibrationPanel(self._move_target if config.simulated else None)
         self.calibrate_button = make_toggle(
             "Calibrate …", "Two or more positions with their volts", "bench.calibrate", self.calibration
@@ -143,13 +148,13 @@ class BenchPage(QSplitter):
         controls = None
         if adapter.simulation is not None:
             controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.session")
-        self.editor = BenchEditor(self._worker, controls, self.calibrate_button)
+        wiring_check = PROTOCOLS[WIRING_CHECK]
+        self.wiring = WiringPanel(lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
+        self.editor = BenchEditor(self._worker, controls, self.wiring, self.calibrate_button)
         self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated)
         self.live_button = make_toggle(
             "Live view, level and tone by hand", "Traces, to align the laser", "bench.live", self.live
         )
-        wiring_check = PROTOCOLS[WIRING_CHECK]
-        self.wiring = WiringPanel(lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
         self.commissioning = CommissioningPanel(self._worker, self.commission, self.stop_requested.emit)
         self._build()
         self.show_bench(open_bench)
@@ -167,7 +172,7 @@ class BenchPage(QSplitter):
         self._update_buttons()
 
     def activate(self) -> None:
-        self.benches.list.setFocus()
+        self.benches.take_focus()
 
     def tick(self) -> None:
         """Show live values of the open bench."""
@@ -307,6 +312,7 @@ class BenchPage(QSplitter):
             return
         where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"
         self.file_label.setText(f"{where}{', edited' if edited and draft.name else ''}")
+        self.file_label.setToolTip(where)
 
     def _show_calibration(self, shown: bool) -> None:
         if shown:
@@ -331,14 +337,12 @@ class BenchPage(QSplitter):
             self._area.ensureWidgetVisible(part, 0, 6)
 
     def _build(self) -> None:
-        configure(self, "bench/columns", childrenCollapsible=False)
         head = row(
             self.connect_button,
             self.save_button,
             self.discard_button,
             self.show_button,
             (self.file_label, 1),
-            margins=(6, 0, 6, 0),
         )
         self._area = make_scroll_area(
             self.editor,
@@ -346,18 +350,13 @@ class BenchPage(QSplitter):
             self.live,
             self.calibration,
             self.commissioning,
-            self.wiring,
             STRETCH,
-            margins=(6, 0, 6, 6),
+            margins=(0, 0, 6, 6),
             spacing=6,
             focusPolicy=Qt.FocusPolicy.NoFocus,
         )
         self._area.setMinimumSize(300, 200)
-        self.benches.setMinimumWidth(150)
-        for part, stretch in ((self.benches, 0), (make_pane(head, (self._area, 1), spacing=6), 1)):
-            self.addWidget(part)
-            self.setStretchFactor(self.indexOf(part), stretch)
-        self.setSizes([200, 1000])
+        column(self.benches, head, (self._area, 1), parent=self, spacing=6)
         self.calibrate_button.toggled.connect(self._show_calibration)
         # The table has its place only after the layout, and a check that has ended hides its prompts.
         self.wiring.ended.connect(lambda: QTimer.singleShot(0, self, self._show_wiring))

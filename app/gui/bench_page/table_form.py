@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLineEdit, QSizePolicy, QWidget
 
 from app.config import BenchConfig, ConfigTable
@@ -38,7 +39,7 @@ class TableForm(FieldForm):
         self._hints = {name: row.editor.toolTip() for name, row in self.rows.items()}
         top, below = (_make_grid([self.rows[name] for name in part]) for part in (shown, others))
         more = make_toggle("More", "Show the other values of this table", f"bench.{table}.more", below)
-        column(top, more, below, parent=self, spacing=4)
+        column(top, (more, 0, Qt.AlignmentFlag.AlignLeft), below, parent=self, spacing=4)
         more.setVisible(bool(others))
 
     @classmethod

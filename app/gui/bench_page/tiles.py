@@ -1,6 +1,7 @@
 """Tiles of the instruments in the order of the wires: source, amplifier, card and sensor."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 
@@ -12,10 +13,10 @@ from app.common import typeset
 from app.config import BenchConfig, FoundDevice
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
-from app.gui.face import LABEL_PX, px, text_font, tokens
+from app.gui.face import LABEL_PX, px, set_length, text_font, tokens
 from app.gui.widgets import STRETCH, Item, column, configure, make_combo, make_label, row
 from app.live import LiveValues
-from app.session import InstrumentStatus, Lamp
+from app.session import InstrumentStatus, Lamp, format_measured_volts
 
 LAMP_MARKS = {Lamp.READY: "●", Lamp.WAITING: "○", Lamp.SUSPECT: "▲", Lamp.MISSING: "✕"}
 SOURCE_KINDS = {"generator": "generator", "supply": "dc-supply"}
@@ -31,7 +32,39 @@ REMEDIES = {
 WIRES, WIRE_PX = ("drive", "HV", "signal"), 44
 """Names of the wires between the tiles of a row, and their length."""
 
+TRACE_LENGTH, LEAST_SPAN = 100, 0.01
+"""Values of the trace of a tile; and its least height in their unit, so that noise of no account looks like none."""
+
 NOT_CONNECTED = "Save and connect to see its identity and live values"
+
+
+class TraceLine(QWidget):
+    """The last live values as a line without axes, between their lowest and highest; none while there are none."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._values: deque[float] = deque(maxlen=TRACE_LENGTH)
+        set_length(self, height=28)
+
+    def add(self, value: float) -> None:
+        """Add a value; one that is not a number ends the line."""
+        if math.isfinite(value):
+            self._values.append(value)
+        else:
+            self._values.clear()
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if self._values:
+            low, high, height = min(self._values), max(self._values), self.height() - 4
+            middle, scale = (low + high) / 2, height / max(high - low, LEAST_SPAN)
+            step, first = self.width() / (TRACE_LENGTH - 1), TRACE_LENGTH - len(self._values)
+            points = ((first + at, value) for at, value in enumerate(self._values))
+            painter.setPen(QPen(QColor(tokens().text), 1.25))
+            painter.drawPolyline([QPointF(x * step, 2 + height / 2 - (value - middle) * scale) for x, value in points])
+        painter.end()
 
 
 class Tile(QFrame):
@@ -55,7 +88,7 @@ class Tile(QFrame):
         self.role = role
         self.forms = {name: TableForm.of_bench(name, main) for name, main in tables.items()}
         self.form, *_ = self.forms.values()
-        self.title_label = make_label(f"{number}  {title}", "caption", wrap=False)
+        self.title_label = make_label(f"{number}  {title}", "heading", wrap=False)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
         self.problem_label = make_label(visible=False)
@@ -65,7 +98,11 @@ class Tile(QFrame):
             textInteractionFlags=links,
         )  # fmt: skip
         self.problem_label.linkActivated.connect(self.remedy_requested)
-        self.live_label = make_label(kind="value", name=f"bench.{role}.live")
+        self.live_label = make_label(kind="present", wrap=False, name=f"bench.{role}.live")
+        self.live_note = make_label(kind="note", wrap=False, name=f"bench.{role}.live-note")
+        self.trace = TraceLine()
+        for part, height in ((self.live_label, 34), (self.live_note, 16)):
+            set_length(part, height=height)  # without a value as well, so that nothing moves when a run begins
         self.instrument_box = make_combo(
             f"bench.{role}.found",
             f"{title}: instruments that were found",
@@ -79,8 +116,10 @@ class Tile(QFrame):
 
         column(
             row(self.title_label, STRETCH, self.state_label),
-            self.live_label,
             self.identity_label,
+            self.live_label,
+            self.live_note,
+            self.trace,
             self.problem_label,
             self.instrument_box,
             *self.forms.values(),
@@ -101,7 +140,10 @@ class Tile(QFrame):
 
     def show_reading(self, reading: LiveValues | None) -> None:
         """Show the live value; None: there is none."""
-        self.live_label.setText("" if reading is None else typeset(self._live_text(reading)))
+        figure, note, value = ("", "", math.nan) if reading is None else self._live_value(reading)
+        self.live_label.setText(typeset(figure))
+        self.live_note.setText(typeset(note))
+        self.trace.add(value)
 
     def use(self, device: FoundDevice) -> None:
         """Fill in an instrument of the scan; no scan covers the tiles that do not override this."""
@@ -133,10 +175,9 @@ class Tile(QFrame):
             self.instrument_box.setCurrentIndex(1)
             self.use(devices[0])
 
-    def _live_text(self, reading: LiveValues) -> str:
-        """Return the live value of this instrument."""
-        del reading
-        return ""
+    def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
+        """Return the live value of this instrument, what it is, and as a number for its trace."""
+        return f"{reading.drive_v:z.3f} V", "its output, as the card sees it", reading.drive_v
 
     def _show_tables(self) -> None:
         """Show parts of the tile that depend on its tables."""
@@ -240,17 +281,18 @@ class AmplifierTile(Tile):
     """The amplifier and its characteristic."""
 
     def __init__(self) -> None:
-        self.plot = AmplifierPlot()
-        shown = ("name", "serial", "rest_v", "low_v", "high_v", "slope_below", "slope_above")
+        self.plot = AmplifierPlot()  # in the place of the trace
+        shown = ("rest_v", "low_v", "high_v", "slope_below", "slope_above")
         super().__init__("amplifier", "Amplifier", 2, {"amplifier": shown}, self.plot)
+        self.trace.hide()
 
     def show_reading(self, reading: LiveValues | None) -> None:
         super().show_reading(reading)
         self.plot.show_input(None if reading is None else reading.drive_v)
 
-    def _live_text(self, reading: LiveValues) -> str:
-        volts = round(float(self.form.record.amplifier_map.specimen_v([reading.drive_v])[0]))
-        return f"{volts:+d} V with high voltage" if volts else "0 V with high voltage"
+    def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
+        volts = float(self.form.record.amplifier_map.specimen_v([reading.drive_v])[0])
+        return format_measured_volts(volts, volts), "at the specimen if high voltage is on", math.nan  # it has its plot
 
     def _show_tables(self) -> None:
         if not self.form.has_faults:
@@ -269,20 +311,23 @@ class CardTile(Tile):
         self.form.update_record(device=device.where, serial=device.serial, server=self._server())
         self.changed.emit()
 
-    def _live_text(self, reading: LiveValues) -> str:
-        card = self.form.record
-        return f"{card.drive_channel} {reading.drive_v:z.3f} V\n{card.displacement_channel} {reading.sensor_v:z.4f} V"
+    def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
+        card, sensor = self.form.record, f"{reading.sensor_v:z.4f} V"
+        return (
+            f"{reading.drive_v:z.3f} V",
+            f"{card.drive_channel}, drive; {card.displacement_channel}, sensor: {sensor}",
+            reading.drive_v,
+        )
 
 
 class SensorTile(Tile):
     """The displacement sensor and its calibration."""
 
     def __init__(self, *items: QWidget) -> None:
-        shown = ("preset", "name", "serial", "gain_m_per_v", "gain_relative_uncertainty", "zero_v", "valid_low_v")
-        further = ("valid_high_v", "calibrated", "expires")
-        super().__init__("sensor", "Sensor", 3, {"sensor": (*shown, *further)}, *items)
+        shown = ("preset", "gain_m_per_v", "gain_relative_uncertainty", "valid_low_v", "valid_high_v", "expires")
+        super().__init__("sensor", "Sensor", 3, {"sensor": shown}, *items)
 
-    def _live_text(self, reading: LiveValues) -> str:
+    def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
         if math.isnan(reading.displacement_um):
-            return "out of range"
-        return f"{reading.displacement_um:+z.2f} µm"
+            return "out of range", "move the sensor", math.nan
+        return f"{reading.displacement_um:+z.2f} µm", "displacement, mean of a second", reading.displacement_um

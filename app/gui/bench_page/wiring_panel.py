@@ -27,22 +27,23 @@ class WiringPanel(QWidget):
         super().__init__()
         self._outcome: RunEnded | None = None
         """End of the last wiring check; None before the first one and during one."""
-        self.start_button = make_button("Check wiring", start, "go", name="bench.check")
+        self.start_button = make_button("Check the wiring", start, "go", name="bench.check")
         self.status_label = make_label(kind="large", name="bench.check.status")
         self.table = CheckTable()
         self.table.setMinimumHeight(330)
         self.table.setObjectName("bench.check.table")
         self.table.hide()
         panel = make_panel(
-            make_label("Check the wiring", "heading", wrap=False),
+            row(make_label("Wiring check", "heading", wrap=False), (self.status_label, 1), self.start_button),
             make_label(ABOUT_TEXT),
-            row(self.start_button, (self.status_label, 1)),
             self.table,
         )
         column(panel, parent=self)
 
     def set_state(self, view: WindowState, is_open: bool, enabled: bool) -> None:
         """Show the state of the check; its last outcome belongs to the open bench, and is hidden while another one is shown."""
+        if not enabled and self.start_button.hasFocus():
+            self.setFocus()  # the next control would take the keyboard, and the page scroll to it
         self.start_button.setEnabled(enabled)
         before = self._outcome
         if view.protocol == WIRING_CHECK and (view.busy or view.outcome is not None):

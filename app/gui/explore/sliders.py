@@ -6,7 +6,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QWidget
 
-from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, UnitError, read_number
+from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, UnitError, read_number, sentence_case
 from app.explore import DRIVE_SLIDER, GROUPS, SKIN_PARAMETERS, ExploreSetting, SliderSpec
 from app.gui.widgets import column, configure, grid, make_label, set_style_kind
 from model import ParameterError, ParameterSpec, variable_specs
@@ -26,7 +26,7 @@ class SliderRow:
 
     def __init__(self, spec: SliderSpec, quantity: ParameterSpec, panel: "SliderPanel") -> None:
         self.spec, self._quantity, self._panel = spec, quantity, panel
-        self.label = QLabel(spec.label)
+        self.label = QLabel(sentence_case(spec.label))
         self.slider_widget = configure(
             _Slider(Qt.Orientation.Horizontal), maximum=SLIDER_STEPS, singleStep=5, pageStep=50, minimumWidth=40
         )

@@ -53,7 +53,7 @@ QLineEdit[kind="faulty"], QPlainTextEdit[kind="faulty"] { border: 2px solid $red
 QLineEdit:disabled, QPlainTextEdit:disabled, QComboBox:disabled { color: $text2; background: $sunken; }
 
 QPushButton, QToolButton[kind="tool"] {
-    background: $surface; color: $text; border: 1px solid $outline; border-radius: 6px; padding: 0.4em 0.9em;
+    outline: none; background: $surface; color: $text; border: 1px solid $outline; border-radius: 6px; padding: 0.4em 0.9em;
 }
 QToolButton[kind="tool"] { padding: 0.3em 0.5em; }
 QToolButton[popupMode="2"] { padding-right: 1.5em; }

@@ -134,7 +134,7 @@ class ChartPane(ViewPane):
         text, kind = VERDICTS.get(chart.cause, (f"✕ Drift of the {chart.cause}", "danger"))
         self.verdict_label.setText(f"{text}{since if chart.cause.is_drift else ''}")
         set_style_kind(self.verdict_label, kind)
-        self.notes_label.setText("\n".join((*view.notes, BASELINE_TEXT)))
+        self.notes_label.setText(typeset("\n".join((*view.notes, BASELINE_TEXT))))
         name = typeset(view.selection.label)
         title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {name}, {view.selection.about}"
         self.plot.show_chart(chart, view.selection.unit, title, view.simulated)

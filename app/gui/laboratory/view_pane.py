@@ -7,7 +7,7 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
-from app.common import Table, sentence
+from app.common import Table, sentence_case
 from app.fleet import Fleet
 from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, make_combo
 
@@ -38,7 +38,7 @@ class ViewPane(QWidget):
         self._fleet: Fleet | None = None
         self._folder = Path()
         self.view: Any = None
-        tip = f"{sentence(self.EXPORTED)} as CSV, SI, every digit"
+        tip = f"{sentence_case(self.EXPORTED)} as CSV, SI, every digit"
         self.export_button = make_button("Export …", self._choose_export, "choice", tip, self.BUTTON_NAME)
 
     @property

@@ -30,6 +30,7 @@ from app.gui.widgets import (
     make_scroll_area,
     row,
     set_style_kind,
+    show_key,
     tooltip,
 )
 from app.identification import read_label
@@ -218,6 +219,9 @@ class RunPanel(QWidget):
         began, self._busy = view.busy and not self._busy, view.busy
         self.result_card.set_state(view)
         self.no_result_label.setVisible(self.result_card.isHidden())
+        waits = view.prompt is not None
+        self.run_button.setText("Run" if not view.busy else "Waits for you" if waits else "Running")
+        show_key(self.run_button, "" if view.busy else ACTIONS["run"].shortcut)
         result = self.segments.buttons[RESULT]
         result.setText("Result so far" if view.busy else "Result")
         result.setEnabled(not self.result_card.isHidden())

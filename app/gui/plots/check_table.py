@@ -3,7 +3,7 @@
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QWidget
 
-from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity, sentence
+from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity, sentence_case
 from app.gui.face import follow_tokens, tokens
 from app.gui.widgets import column, fill_table, make_label, make_read_only_table, set_tone
 from protocols.base import Outcome, Verdict
@@ -34,12 +34,12 @@ class CheckTable(QWidget):
         count = f"{failed} of {len(verdict.checks)} checks did not pass" if failed else "all checks passed"
         head = "" if outcome is Outcome.DID_NOT_PASS else f"{outcome}: "
         text = f"{head}{count}"
-        self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {sentence(text)}")
+        self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {sentence_case(text)}")
         set_tone(self.caption, outcome_severity(outcome))
         rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # failed checks come first
         fill_table(
             self.table,
-            [("✓ pass" if row.passed else "✕ FAIL", *map(str, row[1:])) for row in rows],
+            [("✓ pass" if row.passed else "✕ FAIL", sentence_case(row.name), *map(str, row[2:])) for row in rows],
             lambda at, place: tokens().passed_color(rows[at].passed) if place == 0 or not rows[at].passed else "",
             [COLUMNS.index(name) for name in RIGHT_ALIGNED],
         )

@@ -9,7 +9,7 @@ import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 
-from app.common import sentence
+from app.common import sentence_case
 from app.gui.face import tokens
 from model import Array, Band, Mask, Series
 
@@ -55,7 +55,7 @@ def color_of(tone: str) -> QColor:
 
 def axis_title(name: str, unit: str = "") -> str:
     """Return the title of an axis: `Frequency, Hz`."""
-    return f"{sentence(name)}{f', {unit}' if unit else ''}"
+    return f"{sentence_case(name)}{f', {unit}' if unit else ''}"
 
 
 def unit_of(title: str) -> str:

@@ -18,6 +18,7 @@ from app.common import (
     check_row,
     outcome_severity,
     pluralize,
+    sentence_case,
     summarize_result,
     typeset,
 )
@@ -59,6 +60,7 @@ BUTTONS = {
 
 UNFINISHED = (Outcome.STOPPED, Outcome.FAILED, Outcome.UNSAFE)
 NOTE = "± one standard uncertainty; noise: of this run; total: with the sensor's gain. The other parts come with Identify … (Shift+F7)"
+BUDGET = "<a href='budget'>total not known</a>"
 SO_FAR = "So far, by noise, hysteresis and creep; everything else is as in {}, and counts as exact, as does the sensor's gain."
 TOO_FEW = "Not enough points yet to separate the parameters; points at other frequencies will."
 
@@ -97,7 +99,7 @@ class ResultCard(QFrame):
 
     Args:
         prefix: of the object names.
-        actions: names of the buttons.
+        actions: names of the buttons; and "budget", the link to the identification, which finds the total uncertainty.
         scrolls: it lies in an area that scrolls: it is as high as it needs to be, with all reasons of the verdict.
     """
 
@@ -107,16 +109,16 @@ class ResultCard(QFrame):
     def __init__(
         self,
         prefix: str = "result",
-        actions: tuple[str, ...] = tuple(BUTTONS),
+        actions: tuple[str, ...] = (*BUTTONS, "budget"),
         scrolls: bool = False,
     ) -> None:
         super().__init__()
         configure(self, prefix, kind="panel")
-        self._scrolls = scrolls
+        self._scrolls, self._actions = scrolls, actions
         self._outcome: RunEnded | None = None
         self._fitted: tuple[object, ...] = ()
         self._room = 0
-        self._update, self._is_running = EstimateUpdate(), False
+        self._update, self._is_running, self._marked_by_ribbon = EstimateUpdate(), False, False
         self.summary: ResultSummary | None = None
         self.verdict_label = make_label(kind="pill", wrap=False, name=f"{prefix}.verdict")
         self.count_label = make_label(kind="note", wrap=False, name=f"{prefix}.count")
@@ -140,6 +142,11 @@ class ResultCard(QFrame):
         self.unit_label = make_label(kind="unit", wrap=False, name=f"{prefix}.unit")
         self.bar = UncertaintyBar()
         self.total_label = make_label(wrap=False, name=f"{prefix}.total")
+        self.total_label.setTextFormat(Qt.TextFormat.RichText)
+        self.total_label.setToolTip(
+            "The budget of the identification (Shift+F7) has the total" * ("budget" in self._actions)
+        )
+        self.total_label.linkActivated.connect(self._request)
         self.noise_label = make_label(wrap=False, name=f"{prefix}.noise")
         self.more_label, self.checks_label = (
             make_label(kind="small", name=f"{prefix}.{part}", textInteractionFlags=SELECTABLE)
@@ -179,6 +186,7 @@ class ResultCard(QFrame):
         for name in ("continue", "again"):
             self.buttons[name].setEnabled(view.can_run)
         began, self._is_running = view.busy and not self._is_running, view.busy
+        self._marked_by_ribbon = view.simulated
         if began:
             self._update = EstimateUpdate()
         if view.busy:
@@ -193,7 +201,6 @@ class ResultCard(QFrame):
                     ended.path, view.simulated, planned, view.gain_uncertainty,
                 )
             )  # fmt: skip
-        self.simulated_label.setVisible(view.simulated)
         self.setVisible(view.busy or self._outcome is not None)
 
     def show_update(self, update: EstimateUpdate, view: WindowState | None) -> None:
@@ -211,7 +218,7 @@ class ResultCard(QFrame):
                 gain_uncertainty=view.gain_uncertainty,
             )
         )  # fmt: skip
-        self._set_verdict("● Preliminary", Severity.WARNING, "")
+        self._set_verdict("● Preliminary" if view.prompt is None else "Waits for you", Severity.WARNING, "")
         waiting = bool(view.points) and update.message.startswith("not identifiable")
         self.note_label.setText(
             SO_FAR.format(update.active_model.description) if update.estimates else TOO_FEW if waiting else ""
@@ -241,6 +248,11 @@ class ResultCard(QFrame):
     def _is_acceptable(self) -> bool:
         return self.summary is not None and Path(self.summary.path).name in self._acceptable
 
+    def offer_next(self, title: str) -> None:
+        """Name the next measurement of the campaign on the button that leads to it; empty: there is none."""
+        self.buttons["next"].setText(f"Next: {title.lower()}" if title else "Next")
+        self._fit()
+
     def offer_acceptance(self, names: Set[str]) -> None:
         """Offer to accept the result, as the next step, if its run is one of these files."""
         self._acceptable = names
@@ -250,18 +262,19 @@ class ResultCard(QFrame):
 
     def _show(self, summary: ResultSummary) -> None:
         self.summary = summary
-        self.simulated_label.setVisible(summary.simulated)
+        self.simulated_label.setVisible(summary.simulated and not self._marked_by_ribbon)
         planned = f" of {summary.planned}" if summary.planned else ""
         self.count_label.setText(f"{summary.usable}{planned} points usable" if summary.measured else "")
-        reasons = summary.verdict.describe(summary.reason) if summary.reason or summary.verdict.reasons else ""
+        is_told = summary.verdict.outcome is not Outcome.GOOD and (summary.reason or summary.verdict.reasons)
+        reasons = summary.verdict.describe(summary.reason) if is_told else ""
         brief = reasons
         if not self._scrolls and len(reasons) > MAX_REASON_LENGTH:
             brief = f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
-        self.reason_label.setText(typeset(f"{brief[:1].upper()}{brief[1:]}"))
+        self.reason_label.setText(typeset(sentence_case(brief)))
         self.reason_label.setToolTip(reasons if brief is not reasons else "")
         self.hints_label.setText(typeset("\n".join(f"⚠ {hint}." for hint in summary.hints)))
         self._show_figure(summary.lines[0] if summary.lines else _checks_passed(summary.verdict.checks))
-        self._rows = [(line.name, line.text) for line in (*summary.lines[1:], *summary.others)]
+        self._rows = [(sentence_case(line.name), line.text) for line in (*summary.lines[1:], *summary.others)]
         self._points_text = "" if summary.lines else _point_table(summary)
         self.checks_label.setText(_check_table(summary.verdict.checks))
         self.file_label.setText(Path(summary.path).name)
@@ -271,12 +284,11 @@ class ResultCard(QFrame):
         self.key_figure.setVisible(line is not None)
         if line is None:
             return
-        self.name_label.setText(f"{line.name[:1].upper()}{line.name[1:]}")
+        self.name_label.setText(sentence_case(line.name))
         self.figure_label.setText(line.figure)
         self.unit_label.setText(line.unit)
-        self.total_label.setText(
-            f"{line.total} total" if line.total else "total: after Identify …" if line.noise else ""
-        )
+        unknown = BUDGET if "budget" in self._actions and not self._is_running else "total not known"
+        self.total_label.setText(f"{line.total} total" if line.total else unknown if line.noise else "")
         self.noise_label.setText(f"{line.noise} noise" if line.noise else "")
         self.bar.noise_share = line.noise_share
         self.bar.update()
@@ -356,7 +368,9 @@ def _checks_passed(checks: Sequence[CheckResult]) -> ResultLine | None:
 def _check_table(checks: Sequence[CheckResult]) -> str:
     """Return the checks as rich text, those that did not pass first."""
     shown = [check_row(check) for check in sorted(checks, key=lambda check: check.passed)[:MAX_CHECKS]]
-    rows = [("✓" if each.passed else "✕", each.name, f"{each.figure} {each.unit}".strip()) for each in shown]
+    rows = [
+        ("✓" if each.passed else "✕", sentence_case(each.name), f"{each.figure} {each.unit}".strip()) for each in shown
+    ]
     more = len(checks) - len(shown)
     return _table(rows) + (f"… and {pluralize(more, 'check')} more" if more else "")
 
@@ -369,7 +383,7 @@ def _table(lines: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
     rows = []
     for *names, value in lines:
         cells = "".join(f"<td style='padding-right:6px'>{escape(each)}</td>" for each in names if each)
-        rows.append(f"<tr>{cells}<td align='right'><b>{escape(value).replace(' ± ', '&nbsp;±&nbsp;')}</b></td></tr>")
+        rows.append(f"<tr>{cells}<td align='right' style='white-space:nowrap'><b>{escape(value)}</b></td></tr>")
     return f"<table width='100%'>{f'<tr>{head}</tr>' if heads else ''}{''.join(rows)}</table>"
 
 

@@ -177,6 +177,8 @@ class MainWindow(QMainWindow):
             self.start_run()
         elif action == "continue":
             self.controller.repeat_entries((), self.tabs.folder)
+        elif action == "budget":
+            self.tabs.identification_requested.emit()
 
     def escape(self) -> None:
         """Stop from arming until rest is measured; otherwise close what lies on top, or go one step back."""
@@ -236,9 +238,6 @@ class MainWindow(QMainWindow):
         view = self.state
         self.remote.beat()
         self.tabs.set_active_file(getattr(self.adapter.session, "path", None) if view.busy else None)
-        # The operator's prompt id is set only after the event was emitted.
-        note = view.progress.label if view.progress is not None else ""
-        self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um, note)
         self.notices.tick()
         self.strip.tick()
         if self.strip.view is not None:
@@ -359,7 +358,6 @@ class MainWindow(QMainWindow):
         update_actions(self, self.state)
         for sign in (self.strip, self.notices, self.status_line, self.log):
             sign.set_state(self.state)
-        self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
         for part in (self.central, self.tabs, self.notifier, self.remote, *self._faults):
             part.set_state(self.state)
 

@@ -58,7 +58,8 @@ class PageHost(QStackedWidget):
         place = QWidget()
         place.setAccessibleName(title)
         self._factories.append(make)
-        self._layouts.append(column(parent=place))
+        margins = (8, 8, 8, 4) if len(self._factories) > 1 else (0, 0, 0, 0)  # the first one has its own
+        self._layouts.append(column(parent=place, margins=margins))
         with QSignalBlocker(self):  # the first one is selected when it is added
             self.addWidget(place)
 

@@ -173,9 +173,14 @@ class MainTabs(PageHost):
         self.sheets.add(page.board.header.sheet_button, lambda: self.subject.specimen_of(controller))
         controller.changed.connect(self.sheets.update_changed)
         card = self.measure.run_panel.result_card
-        controller.changed.connect(
-            lambda: card.offer_acceptance(controller.summary.acceptable.keys() if controller.summary else frozenset())
-        )
+
+        def show_on_card() -> None:
+            summary = controller.summary
+            following = None if summary is None else summary.next_item
+            card.offer_acceptance(frozenset() if summary is None else summary.acceptable.keys())
+            card.offer_next("" if following is None else following.state.title)
+
+        controller.changed.connect(show_on_card)
         page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
 

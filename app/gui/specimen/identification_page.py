@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary
-from app.common import Severity, pluralize, sentence
+from app.common import Severity, pluralize, sentence_case
 from app.gui.specimen.budget_plot import BudgetPlot
 from app.gui.widgets import (
     ACTIONS,
@@ -270,7 +270,7 @@ class IdentificationPage(QWidget):
             notes.append(f"beyond the beam model: {'; '.join(seen)}")
         notes += [steps_line(result, also="the button Fit with", plain="the button Fit the beam model alone")]
         notes += [result.verdict, *result.notes]
-        lines = [f"{sentence(text).rstrip('.')}." for text in (*heading, *notes) if text]
+        lines = [f"{sentence_case(text).rstrip('.')}." for text in (*heading, *notes) if text]
         self.text_label.setText("\n".join(lines))
         self._fill_table(result)
         bars = budget_bars(result)
@@ -289,7 +289,7 @@ class IdentificationPage(QWidget):
 
     def _on_refused(self, error: Exception) -> None:
         self.accept_button.setEnabled(True)
-        self.accept_message.show_message(sentence(str(error)), is_error=True)
+        self.accept_message.show_message(sentence_case(str(error)), is_error=True)
         if self.reason_edit.isVisible():
             self.reason_edit.setFocus()
 
@@ -298,7 +298,7 @@ class IdentificationPage(QWidget):
         if isinstance(error, FitCancelled):
             self.message_label.show_message("The fit was cancelled.", persistent=True)
         else:
-            self.message_label.show_message(sentence(str(error)), is_error=True)
+            self.message_label.show_message(sentence_case(str(error)), is_error=True)
 
     def _show_progress(self, evaluations: int, chi_square: float) -> None:
         if self._worker.pending and not self._cancelled.is_set():
@@ -318,7 +318,7 @@ class IdentificationPage(QWidget):
         adequate = None if adequacy is None else adequacy.adequate
         message = "not tested" if adequacy is None else adequacy.message
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
-        self.finding_label.setText(f"{sentence(message)}.")
+        self.finding_label.setText(f"{sentence_case(message)}.")
         set_tone(self.verdict_label, ADEQUACY_SEVERITY[adequate])
 
     def _fill_table(self, result: IdentificationResult) -> None:

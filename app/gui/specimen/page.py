@@ -8,7 +8,7 @@ from PySide6.QtGui import QImage, QImageReader
 from PySide6.QtWidgets import QWidget
 
 from app.archive import mount_part
-from app.common import UndoHistory, sentence
+from app.common import UndoHistory, sentence_case
 from app.gui.specimen.sheet_form import SheetForm
 from app.gui.widgets import (
     ACTIONS,
@@ -194,7 +194,7 @@ class SpecimenPage(QWidget):
         self.message_label.show_message(str(error), is_error=True)
 
     def _show_sheet(self) -> None:
-        self.source_label.setText(f"{sentence(self._sheet.description)}.")
+        self.source_label.setText(f"{sentence_case(self._sheet.description)}.")
         self.make_sheet_button.setVisible(self._sheet.path is None)
         self._show_draft()
         self._show_picture()

@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QWidget
 
-from app.common import sentence
+from app.common import sentence_case
 from app.gui.widgets import (
     column,
     configure,
@@ -65,7 +65,7 @@ class EntryRow(QObject):
         super().__init__(parent)
         self.name = name
         spec, (_, unit) = parameter_spec(name), sheet_unit(name)
-        self.meaning = sentence(spec.description)
+        self.meaning = sentence_case(spec.description)
         self.label = make_label(f"{name}  {spec.description}", name=f"sheet.{name}")
         self.unit_label = make_label(unit, wrap=False)
         self.note_label = make_label(name=f"sheet.{name}.note")

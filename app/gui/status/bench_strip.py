@@ -8,7 +8,7 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
-from app.common import outcome_severity, sentence
+from app.common import outcome_severity, sentence_case
 from app.gui.face import (
     BOLD,
     LABEL_PX,
@@ -37,7 +37,7 @@ REPAINT_S = 0.2
 NARROW_RUN = 110
 """Width of the run's column, in lengths of the design, below which it says the least."""
 
-SWITCH_OFF, OTHER_VOLTAGE = "Switch HV off", "Card sees another voltage"
+SWITCH_OFF, OTHER_VOLTAGE = "Switch HV off", "card sees another voltage"
 """What a column says that is too narrow for the whole sentence."""
 
 BLACK, WHITE = "#000000", "#ffffff"
@@ -280,17 +280,17 @@ class BenchStrip(QWidget):
         if look.hazard:
             draw_hatch(painter, QRectF(0, 0, px(10), self.height()), ink, ground, 10.0)
         side = px(28)
-        draw_icon(painter, look.icon, QRectF(px(16), (self.height() - side) / 2, side, side), ink)
+        draw_icon(painter, look.icon, QRectF(px(15), (self.height() - side) / 2, side, side), ink)
         painter.setPen(QColor(ink))
         painter.setFont(text_font(PRESENT_PX, BOLD))
-        painter.drawText(QRectF(px(52), 0, width - px(52), self.height()), LEFT, look.word)
+        painter.drawText(QRectF(px(48), 0, width - px(48), self.height()), LEFT, look.word)
 
     def _draw_measured(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
-        view, captions = self.view, _shortened(sentence(self.view.caption))
+        view, captions = self.view, _shortened(sentence_case(self.view.caption))
         if view.act and not view.danger:  # such as that high voltage is still on
             age = view.caption.rpartition(", ")[2]
-            captions = (f"{view.act}, {age}", view.act, sentence(view.act.rpartition(": ")[2]))
+            captions = (f"{view.act}, {age}", view.act, sentence_case(view.act.rpartition(": ")[2]))
         self._draw_line(painter, QRectF(left, px(7), width, px(18)), captions, LABEL_PX, REGULAR, faint)
         volts = (view.measured or "no value",)
         self._draw_line(painter, QRectF(left, px(23), width, px(34)), volts, PRESENT_PX, SEMIBOLD, ink)
@@ -306,22 +306,24 @@ class BenchStrip(QWidget):
         assert self.view is not None
         run, narrow = self.view.run, width < px(NARROW_RUN)
         in_run = bool(run.fraction) and run.outcome is None and not self.view.danger
-        titles, notes = _shortened(sentence(run.title)), _shortened(sentence(run.note))
+        titles, notes = _shortened(sentence_case(run.title)), _shortened(sentence_case(run.note))
         if self.view.danger:
             act, _, why = self.view.act.partition("; ")
-            then = (OTHER_VOLTAGE,) if why else (*_shortened(f"Then F4; {run.note}"),)
-            titles, notes = (act, SWITCH_OFF), then
+            key = "Then F4; " if self.view.state == "unsafe" else ""  # which answers the card of that state only
+            titles, notes = (act, SWITCH_OFF), _shortened(sentence_case(f"{key}{OTHER_VOLTAGE if why else run.note}"))
             if narrow:
-                titles, notes = ("Switch HV",), ("off, F4",)
+                titles, notes = ("Switch HV",), ("off, F4" if key else "off",)
         elif narrow and in_run:
             points, _, rest = run.note.partition(", ")
             titles, notes = (points.removesuffix(" points"),), (rest,)
+        elif narrow and run.outcome is not None:
+            titles, notes = (run.note.partition(", ")[0],), titles
         elif run.outcome is None and not run.fraction:
             titles = (*titles, "No run")
         colored = not self.view.danger and look_of(self.view).tint not in ("amber", "red") and run.outcome is not None
-        color = tokens().severity_color(outcome_severity(run.outcome)) if colored and run.outcome else ink
-        self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, VALUE_PX, SEMIBOLD, color)
-        self._draw_line(painter, QRectF(left, px(27), width, px(18)), notes, LABEL_PX, REGULAR, faint)
+        color = tokens().severity_color(outcome_severity(run.outcome)) if colored and run.outcome else faint
+        self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, VALUE_PX, SEMIBOLD, ink)
+        self._draw_line(painter, QRectF(left, px(27), width, px(18)), notes, LABEL_PX, REGULAR, color)
         if in_run:
             track = QColor(ink)
             track.setAlpha(50)

@@ -4,7 +4,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QCheckBox, QFrame, QSizePolicy, QWidget
 
-from app.common import pluralize, sentence
+from app.common import pluralize, sentence_case
 from app.gui.face import LABEL_PX, REGULAR, SEMIBOLD, px, set_length, text_font, tokens
 from app.gui.status.ribbon import draw_hatch
 from app.gui.status.simulation_controls import SimulationControls
@@ -109,7 +109,7 @@ class FaultDrawer(OverlayCard):
             name: configure(
                 FaultSwitch(fault["short"]),
                 f"faults.{name}",
-                toolTip=f"{sentence(fault['description'])}\nAt a command line: run ... --fault {name}@5",
+                toolTip=f"{sentence_case(fault['description'])}\nAt a command line: run ... --fault {name}@5",
                 accessibleName=f"inject: {fault['description']}",
                 sizePolicy=QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed),
             )

@@ -1,18 +1,18 @@
 """Notices over the page: operator prompts, the unsafe state, failures, and the question whether to close."""
 
+import math
 import time
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
-from app.common import sentence
+from app.common import sentence_case, typeset
 from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
 from app.gui.status.unsafe_card import UnsafeCard
 from app.gui.widgets import ACTIONS, OverlayCard, OverlayHost, add_action, add_actions, make_button
 from app.session import KNOWN_S, WindowState
-from protocols.base import PromptShown
 
 RUN_ACTIVE_TEXT = "A run is in progress. Go to rest first, then close?"
 UNSAFE_TEXT = "Rest was not confirmed and the message has not been acknowledged. Close all the same?"
@@ -32,7 +32,7 @@ class Notices(QObject):
 
     def __init__(self, controller: SessionController, window: QWidget, host: OverlayHost) -> None:
         super().__init__(window)
-        self._controller, self._no_bench, self._asked_at_s = controller, False, 0.0
+        self._controller, self._no_bench, self._asked_at_s, self._replaced_at_s = controller, False, 0.0, 0.0
         self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, self._on_reconnect)
         self.closing = MessageCard(
             "notices.closing",
@@ -64,25 +64,30 @@ class Notices(QObject):
 
     def set_state(self, view: WindowState) -> None:
         self._no_bench = not view.connected and bool(view.problem)
+        if view.unsafe and self.unsafe.isHidden() and not self.problem.isHidden():
+            self._replaced_at_s = time.monotonic()  # F4 that was meant for the problem does not answer the unsafe card
         self.unsafe.show_state(view)
-        self.problem.show_message("" if view.unsafe else sentence(view.problem))
+        self.problem.show_message("" if view.unsafe else typeset(sentence_case(view.problem)))
         self.problem.buttons[0].setVisible(self._no_bench)
+        self._show_prompt(view)
         self._update_answer()
 
     def tick(self) -> None:
-        """Show the volts at the amplifier's input on the card of the unsafe state, where they are known."""
+        """Show a prompt that is to be answered now, and the volts on the card of the unsafe state, where they are known."""
+        self._show_prompt(self._controller.state)
         card = self._controller.adapter.observation.card
-        known = card is not None and card.age_s(time.monotonic()) <= KNOWN_S
-        self.unsafe.show_volts(card.drive_v if card is not None and known else None)
+        age_s = math.inf if card is None else card.age_s(time.monotonic())
+        self.unsafe.show_volts(card.drive_v if card is not None and age_s <= KNOWN_S else None, age_s)
 
-    def show_prompt(
-        self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None, note: str = ""
-    ) -> None:
-        """Show a prompt if this window must answer it, and not a simulated operator."""
-        shown = prompt if prompt is not None and pending_id == prompt.ask_id else None
-        if self.prompt.show_prompt(shown, note, self._controller.state.simulated):
+    def _show_prompt(self, view: WindowState) -> None:
+        """Show the prompt if this window must answer it, and not a simulated operator."""
+        adapter, prompt = self._controller.adapter, view.prompt
+        # The operator's prompt id is set only after the event was emitted.
+        shown = prompt if prompt is not None and adapter.mailbox.pending_id == prompt.ask_id else None
+        note = "" if view.progress is None else view.progress.label
+        if self.prompt.show_prompt(shown, note, view.simulated):
             self._update_answer()
-        self.prompt.show_laser(laser_um)
+        self.prompt.show_laser(adapter.feed.latest_um)
 
     def ask_to_close(self, view: WindowState) -> None:
         """Ask once whether to close the window."""
@@ -130,7 +135,9 @@ class Notices(QObject):
     def _on_dismiss(self) -> None:
         if self._awaits_answer(self.closing):
             self.cancel_closing()
-        elif not (self.unsafe.isHidden() and self.problem.isHidden()):
+        elif self.unsafe.isHidden() and self.problem.isHidden():
+            return
+        elif time.monotonic() - self._replaced_at_s >= INPUT_GUARD_S:
             self._controller.acknowledge()
 
     def _on_reconnect(self) -> None:

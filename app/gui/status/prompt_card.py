@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 
-from app.common import sentence, typeset
+from app.common import sentence_case, typeset
 from app.gui.status.setup_drawing import SetupDrawing
 from app.gui.widgets import (
     STRETCH,
@@ -179,7 +179,7 @@ class PromptCard(OverlayCard):
     def _add_answer(self, choice: str, key: str) -> None:
         is_first = key == "Enter"
         button = make_button(
-            sentence(choice),
+            sentence_case(choice),
             partial(self._answer, choice),
             "go" if is_first else "main",
             name=f"answer.{choice}",
@@ -198,5 +198,5 @@ def _split(text: str) -> tuple[str, str]:
     for mark in (". ", "; ", ": "):
         act, found, detail = text.partition(mark)
         if found and len(act) > 8:
-            return act, sentence(detail)
+            return act, sentence_case(detail)
     return text.removesuffix("."), ""

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame, QWidget
 from app.common import typeset
 from app.gui.face import BOLD, LABEL_PX, PRESENT_PX, SEMIBOLD, VALUE_PX, px, set_length, text_font, tokens
 from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row
-from app.session import WindowState
+from app.session import WindowState, format_measured_volts
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from model import AmplifierMap
 
@@ -137,7 +137,7 @@ class InputScale(QWidget):
             painter.setPen(QColor(colors.red_text))
             painter.setFont(text_font(LABEL_PX, SEMIBOLD))
             specimen = float(amplifier.specimen_v([low])[0])
-            text = typeset(f"{low:z.3f} now, about {specimen:+.0f} V")
+            text = typeset(f"{low:z.3f} now, about {format_measured_volts(specimen, specimen)}")
             left_of = min(max(at - px(8), px(2)), self.width() / 2)
             painter.drawText(below.adjusted(left_of, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, text)
             used = left_of + painter.fontMetrics().horizontalAdvance(text) + px(12)
@@ -145,7 +145,8 @@ class InputScale(QWidget):
             painter.setPen(QColor(colors.text2))
         at_rest = max(place(amplifier.rest_v) - painter.fontMetrics().horizontalAdvance(rest) / 2, used)
         painter.drawText(below.adjusted(at_rest, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, rest)
-        painter.drawText(below.adjusted(0, 0, -px(16), 0), Qt.AlignmentFlag.AlignRight, f"{amplifier.high_v:g}")
+        if at_rest + painter.fontMetrics().horizontalAdvance(rest) < right - px(16):
+            painter.drawText(below.adjusted(0, 0, -px(16), 0), Qt.AlignmentFlag.AlignRight, f"{amplifier.high_v:g}")
         painter.end()
 
 
@@ -161,11 +162,13 @@ class UnsafeCard(OverlayCard):
     def __init__(
         self, amplifier: AmplifierMap, acknowledge: Callable[[], object], measure_again: Callable[[], object]
     ) -> None:
-        content = QWidget()
-        super().__init__("notices.unsafe", content, width=880, edge="red_line", closable=False, washed=True)
+        content, footer = QWidget(), QWidget()
+        super().__init__(
+            "notices.unsafe", content, width=880, edge="red_line", closable=False, washed=True, footer=footer
+        )
         self.message_label = make_label(HEADING, "act", name="notices.unsafe.message")
         self.message_label.setProperty("tone", "bad")
-        self.detail_label = make_label(kind="large", name="notices.unsafe.detail", textInteractionFlags=SELECTABLE)
+        self.detail_label = make_label(name="notices.unsafe.detail", textInteractionFlags=SELECTABLE)
         self.scale = InputScale(amplifier)
         self.measured_label = make_label(name="unsafe.measured")
         self.buttons = [
@@ -180,10 +183,10 @@ class UnsafeCard(OverlayCard):
             acts.append(row(NumberDisc(number), (texts, 1), spacing=16))
         band = configure(QFrame(), "unsafe.band", kind="band")
         row(
-            (column(make_label("Amplifier’s input, V", wrap=False), self.scale), 3),
+            (column(make_label("Amplifier’s input, V", wrap=False), self.scale, spacing=0), 3),
             (self.measured_label, 2),
             parent=band,
-            margins=(24, 12, 24, 8),
+            margins=(24, 8, 24, 4),
             spacing=24,
         )
         stays = make_label("The sign stays until rest is measured.", "note", wrap=False)
@@ -191,32 +194,35 @@ class UnsafeCard(OverlayCard):
             column(
                 self.message_label,
                 self.detail_label,
-                row((AmplifierFront(), 0, Qt.AlignmentFlag.AlignTop), (column(*acts, spacing=10), 1), spacing=32, margins=(0, 12, 0, 0)),
-                margins=(24, 20, 24, 16),
+                row((AmplifierFront(), 0, Qt.AlignmentFlag.AlignTop), (column(*acts, spacing=10), 1), spacing=32, margins=(0, 8, 0, 0)),
+                margins=(24, 14, 24, 10),
                 spacing=4,
             ),
             band,
-            row(*self.buttons, STRETCH, stays, margins=(24, 12, 24, 16), spacing=12),
             parent=content,
         )  # fmt: skip
+        row(*self.buttons, STRETCH, stays, parent=footer, margins=(24, 12, 24, 12), spacing=12)
 
     def show_state(self, view: WindowState) -> None:
         """Show what is known, or hide the card where nothing is unsafe."""
         if not view.unsafe:
             self.dismiss()
             return
-        detail = typeset(view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". "))
+        whole = typeset(view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". "))
+        detail = whole.partition(" The run had failed before:")[0]  # the result card and the log have it
         self.detail_label.setText(detail)
+        self.detail_label.setToolTip(whole)
         self.detail_label.setVisible(bool(detail))
         if self.isHidden():
             self.open()
 
-    def show_volts(self, volts: tuple[float, float] | None) -> None:
-        """Show what the card measures at the amplifier's input."""
+    def show_volts(self, volts: tuple[float, float] | None, age_s: float = 0.0) -> None:
+        """Show what the card measured at the amplifier's input, and how long ago."""
         self.scale.show_volts(volts)
         seen = (
             "nothing is measured" if volts is None else typeset(f"lowest {volts[0]:z.3f} V, highest {volts[1]:z.3f} V")
         )
-        text = f"Measured by the card\n{seen}\nMend after step 2 what the message names"
+        when = "" if volts is None else f", {age_s:.1f} s ago"
+        text = f"Measured by the card{when}\n{seen}\nMend after step 2 what the message names"
         if text != self.measured_label.text():
             self.measured_label.setText(text)

@@ -7,6 +7,7 @@ from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QSizePolicy, QWidget
 
+from app.common import sentence_case
 from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind
 from app.services import FormField, FormResult, check_form, form_fields, format_parameter, scaled
 from protocols.base import Protocol
@@ -26,7 +27,8 @@ class FieldRow:
 
     def __init__(self, field: FormField, value: Any) -> None:
         self.field = field
-        self.label, self.unit, self.note_label = QLabel(field.label), QLabel(field.unit), make_label(visible=False)
+        self.unit, self.note_label = QLabel(field.unit), make_label(visible=False)
+        self.label = QLabel(sentence_case(field.label))
         limits = f"\n{field.limits}" if field.limits else ""
         self.editor = configure(
             _make_editor(field),

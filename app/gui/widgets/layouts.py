@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TypeVar
 
 from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtGui import QFont
 from PySide6.QtWidgets import (
     QBoxLayout,
     QComboBox,
@@ -21,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.common import Severity
+from app.common import Severity, sentence_case
 from app.gui.face import KINDS, font_of_kind, px, set_margins
 from app.gui.widgets.key_caps import show_key
 
@@ -57,7 +58,7 @@ def set_style_kind(widget: QWidget, kind: str) -> None:
     """Set the property `kind` that the style sheet selects, with its font, and restyle the widget."""
     if widget.property("kind") != kind:
         widget.setProperty("kind", kind)
-        widget.setFont(font_of_kind(kind))
+        widget.setFont(font_of_kind(kind) if kind in KINDS else QFont())  # an own font does not follow the text size
         _restyle(widget)
 
 
@@ -207,7 +208,7 @@ def make_labelled_grid(
     """Return a grid of editors in the second column, each with its label, from top to bottom; `wrap`: long labels are wrapped."""
     fields = grid(spacing=spacing, stretch=stretch)
     for at, (text, editor) in enumerate(editors.items()):
-        label = make_label(text, wrap=wrap)
+        label = make_label(sentence_case(text), wrap=wrap)
         label.setBuddy(editor)
         fields.addWidget(label, at, 0)
         fields.addWidget(editor, at, 1)

@@ -43,6 +43,7 @@ class OverlayCard(QFrame):
         edge: token of the colour of its edge.
         closable: whether Esc closes it when no run goes on.
         washed: whether the page below it is dimmed.
+        footer: stays in view below the content where that scrolls.
     """
 
     closed = Signal()
@@ -58,9 +59,11 @@ class OverlayCard(QFrame):
         edge: str = "outline",
         closable: bool = True,
         washed: bool = False,
+        footer: QWidget | None = None,
     ) -> None:
         super().__init__()
         self.content, self.place, self.closable, self.washed = content, place, closable, washed
+        self._footer = footer
         self._width, self._edge = width, edge
         self._previous_focus: QWidget | None = None
         configure(self, name)
@@ -74,7 +77,7 @@ class OverlayCard(QFrame):
         content.installEventFilter(self)
         inset = RIM + 1  # the rim and the edge
         margins = {Place.RIGHT: (RIM, 0, 0, 0), Place.BOTTOM: (RIM, RIM, 0, 0)}.get(place, (inset, inset, inset, inset))
-        column(self._area, parent=self, margins=margins)
+        column(self._area, *([] if footer is None else [footer]), parent=self, margins=margins, spacing=0)
 
     def open(self, focus: QWidget | None = None) -> None:
         """Show the overlay above all others; `focus` takes the keyboard."""
@@ -111,7 +114,8 @@ class OverlayCard(QFrame):
         if (layout := content.layout()) is not None:
             layout.invalidate()
         high = content.heightForWidth(inner) if content.hasHeightForWidth() else content.sizeHint().height()
-        return max(high, content.minimumSizeHint().height()) + around
+        below = 0 if self._footer is None else self._footer.sizeHint().height()
+        return max(high, content.minimumSizeHint().height()) + below + around
 
     def geometry_in(self, page: QRect) -> QRect:
         """Return where the overlay lies on a page."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QPushButton
 
-from app.common import sentence
+from app.common import sentence_case
 from app.gui.widgets.actions import tooltip
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.layouts import configure
@@ -36,7 +36,7 @@ class SheetButton(QPushButton):
         """Show whether there is a sheet, and the source of dimensions and masses."""
         text = status.description
         self.setText(status.text)
-        self.setToolTip(tooltip("specimen", sentence(text)))
+        self.setToolTip(tooltip("specimen", sentence_case(text)))
         self.setAccessibleName("specimen sheet")
         self.setAccessibleDescription(text)
 

@@ -67,8 +67,9 @@ def type_into(window: QWidget, name: str, text: str) -> None:
 
 def test_the_open_bench_has_identity_state_and_live_values(window: MainWindow) -> None:
     until(lambda: find(window, "bench.card.live").text(), "for a reading")
-    assert re.fullmatch(r"ai0 −?0\.00\d V\nai1 −?0\.00\d\d V", find(window, "bench.card.live").text())
-    assert find(window, "bench.amplifier.live").text() == "−500 V with high voltage"
+    assert re.fullmatch(r"−?0\.00\d V", find(window, "bench.card.live").text())
+    assert re.fullmatch(r"ai0, drive; ai1, sensor: −?0\.00\d\d V", find(window, "bench.card.live-note").text())
+    assert find(window, "bench.amplifier.live").text() == "−500 V"
     assert "33511B" in find(window, "bench.generator.identity").text()
     assert "ready" in find(window, "bench.sensor.state").text()
 
@@ -111,7 +112,7 @@ def test_a_real_bench_has_no_simulation_panel(window: MainWindow) -> None:
     until(lambda: page.draft.name == "", "for the new bench")
     assert not page.editor.simulation.isVisible()
     assert find(page, "bench.message").text() == NEW_BENCH
-    find(page, "bench.list").setCurrentRow(0)
+    find(page, "bench.show.sim").click()
     until(lambda: page.draft.name, "for the simulated bench")
     assert not find(page, "bench.message").isVisible()
 
@@ -166,7 +167,7 @@ def test_a_run_takes_the_card_from_the_live_values_and_gives_it_back(window: Mai
     assert window.state.outcome.verdict.outcome.has_result
     window.tabs.select_page(BENCH)
     until(lambda: window.adapter.feed.reading is not None, "for a reading after the run")
-    until(lambda: find(window, "bench.card.live").text().startswith("ai0 2.500 V"), "for rest")
+    until(lambda: find(window, "bench.card.live").text() == "2.500 V", "for rest")
 
 
 def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(

@@ -121,7 +121,7 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
 
     carry_out(Qt.Key.Key_F5)
     assert states(page)[0] == "done, to be accepted"
-    assert board.step_pane.heading.text() == "Accept what wiring found?"
+    assert board.step_pane.heading.text() == "Accept the result of wiring?"
     assert "µm/V" in board.step_pane.detail.text()
     assert " ± " in details_text(board)
     QTest.keyClick(board.item_list, Qt.Key.Key_Return)

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QColor, QFontInfo, QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
 from app.gui.shell.page_host import MEASURE
@@ -23,6 +23,7 @@ SIZES = (QSize(900, 560), QSize(1093, 614), QSize(1366, 768), QSize(1920, 1080),
 WEIGHT = Prompt(
     "place-weight", "Place the 200 g weight on the centre; the laser sees it land.", {"mass_kg": 0.2}, hands_on=True
 )
+EDITORS = (QLineEdit, QPlainTextEdit, QComboBox)
 STATES = ("idle", "arming", "live", "paused", "prompt", "unsafe", "faults", "log", "closing", "palette", "settings")
 
 
@@ -151,7 +152,8 @@ def test_fonts_have_four_sizes_and_one_family(open_stage: OpenStage, settings: o
         for state in ("idle", "prompt", "unsafe", "faults", "log", "settings"):
             back = reach(stage, state)
             QCoreApplication.processEvents()
-            for widget in visible_texts(window):
+            editors = [each for each in window.findChildren(QWidget) if isinstance(each, EDITORS) and each.isVisible()]
+            for widget in (*visible_texts(window), *editors):
                 where = (page, state, type(widget).__name__, widget.objectName(), str(widget.property("text"))[:30])
                 if widget.property("kind") != "command":
                     assert QFontInfo(widget.font()).family() == FAMILY, where

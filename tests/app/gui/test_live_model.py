@@ -11,6 +11,7 @@ from PySide6.QtCore import QPointF
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
 
+from app.common import sentence_case
 from app.gui.face import tokens
 from app.gui.measure import page as measure_page
 from app.gui.plots import RESIDUAL, Layer
@@ -138,7 +139,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     natural, *_ = SineDwell().estimates(points)
     assert find(card, "result.name").text() == quantity_label(natural.name).capitalize(), "as of the finished run"
     assert float(find(card, "result.figure").text()) == pytest.approx(natural.value, rel=1e-4)
-    (mass,) = (value for name, value in card._rows if name == quantity_label("m_add"))
+    (mass,) = (value for name, value in card._rows if name == sentence_case(quantity_label("m_add")))
     number, error = (float(word) for word in mass.removesuffix(" g").split(" ± "))
     assert abs(number - 8.2) < 4 * error < 0.2
     assert PAPER_MODEL.description in card.note_label.text()

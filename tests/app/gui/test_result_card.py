@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from PySide6.QtCore import Qt, QUrl
 
+from app.common import sentence_case
+from app.gui.results.card import BUDGET
 from app.gui.results.report_job import ReportJob
 from app.gui.shell.page_host import RUNS
 from model import quantity_label
@@ -38,7 +40,7 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     stage.happen(*LIVE, point(0, 100.0), AT_REST, ended)
     assert not card.isHidden()
     assert "Not judged" in find(card, "result.verdict").text()
-    assert shown_figure(card) == (NATURAL, "158 Hz", "total: after Identify …", "± 1.6 Hz noise")
+    assert shown_figure(card) == (NATURAL, "158 Hz", BUDGET, "± 1.6 Hz noise")
     assert "moment per volt" in find(card, "result.more").text()
     assert find(card, "result.file").text() == "one.h5"
     assert find(card, "result.simulated").isVisibleTo(card)
@@ -64,7 +66,7 @@ def test_interference_is_never_the_key_figure(stage: Stage) -> None:
     hum = EstimatedQuantity("interference_at_rest", 1.5e-7, 1e-8, "m", "hum")
     stage.happen(*LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (hum, ESTIMATES[0])))
     assert shown_figure(card)[:2] == (NATURAL, "158 Hz")
-    assert quantity_label(hum.name) in find(card, "result.more").text()
+    assert sentence_case(quantity_label(hum.name)) in find(card, "result.more").text()
 
 
 def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: Stage) -> None:

@@ -43,10 +43,10 @@ def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
 @pytest.mark.parametrize(
     ("verdict", "header", "color"),
     [
-        (Verdict(Outcome.GOOD), "✓ GOOD", "green_text"),
-        (Verdict(Outcome.DOUBTFUL, ("2 of 18 clipped",)), "△ DOUBTFUL", "amber_text"),
-        (NO_RESULT, "○ NO RESULT", "amber_text"),
-        (FAILED_CHECK, "⊘ DID NOT PASS", "red_text"),
+        (Verdict(Outcome.GOOD), "✓ good", "green_text"),
+        (Verdict(Outcome.DOUBTFUL, ("2 of 18 clipped",)), "△ doubtful", "amber_text"),
+        (NO_RESULT, "○ no result", "amber_text"),
+        (FAILED_CHECK, "⊘ did not pass", "red_text"),
     ],
 )
 def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str) -> None:
@@ -54,10 +54,10 @@ def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: st
         stage.window.look.set_appearance("dark" if theme is DARK else "light")
         end_with(stage, verdict)
         run = stage.window.strip.view.run
-        assert (run.note.split(",")[0], run.title) == (SineDwell.title, header)
+        assert (run.title, run.note.split(",")[0]) == (SineDwell.title, header)
         strip = stage.window.strip
-        title = QRect(664, 8, strip.pause_button.x() - 676, 20)
-        assert color_in(strip, title, getattr(theme, color))
+        note = QRect(664, 27, strip.pause_button.x() - 676, 18)
+        assert color_in(strip, note, getattr(theme, color))
         assert "ompleted" not in stage.window.state.messages[-1].text
 
 
@@ -73,8 +73,8 @@ def test_no_usable_point_is_told_with_the_remedy_in_the_status_line_and_on_the_c
 
 def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Stage) -> None:
     expected = [
-        ["✕ FAIL", "gain above rest", "0.03", "1 … 1000", "µm/V", OPTICS],  # what to remedy comes first
-        ["✓ pass", "noise floor", "0.5", "at most 5", "µm", ""],
+        ["✕ FAIL", "Gain above rest", "0.03", "1 … 1000", "µm/V", OPTICS],  # what to remedy comes first
+        ["✓ pass", "Noise floor", "0.5", "at most 5", "µm", ""],
     ]
     begin = RunStarted("wiring-check", "run.h5", 6.0, 4, True)
     stage.window.measure_page.run_panel.set_protocol(WiringCheck())

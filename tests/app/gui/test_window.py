@@ -1,6 +1,7 @@
 """Main window: displays session events and forwards operator commands to the session."""
 
 import itertools
+import math
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ from PySide6.QtTest import QTest
 
 from app.gui.face import DARK, LIGHT, tokens
 from app.gui.shell.main_window import MainWindow
+from app.gui.status import notices
 from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.session import BenchFailed, Observation, RunRejected
 from app.session.state import BenchState
@@ -30,6 +32,7 @@ from protocols.base import (
     Quality,
     RunEnded,
     RunStatus,
+    SpecimenMayBeLive,
     StreamStarted,
 )
 from protocols.measurements.free_decay import FreeDecay
@@ -315,6 +318,22 @@ def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: S
     assert sign(stage.window) == "UNSAFE", "acknowledging measures nothing"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 2
+
+
+def test_a_key_meant_for_a_problem_does_not_answer_the_unsafe_card_that_replaces_it(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(notices, "INPUT_GUARD_S", math.inf)
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE, SpecimenMayBeLive(0.0, 0.0, "the specimen may be live"))
+    assert find(stage.window, "notices.problem").isVisible()
+    stage.happen(*LOST)
+    stage.press(Qt.Key.Key_F4)
+    assert find(stage.window, "notices.unsafe").isVisible()
+    monkeypatch.setattr(notices, "INPUT_GUARD_S", 0.0)
+    stage.press(Qt.Key.Key_F4)
+    assert not find(stage.window, "notices.unsafe").isVisible()
 
 
 @pytest.mark.deep
