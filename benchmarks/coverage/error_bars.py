@@ -54,7 +54,7 @@ SHORT: Mapping[str, Protocol] = {
     "voltage steps": VoltageSteps(levels_v=(0.5, 1.5, 3.5, 5.0), repeats=2, hold_s=2.0),
     "static loading": StaticLoading(weights_kg=(0.02, 0.1, 0.5), repeats=2),
     "mass resonance": MassResonance(
-        masses_kg=(7.75e-3,), start_hz=75.0, stop_hz=325.0, low_hz=100.0, high_hz=300.0, sweep_s=60.0
+        masses_kg=(7.75e-3,), start_hz=75.0, stop_hz=325.0, low_hz=100.0, high_hz=300.0, sweep_s=60.0, piece_s=15.0
     ),
     "latency": OnsetLatency(repeats=2, frequencies_hz=(150.0,)),
 }

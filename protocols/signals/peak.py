@@ -37,6 +37,9 @@ MIN_LINES = 10
 CREEP_EXPONENT = 0.05
 """Prior standard deviation of 2k, from creep of 6 % a decade: narrow peaks do not show it by themselves."""
 
+MOST_DWELL_POINTS = 5
+"""Number of points around the peak of a dwell: four for its curve, and one for the error of the curve."""
+
 MIN_BINS_PER_LINE = 8
 """Fewest bins under a line for a Hann window."""
 
@@ -222,43 +225,51 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
 
 
 def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
-    """Return the single resonance through the three highest amplitudes of a dwell; None if the highest is at an end.
+    """Return the resonance through the four highest amplitudes around the highest of a dwell; None if the highest is at an end.
 
-    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine the errors of the points and the change by a fourth
-    point, through which a curve of third degree passes. With three points only, the change is to the paper's parabola of y over f.
+    For a single resonance 1 / y^2 is a parabola over f^2; its third degree takes up the other modes (without it the frequency is
+    0.001 to 0.01 Hz too high for points 20 Hz apart). The errors combine the errors of the points and the change by a fifth point, or,
+    without one, the change to the curve through one point less; of three points to the paper's parabola of y over f.
 
     Args:
         f: frequencies in any order, Hz; (N,), as the others.
         y: amplitudes.
         errors: standard errors of the amplitudes.
     """
-    from model.identification import parabola_vertex  # slow to import
-
     f, index = np.unique(f, return_index=True)
     y, errors = y[index], errors[index]
     top = int(y.argmax()) if y.size else 0
     if not 0 < top < y.size - 1:
         return None
-    three = [top - 1, top, top + 1]
-    beyond = [i for i in (top - 2, top + 2) if 0 <= i < y.size]
-    fourth = max(beyond, key=lambda i: float(y[i]), default=None)
-    used = three if fourth is None else [*three, fourth]
+    used = [top - 1, top, top + 1]
+    while len(used) < min(y.size, MOST_DWELL_POINTS):
+        used.append(max((i for i in (min(used) - 1, max(used) + 1) if 0 <= i < y.size), key=lambda i: float(y[i])))
     f, y, errors = f[used], y[used], errors[used]
+    curves = [count for count in range(3, len(used) + 1) if math.isfinite(_vertex(f[:count] ** 2, y[:count] ** -2))]
+    if 3 not in curves:
+        return None
+    main = 4 if 4 in curves else 3
+    other = next((count for count in (main + 1, main - 1) if count in curves), 0)
 
-    def vertex(heights: Array) -> Array:
+    def vertices(heights: Array) -> Array:
         """Return the frequency of the maximum, and its change by the other curve."""
-        inverse = heights**-2
-        square = parabola_vertex(f[:3] ** 2, -inverse[:3])[0]
-        other = parabola_vertex(f[:3], heights[:3])[0]
-        if fourth is not None:
-            at = square - f[1] ** 2
-            cubic = np.polynomial.Polynomial.fit(f**2 - f[1] ** 2, inverse, 3).convert()
-            slope, bend = float(cubic.deriv()(at)), float(cubic.deriv(2)(at))
-            if bend > 0 and slope / bend < square:  # otherwise the four points are no single resonance
-                other = math.sqrt(square - slope / bend)
-        return np.array([math.sqrt(square), other - math.sqrt(square)])
+        centre, changed = (
+            math.sqrt(_vertex(f[:count] ** 2, heights[:count] ** -2)) if count else _vertex(f[:3], -heights[:3])
+            for count in (main, other)
+        )
+        return np.array([centre, changed - centre])
 
-    centre, change = vertex(y)
-    moved = np.array([vertex(y + 1e-3 * step) - (centre, change) for step in np.diag(errors)]) / 1e-3
+    centre, change = vertices(y)
+    moved = np.array([vertices(y + 1e-3 * step) - (centre, change) for step in np.diag(errors)]) / 1e-3
     noise, of_change = np.linalg.norm(moved, axis=0)
     return DwellPeak(float(centre), float(np.sqrt(noise**2 + max(change**2 - of_change**2, 0.0))))
+
+
+def _vertex(x: Array, y: Array) -> float:
+    """Return the minimum of the polynomial through all points that is nearest to the first three's middle one; NaN without one."""
+    slope = np.polynomial.Polynomial.fit(x, y, x.size - 1).deriv()
+    bend = slope.deriv()
+    minima = [
+        r.real for r in slope.roots() if abs(r.imag) < 1e-9 * abs(r) and bend(r.real) > 0 and x[0] < r.real < x[2]
+    ]
+    return min(minima, key=lambda r: abs(r - x[1]), default=math.nan)

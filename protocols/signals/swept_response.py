@@ -133,6 +133,7 @@ def estimate_swept_response(
     resolution_hz: float | None = None,
     delay_s: float = 0.0,
     interference: Sequence[InterferenceLine] = (),
+    fade_s: float = 0.0,
 ) -> FrequencyResponse:
     """Response to one long linear sweep.
 
@@ -144,12 +145,15 @@ def estimate_swept_response(
         resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or more for a short record.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
         interference: lines measured at rest, counted in the errors of the affected lines of the response.
+        fade_s: duration of the fade of the drive itself; 0: none, the records of the sweep are faded instead.
 
     Raises:
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
     """
     x, y = check_pair(drive, displacement, 4 * MIN_BINS_PER_LINE, rate_hz)
     swept = sweep_extent(x)
+    if fade := round(fade_s * rate_hz):  # the weak ends of the sweep, and the free vibration after it
+        swept = slice(max(swept.start - fade, 0), min(swept.stop + fade, x.size))
     duration = swept.stop - swept.start
     if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
@@ -209,7 +213,7 @@ def estimate_swept_response(
     S_nn = variance * S_xx / np.sum(blocks.window**2) * fast_length(duration) / n
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
-    H[1:-1] -= CURVATURE_BIAS * (H[2:] - 2 * H[1:-1] + H[:-2])
+    _remove_bias(H, power, S_xx, blocks)
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = signal / (signal + S_nn)
     hum = np.sqrt(
@@ -225,6 +229,18 @@ def estimate_swept_response(
         resolution_hz=blocks.length * bin_hz,
         correlation=CORRECTED_CORRELATION,
     )
+
+
+def _remove_bias(H: Complex, power: NDArray[np.float32], S_xx: Array, blocks: BlockAverager) -> None:
+    """Remove the slope and the bend of the response, (count,), over its windows from it, in place.
+
+    The drive's power in a window is the weight, with its first and second moment about the line in units of the lines' distance.
+    """
+    away = 2 * np.arange(blocks.length) / blocks.length - 1
+    weights = np.stack((blocks.window * away, blocks.window * away**2), 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = ((blocks.windows(power) @ weights) / S_xx[:, None])[1:-1].T
+    H[1:-1] -= 0.5 * first * (H[2:] - H[:-2]) + 0.5 * second * (H[2:] - 2 * H[1:-1] + H[:-2])
 
 
 def _arrival_s(X: NDArray[np.complex64], blocks: BlockAverager) -> Array:
