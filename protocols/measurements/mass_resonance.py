@@ -82,7 +82,9 @@ class MassPoint:
     frequency: Annotated[float, Unit("Hz"), "frequency of the largest response: the paper's resonance"]
     frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
     spectrum_peak: Annotated[
-        float, Unit("Hz"), "frequency of the peak in the spectrum of the displacement, all pieces joined"
+        float,
+        Unit("Hz"),
+        "frequency of the peak in the spectrum of the displacement over that of the drive, all pieces joined",
     ]
     spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
     natural_frequency: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
@@ -268,6 +270,7 @@ class MassResonance(Protocol):
                 recordings[0].rate_hz,
                 self._shares_hz(recordings),
                 (self.low_hz, self.high_hz),
+                drives=[recording.drive_v for recording in recordings],
             )
             spectrum = of_spectrum.frequency_hz, of_spectrum.standard_error_hz
         return MassPoint(

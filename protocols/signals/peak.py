@@ -25,7 +25,13 @@ from numpy.typing import ArrayLike
 from model import Array
 from protocols.signals.checks import check_positive, check_samples
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, band_spectrum, fast_length, make_block_averager
+from protocols.signals.spectral_blocks import (
+    OVERLAP_CORRELATION,
+    BlockAverager,
+    band_spectrum,
+    fast_length,
+    make_block_averager,
+)
 
 PEAK_BAND_HZ = (125.0, 500.0)
 """Band in which the paper searches for the peak."""
@@ -76,11 +82,13 @@ def joined_spectrum_peak(
     shares_hz: Sequence[tuple[float, float]],
     band_hz: tuple[float, float] = PEAK_BAND_HZ,
     resolution_hz: float = 0.5,
+    drives: Sequence[ArrayLike] = (),
 ) -> SpectralPeak:
     """Return the peak of the displacement's spectrum under a linear sweep in pieces of equal rate and amplitude.
 
     The energy of a swept displacement per hertz depends only on rate and amplitude, so that the spectra of the pieces, each over
-    its own share of the band, form one spectrum.
+    its own share of the band, form one spectrum. A generator's samples weaken the drive towards higher frequencies, by up to a
+    percent: the spectra are divided by those of the recorded drives.
 
     Args:
         displacements: (N,) each, one piece after the other.
@@ -88,6 +96,7 @@ def joined_spectrum_peak(
         shares_hz: the share of the band of each piece, rising and without gaps; every piece reaches a little beyond its own.
         band_hz: band that is searched for the peak.
         resolution_hz: of the lines; taken finer where the peak is narrow.
+        drives: recorded drives, (N,) each; none: equal energy at all frequencies.
 
     Raises:
         ValueError: too short, not finite, or no distinct peak in the band.
@@ -96,8 +105,10 @@ def joined_spectrum_peak(
     if not (shares_hz and shares_hz[0][0] <= band_hz[0] and band_hz[1] <= shares_hz[-1][1]):
         raise ValueError(f"the sweep does not cover the band {band_hz[0]:g}..{band_hz[1]:g} Hz")
     pieces = [
-        _PieceSpectrum(displacement, rate_hz, max(low, band_hz[0]), min(high, band_hz[1]))
-        for displacement, (low, high) in zip(displacements, shares_hz, strict=True)
+        _PieceSpectrum(displacement, drive, rate_hz, max(low, band_hz[0]), min(high, band_hz[1]))
+        for displacement, drive, (low, high) in zip(
+            displacements, drives or [None] * len(shares_hz), shares_hz, strict=True
+        )
         if low < band_hz[1] and high > band_hz[0]
     ]
     finest = MIN_BINS_PER_LINE * max(piece.bin_hz for piece in pieces)
@@ -114,8 +125,11 @@ def joined_spectrum_peak(
 class _PieceSpectrum:
     """Return the energy spectrum of one piece of a swept displacement over its share of the band."""
 
-    def __init__(self, displacement: ArrayLike, rate_hz: float, low_hz: float, high_hz: float) -> None:
+    def __init__(
+        self, displacement: ArrayLike, drive: ArrayLike | None, rate_hz: float, low_hz: float, high_hz: float
+    ) -> None:
         self._samples = check_samples("the displacement", displacement, 256)
+        self._drive = None if drive is None else check_samples("the drive", drive, self._samples.size)
         self._rate_hz, self._low_hz, self._high_hz = rate_hz, low_hz, high_hz
         self._n = fast_length(self._samples.size)
         self.bin_hz = rate_hz / self._n
@@ -126,11 +140,17 @@ class _PieceSpectrum:
         if beyond:
             low, high = max(low - resolution_hz, self.bin_hz), min(high + resolution_hz, self._rate_hz / 2)
         blocks = make_block_averager((low, high), resolution_hz, self.bin_hz, self._rate_hz / 2)
-        bins = band_spectrum(self._samples, self._n, blocks)
-        power = (bins.real**2 + bins.imag**2) / np.float32(self._rate_hz) ** 2
-        lines, f = np.asarray(blocks.windows(power) @ blocks.window, float), blocks.frequency_hz
+        f, lines = blocks.frequency_hz, self._energies(self._samples, blocks)
+        if self._drive is not None:
+            lines = lines / self._energies(self._drive, blocks)
         own = (f >= self._low_hz) & (f < self._high_hz) if beyond else np.ones(f.size, bool)
         return f[own], lines[own]
+
+    def _energies(self, samples: Array, blocks: BlockAverager) -> Array:
+        """Return the energies of samples in the lines, (count,)."""
+        bins = band_spectrum(samples, self._n, blocks)
+        power = (bins.real**2 + bins.imag**2) / np.float32(self._rate_hz) ** 2
+        return np.asarray(blocks.windows(power) @ blocks.window, float)
 
 
 def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PEAK_BAND_HZ) -> SpectralPeak:
