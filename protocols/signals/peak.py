@@ -104,11 +104,10 @@ def joined_spectrum_peak(
     check_positive(rate_hz=rate_hz, resolution_hz=resolution_hz)
     if not (shares_hz and shares_hz[0][0] <= band_hz[0] and band_hz[1] <= shares_hz[-1][1]):
         raise ValueError(f"the sweep does not cover the band {band_hz[0]:g}..{band_hz[1]:g} Hz")
+    divisors: Sequence[ArrayLike | None] = drives or [None] * len(shares_hz)
     pieces = [
         _PieceSpectrum(displacement, drive, rate_hz, max(low, band_hz[0]), min(high, band_hz[1]))
-        for displacement, drive, (low, high) in zip(
-            displacements, drives or [None] * len(shares_hz), shares_hz, strict=True
-        )
+        for displacement, drive, (low, high) in zip(displacements, divisors, shares_hz, strict=True)
         if low < band_hz[1] and high > band_hz[0]
     ]
     finest = MIN_BINS_PER_LINE * max(piece.bin_hz for piece in pieces)
@@ -289,7 +288,7 @@ def _vertex(x: Array, y: Array) -> float:
     """Return the minimum of the polynomial through all points that is nearest to the first three's middle one; NaN without one."""
     slope = np.polynomial.Polynomial.fit(x, y, x.size - 1).deriv()
     bend = slope.deriv()
-    minima = [
-        r.real for r in slope.roots() if abs(r.imag) < 1e-9 * abs(r) and bend(r.real) > 0 and x[0] < r.real < x[2]
-    ]
-    return min(minima, key=lambda r: abs(r - x[1]), default=math.nan)
+    roots = np.asarray(slope.roots(), complex)
+    level = roots.real[np.abs(roots.imag) < 1e-9 * np.abs(roots)].tolist()
+    minima = [r for r in level if bend(r) > 0 and x[0] < r < x[2]]
+    return min(minima, key=lambda r: float(abs(r - x[1])), default=math.nan)
