@@ -32,8 +32,10 @@ SEARCH_CHUNK = 1 << 14
 """Number of samples per search step."""
 
 
-def sweep_extent(drive: Array) -> slice:
-    """Return the first and last sample at which the drive, (N,), is away from the middle of its range.
+def sweep_extent(drive: Array, beyond: int = 0) -> slice:
+    """Return the first and last sample at which the drive, (N,), is away from the middle of its range, and `beyond` samples more.
+
+    Beyond them are the weak ends of a faded sweep, and the free vibration after it.
 
     Raises:
         ValueError: a constant drive.
@@ -51,7 +53,7 @@ def sweep_extent(drive: Array) -> slice:
                 return start + int(away.argmax())
         return samples.size
 
-    return slice(first(drive), drive.size - first(drive[::-1]))
+    return slice(max(first(drive) - beyond, 0), drive.size - max(first(drive[::-1]) - beyond, 0))
 
 
 def is_rising(X: NDArray[np.complex64]) -> bool:
@@ -151,9 +153,7 @@ def estimate_swept_response(
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
     """
     x, y = check_pair(drive, displacement, 4 * MIN_BINS_PER_LINE, rate_hz)
-    swept = sweep_extent(x)
-    if fade := round(fade_s * rate_hz):  # the weak ends of the sweep, and the free vibration after it
-        swept = slice(max(swept.start - fade, 0), min(swept.stop + fade, x.size))
+    swept = sweep_extent(x, round(fade_s * rate_hz))
     duration = swept.stop - swept.start
     if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
@@ -198,8 +198,7 @@ def estimate_swept_response(
             H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
         return np.asarray(H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)], complex)
 
-    rising, H = is_rising(X), response(cross)
-    cleaned = cross
+    rising, H, cleaned = is_rising(X), response(cross), cross
     for _ in range(HARMONIC_PASSES if fast else 0):
         cleaned = cross - _harmonics(cross, power, H, blocks, rising)
         H = response(cleaned)
@@ -219,10 +218,9 @@ def estimate_swept_response(
     hum = np.sqrt(
         sum((_interference_errors(line, f, S_xx, blocks, rate_hz) ** 2 for line in interference), np.zeros(1))
     )
-    turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
         f[used],
-        (H * turn)[used],
+        (H * np.exp(2j * np.pi * f * delay_s))[used],
         errors=np.hypot(np.sqrt(CORRECTED_VARIANCE * variance / 2), hum)[used],
         coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_DEGREES_OF_FREEDOM,
