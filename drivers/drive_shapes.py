@@ -21,6 +21,8 @@ FADE_CYCLES = 4
 
 ANY_SIGN = ("level_v", "levels_v", "start_v", "stop_v", "offset_v")
 """Fields that may be zero or negative: levels."""
+MAY_BE_ZERO = (*ANY_SIGN, "fade_s")
+"""Fields that may be zero: levels, and the duration of a fade."""
 
 
 class _CheckedDrive:
@@ -40,7 +42,7 @@ class _CheckedDrive:
                 if not math.isfinite(number):
                     raise ValueError(f"{self.kind}: {name} must be a finite number, not {number}")
         for name, value in values.items():
-            if name not in ANY_SIGN and not value > 0:
+            if name not in ANY_SIGN and not value > 0 and not (name in MAY_BE_ZERO and value == 0):
                 raise ValueError(f"{self.kind}: {name} must be positive, not {value}")
 
 
@@ -189,12 +191,21 @@ class Sine(_WholeCycles):
         return np.asarray(np.sin(2 * np.pi * self.frequency_hz * time))
 
 
+def _envelope(time: Array, duration_s: float, fade_s: float) -> Array:
+    """Return the share of the full amplitude, with the square of a sine as the fade at both ends."""
+    if not fade_s:
+        return np.ones_like(time)
+    share = np.clip(np.minimum(time, duration_s - time) / fade_s, 0.0, 1.0)
+    return np.asarray(np.sin(0.5 * np.pi * share) ** 2)
+
+
 @dataclass(frozen=True, slots=True)
 class LinearSweep(_Oscillation):
     """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
 
     It ends at the offset only if its mean frequency times its duration is a whole number of cycles, which the
-    drive limits require.
+    drive limits require. Within `fade_s` its amplitude rises at its begin and falls at its end: the ends of a sweep that starts
+    at full amplitude, and the mean that an amplifier with two slopes adds to it, are as broad as its band.
     """
 
     start_hz: float
@@ -202,11 +213,13 @@ class LinearSweep(_Oscillation):
     duration_s: float
     amplitude_v: float
     offset_v: float
+    fade_s: float = 0.0
 
     @property
     def slew_v_per_s(self) -> float:
         """Largest slope, V/s."""
-        return 2 * math.pi * max(self.start_hz, self.stop_hz) * self.amplitude_v
+        of_fade = 0.5 * math.pi / self.fade_s if self.fade_s else 0.0
+        return (2 * math.pi * max(self.start_hz, self.stop_hz) + of_fade) * self.amplitude_v
 
     @property
     def cycles(self) -> float:
@@ -216,24 +229,19 @@ class LinearSweep(_Oscillation):
     @property
     def end_levels_v(self) -> tuple[float, float]:
         """Levels at the start and at the end."""
-        fraction = self.cycles - round(self.cycles)
+        fraction = 0.0 if self.fade_s else self.cycles - round(self.cycles)
         return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
-
-    @classmethod
-    def with_whole_cycles(
-        cls, start_hz: float, stop_hz: float, nominal_duration_s: float, amplitude_v: float, offset_v: float
-    ) -> "LinearSweep":
-        """The sweep nearest to `nominal_duration_s` that ends at the offset: a whole number of cycles."""
-        mean_hz = 0.5 * (start_hz + stop_hz)
-        duration_s = max(round(mean_hz * nominal_duration_s), 1) / mean_hz
-        return cls(start_hz, stop_hz, duration_s, amplitude_v, offset_v)
 
     def volts(self, t: ArrayLike) -> Array:
         """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         rate = (self.stop_hz - self.start_hz) / self.duration_s
         phase = 2 * np.pi * (self.start_hz * time + 0.5 * rate * time**2)
-        return np.asarray(self.offset_v + self.amplitude_v * np.sin(phase))
+        return np.asarray(self.offset_v + self.amplitude_v * self.envelope(time) * np.sin(phase))
+
+    def envelope(self, t: ArrayLike) -> Array:
+        """Return the present amplitude at the times `t` after the start, as a share of `amplitude_v`."""
+        return _envelope(np.asarray(t, float), self.duration_s, self.fade_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,8 +297,7 @@ class PeriodicSweep(_Oscillation):
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         turn = np.floor(time / self.sweep_s)
         within = time - turn * self.sweep_s
-        share = np.minimum(np.minimum(within, self.sweep_s - within) / self.fade_s, 1.0)
-        away = np.sin(0.5 * np.pi * share) ** 2 * (self.sweep.volts(within) - self.offset_v)
+        away = _envelope(within, self.sweep_s, self.fade_s) * (self.sweep.volts(within) - self.offset_v)
         return np.asarray(self.offset_v + np.where(turn % 2 == 0, away, -away))
 
 

@@ -25,11 +25,10 @@ from model.response import (
     usable_bands,
 )
 from model.studies import UncertaintyBand
-from protocols.signals import dwell_peak
 
 FULL_DRIVE_TOLERANCE = 0.02
 """Largest relative difference of a full drive from the largest drive."""
-MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio")
+MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio", "peak_frequency")
 
 
 def figure_of_merit(
@@ -114,40 +113,41 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
 
 
 def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
-    """Return natural and damped frequency and damping ratio, free, from the newest run that has them."""
-    for run in reversed([each for each in runs if each.identifiable]):
-        modes = [e for e in run.summary.record.estimates if e.name in MODE_NAMES]
-        if modes and all(
+    """Return natural, damped and peak frequency and damping ratio, free, each from the newest run that has it."""
+    modes: dict[str, EstimatedQuantity] = {}
+    for run in runs:
+        free = all(
             getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None
             for each in run.observations
-        ):
-            return [figure_of_merit(e.name, e.value, e.standard_error, run.path.stem) for e in modes]
-    return []
+        )
+        found = run.summary.record.estimates if run.identifiable and free else ()
+        modes |= {
+            e.name: figure_of_merit(e.name, e.value, e.standard_error, run.path.stem)
+            for e in found
+            if e.name in MODE_NAMES
+        }
+    return list(modes.values())
 
 
-def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list[EstimatedQuantity]:
-    """Return peak frequency and largest amplitude at full drive, free, from the newest dwell with an interior maximum.
+def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> EstimatedQuantity | None:
+    """Return the largest amplitude at full drive, free, from the newest dwell with an interior maximum.
 
-    The amplitude is the largest measured one, as in the fleet; its error has the shared gain error of the sensor, too.
+    It is the largest measured one, as in the fleet; its error has the shared gain error of the sensor, too.
     """
-    peaks: dict[str, EstimatedQuantity] = {}
+    peak = None
     for run in observations.of_type(FrequencyResponseObservation):
         if run.elongation_m is not None or run.added_mass_kg is not None or run.swept:
             continue
         drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
         at = np.flatnonzero(run.usable & (np.abs(drive / specimen.full_amplitude_v - 1) < FULL_DRIVE_TOLERANCE))
-        if run.fundamental_m is not None and run.errors_m is not None:
-            peak = dwell_peak(run.frequency_hz[at], np.abs(run.fundamental_m)[at], run.errors_m[at])
-            if peak is not None:
-                peaks["peak_frequency"] = figure_of_merit("peak_frequency", *peak, run.label)
         if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
             f, y, errors = run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at]
             top = int(y.argmax()) if y.size else 0
             if y.size and f.min() < f[top] < f.max():
                 shared = np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
                 error = float(np.hypot(errors[top], shared * y[top]))
-                peaks["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", y[top], error, run.label)
-    return list(peaks.values())
+                peak = figure_of_merit("amplitude_at_resonance", y[top], error, run.label)
+    return peak
 
 
 def figures_of_merit(
@@ -164,7 +164,7 @@ def figures_of_merit(
     ]
     figures += measured_modes(runs)
     if observations is not None:
-        figures += measured_peak(specimen, observations)
+        figures.append(measured_peak(specimen, observations))
     if margin_free is not None:
         figures.append(figure_of_merit("smallest_margin", margin_free.margin, margin_free.margin_error))
         if bands := margin_free.felt_bands:

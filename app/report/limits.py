@@ -42,7 +42,7 @@ rule = "guarded"
 # The specimen that within_golden compares with: its runs in the same folder are identified in the same way.
 # golden = "T0"
 
-[limits.peak_frequency]         # of the largest response, as measured: through the three highest points of the free dwell
+[limits.peak_frequency]         # of the largest response, as measured: through the four highest points of the free dwell
 low = "145 Hz"
 high = "170 Hz"
 

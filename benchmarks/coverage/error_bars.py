@@ -54,7 +54,7 @@ SHORT: Mapping[str, Protocol] = {
     "voltage steps": VoltageSteps(levels_v=(0.5, 1.5, 3.5, 5.0), repeats=2, hold_s=2.0),
     "static loading": StaticLoading(weights_kg=(0.02, 0.1, 0.5), repeats=2),
     "mass resonance": MassResonance(
-        masses_kg=(7.75e-3,), start_hz=75.0, stop_hz=325.0, low_hz=100.0, high_hz=300.0, sweep_s=60.0
+        masses_kg=(7.75e-3,), start_hz=75.0, stop_hz=325.0, low_hz=100.0, high_hz=300.0, sweep_s=60.0, piece_s=15.0
     ),
     "latency": OnsetLatency(repeats=2, frequencies_hz=(150.0,)),
 }
@@ -256,12 +256,9 @@ NOTES = """
 - **latency**: the uncertainty of a crossing is its shift by 1.5 standard uncertainties of a sample, and the hum at rest counts in full, although the mean over the rest averages it; the edge of a step
   leaves up to 14 µs in the rise, which its second average states as an uncertainty; the overshoot of a sine is the largest of many noisy samples; the settling of a sine jumps by half a period
   where its last swing only grazes the band.
-- **peak_frequency of the sine dwell**: its error has the stated size, and the same sign at every seed, because the frequencies are the same.
-- **damping_ratio of the sine dwell**: the hum at 50 Hz enlarges the misfit of a fit in which all points have equal weight.
-- **mass resonance**: the pieces of these short settings meet near the peak, where the fade at the begin of a piece and its end disturb about ten lines on either side; `spectrum_peak` has the ripple
-  of the drive's spectrum near the ends of the pieces, which its stated error, the scatter about the curve, does not include. Lines farther from the joints have no bias; a finer grid of the plant changes none of this.
 - **linear_young_modulus, sag, E_m**: the stated error has the reference and the geometry, which are the same at every seed of one specimen.
-- **linearity of the square dwell**: not traced.
+- **mass resonance**: a piece longer than an octave has the amplifier's second harmonic in the upper part of its spectrum, and `spectrum_peak` moves by up to 0.2 Hz; the pieces of the protocol's
+  default and of these settings are shorter.
 - **static loading on one specimen**: the weight of a point changes with what its zero moves beyond its creep, which earlier weights add to; likely, not traced further.
 - **interference_at_rest** has no closed form, because the largest line is chosen.
 """

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from model import Array, Complex, sag, skin
+from model import Array, Complex, linear_young_modulus, sag, skin
 from model.response import (
     damping_ratios,
     frequency_response,
@@ -158,7 +158,8 @@ def _membrane_sag(_: Protocol, parameters: SimulationParameters, points: Sequenc
     true_m = sag(parameters.membrane).centre_m
     against_reference_m = true_m - parameters.hands.reference_m  # the errors of points exclude the reference's
     names = {f"point sag #{i}": against_reference_m for i in range(len(points))}
-    return names | {"sag": true_m, "E_m": parameters.membrane.E_m}
+    linear = linear_young_modulus(parameters.membrane, true_m)
+    return names | {"sag": true_m, "E_m": parameters.membrane.E_m, "linear_young_modulus": linear}
 
 
 def _dwell(parameters: SimulationParameters, points: Sequence[Any], skins: Sequence[Any]) -> Truth:
@@ -198,6 +199,7 @@ def _square_dwell(protocol: Any, parameters: SimulationParameters, points: Seque
         wide, sine_wide = float(square.peak_to_peak[0]), float(sine.peak_to_peak[0])
         names |= {f"point peak_to_peak #{i}": wide, f"point sine_peak_to_peak #{i}": sine_wide}
         names |= {f"point ratio #{i}": wide / sine_wide, f"point fundamental #{i}": abs(square.fundamental[0])}
+        names |= {f"point linearity #{i}": 1.0}
         names |= {f"point sine_fundamental #{i}": abs(sine.fundamental[0])}
     return names | {"square_wave_amplitude": max(names[f"point peak_to_peak #{i}"] for i in range(len(points)))}
 

@@ -14,7 +14,7 @@ ArbitraryDrive = LinearSweep | PeriodicSweep | Steps | SquareWave | LevelPulse
 """Drives that generators do not have built in."""
 
 MIN_POINTS = 256
-OVERSAMPLED_POINTS = 16_384
+OVERSAMPLED_POINTS = 131_072
 """Number of points up to which a waveform is oversampled if the memory allows."""
 
 QUANTIZATION_MARGIN = 0.98

@@ -52,6 +52,10 @@ OVERLAP_LINES = 6
 """Overlap of neighbouring pieces in lines, half of it beyond the share of each: begin and end of a piece disturb its outermost
 lines."""
 
+FADE_WIDTHS = 1.5
+"""Duration of the fade at the begin and the end of a piece, in units of the inverse root of its rate: the width of the ends of its
+spectrum. A faster fade has a ripple in the spectrum, a slower one is longer than the overlap of the pieces."""
+
 MAX_OVERLAP = 0.5
 """Largest total overlap of adapted pieces, as a share of the band: overlaps reduce the time per line."""
 
@@ -78,7 +82,9 @@ class MassPoint:
     frequency: Annotated[float, Unit("Hz"), "frequency of the largest response: the paper's resonance"]
     frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
     spectrum_peak: Annotated[
-        float, Unit("Hz"), "frequency of the peak in the spectrum of the displacement, all pieces joined"
+        float,
+        Unit("Hz"),
+        "frequency of the peak in the spectrum of the displacement over that of the drive, all pieces joined",
     ]
     spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
     natural_frequency: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
@@ -264,6 +270,7 @@ class MassResonance(Protocol):
                 recordings[0].rate_hz,
                 self._shares_hz(recordings),
                 (self.low_hz, self.high_hz),
+                drives=[recording.drive_v for recording in recordings],
             )
             spectrum = of_spectrum.frequency_hz, of_spectrum.standard_error_hz
         return MassPoint(
@@ -343,12 +350,11 @@ class MassResonance(Protocol):
     def _sweeps(self, rest_v: float) -> tuple[LinearSweep, ...]:
         """Return the pieces: equal in duration and sweep rate, `sweep_s` in total with their overlaps."""
         count, overlap = self._piece_count, OVERLAP_LINES * self._resolution_hz
+        duration_s, peak_v = self._piece_duration_s, 0.5 * self.peak_to_peak_v
         width = (self.stop_hz - self.start_hz + (count - 1) * overlap) / count
         starts = [self.start_hz + i * (width - overlap) for i in range(count)]
-        return tuple(
-            LinearSweep.with_whole_cycles(start, start + width, self._piece_duration_s, self.peak_to_peak_v / 2, rest_v)
-            for start in starts
-        )
+        fade_s = min(FADE_WIDTHS * math.sqrt(duration_s / width), duration_s / 8)
+        return tuple(LinearSweep(start, start + width, duration_s, peak_v, rest_v, fade_s) for start in starts)
 
     def _shares_hz(self, recordings: Sequence[Recording]) -> tuple[tuple[float, float], ...]:
         """Return the share of the band of each piece: between the middles of its overlaps with its neighbours.
@@ -382,6 +388,7 @@ class MassResonance(Protocol):
                 self._resolution_hz,
                 recording.sensor_delay_s,
                 recording.interference,
+                drive.fade_s,
             )
             parts.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
         return concatenate_responses(parts)

@@ -45,6 +45,13 @@ from protocols.signals import combine_errors, estimate_level
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
 LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"
 
+GEOMETRY_ERRORS = {
+    "length_m": "length_error_m",
+    "thickness_m": "thickness_error_m",
+    "density_kg_per_m3": "density_error_kg_per_m3",
+}
+"""Uncertain inputs of the moduli and the fields of their standard errors."""
+
 RUBBER_MODULI_PA = 1e4, 1e8
 """Moduli of rubbers, from the softest silicone to the hardest; another value means no rubber or no membrane."""
 
@@ -178,11 +185,9 @@ class MembraneSag(Protocol):
             return ()
         estimates = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
         with contextlib.suppress(ParameterError):  # if no modulus explains this sag, the sag alone is reported
-            estimates.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
-            linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
-            estimates.append(
-                EstimatedQuantity.listed("linear_young_modulus", linear, linear * error_m / mean_m, LINEAR_SOURCE)
-            )
+            names = ("E_m", SOURCE), ("linear_young_modulus", LINEAR_SOURCE)
+            moduli = zip(names, *self._young_moduli(mean_m, error_m), strict=True)
+            estimates += [EstimatedQuantity.listed(name, e, error, source) for (name, source), e, error in moduli]
         return tuple(estimates)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
@@ -226,35 +231,31 @@ class MembraneSag(Protocol):
         Raises:
             ParameterError: no modulus explains this sag.
         """
-        _, error = self._young_modulus(sag_m, sag_error_m)
+        _, (error, _) = self._young_moduli(sag_m, sag_error_m)
         low, high = (
             young_modulus_from_sag(self.membrane, sag_m * k, self.load_n_per_m, self.elongation_m / self.length_m)
             for k in (0.999, 1.001)
         )
         return error * 2e-3 * sag_m / abs(high - low)
 
-    def _young_modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
-        """Return E_m and its standard error: effects of the uncertain inputs in quadrature."""
+    def _young_moduli(self, sag_m: float, sag_error_m: float) -> tuple[list[float], list[float]]:
+        """Return E_m and the modulus of linear theory, and their standard errors: effects of the uncertain inputs in quadrature."""
 
-        def E_m(changed: "MembraneSag", w: float = sag_m) -> float:
-            return young_modulus_from_sag(
-                changed.membrane, w, changed.load_n_per_m, changed.elongation_m / changed.length_m
-            )
+        def moduli(changed: "MembraneSag", w: float = sag_m) -> Array:
+            of_load = changed.membrane, w, changed.load_n_per_m
+            stretch = changed.elongation_m / changed.length_m
+            return np.array([young_modulus_from_sag(*of_load, stretch), linear_young_modulus(*of_load)])
 
-        best = E_m(self)
-        by_sag = (E_m(self, sag_m + sag_error_m) - E_m(self, sag_m - sag_error_m)) / 2
-        steps = [by_sag] + [
-            (E_m(self.model_copy(update={name: value + error})) - E_m(self.model_copy(update={name: value - error})))
-            / 2
-            for name, value, error in (
-                ("length_m", self.length_m, self.length_error_m),
-                ("thickness_m", self.thickness_m, self.thickness_error_m),
-                ("density_kg_per_m3", self.density_kg_per_m3, self.density_error_kg_per_m3),
-            )
-        ]
+        def changed(name: str, by: float) -> Array:
+            return moduli(self.model_copy(update={name: getattr(self, name) + by}))
+
+        best = moduli(self)
+        errors = {name: getattr(self, error) for name, error in GEOMETRY_ERRORS.items()}
+        steps = [(changed(name, error) - changed(name, -error)) / 2 for name, error in errors.items()]
+        steps.append((moduli(self, sag_m + sag_error_m) - moduli(self, sag_m - sag_error_m)) / 2)
         # A stretch is not negative: near 0 only the upper side exists.
-        stretched = self.model_copy(update={"elongation_m": self.elongation_m + self.elongation_error_m})
-        return best, math.hypot(*steps, E_m(stretched) - best)
+        steps.append(changed("elongation_m", self.elongation_error_m) - best)
+        return best.tolist(), np.linalg.norm(steps, axis=0).tolist()
 
     @property
     def load_n_per_m(self) -> float:

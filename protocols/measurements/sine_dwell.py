@@ -482,10 +482,11 @@ SOURCE = "complex fit of one mode and the residual of higher modes to the fundam
 
 
 def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """Fit one resonant mode and the residual of higher modes by least squares; see `fit_sdof`.
+    """Fit one resonant mode and the residual of higher modes by weighted least squares; see `fit_sdof`.
 
     Args:
-        points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.
+        points: with `frequency`, `fundamental`, `fundamental_errors`, `phase`, `drive_amplitude` (see SinePoint); all usable. Errors
+            that are not all known make no weights.
 
     Returns:
         Natural and damped frequency in hertz and damping ratio; empty if the points do not span a resonance.
@@ -494,8 +495,10 @@ def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
 
     f = np.array([p.frequency for p in points])
     response = np.array([p.fundamental / p.drive_amplitude * np.exp(1j * p.phase) for p in points])
+    errors = np.array([p.fundamental_errors / p.drive_amplitude for p in points])
+    known = bool(np.all(np.isfinite(errors) & (errors > 0)))
     try:
-        mode = fit_sdof(f, response)
+        mode = fit_sdof(f, response, errors if known else None)
     except ValueError:
         return ()
     return modal_estimates(mode.natural_hz, mode.natural_error_hz, mode.damping_ratio, mode.damping_error, SOURCE)
@@ -510,5 +513,5 @@ def find_peak(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
     ]
     if (peak := dwell_peak(*columns)) is None:
         return ()
-    source = "single resonance through the three highest fundamentals of this run"
+    source = "resonance through the four highest fundamentals of this run"
     return (EstimatedQuantity.listed("peak_frequency", peak.frequency_hz, peak.frequency_error_hz, source),)

@@ -56,6 +56,8 @@ MAX_PHASES = 128
 """Number of values of a period in its series."""
 CLOCK_TOLERANCE = 0.01
 """Relative amount by which a period may be shorter than commanded."""
+ALL_HARMONICS = 1000
+"""Number of fitted harmonics, more than there are below half the sample rate: those left out would count as noise."""
 SYMMETRIC_DUTY = 0.5
 """The duty for which the amplifier's two slopes generate only even harmonics."""
 
@@ -159,9 +161,9 @@ class SquareDwell(Protocol):
         sine_drive = recordings[0].drive
         nominal_hz = sine_drive.frequency_hz if isinstance(sine_drive, Sine) else drive.frequency_hz
         frequency = drive.frequency_hz * sine.frequency / nominal_hz
-        driven = fit_sine(square.drive_v, rate, frequency, HARMONIC_COUNT)
+        driven = fit_sine(square.drive_v, rate, frequency, ALL_HARMONICS)
         clean, coincident = remove_lines(square.displacement_m, rate, frequency, square.interference)
-        moved = fit_sine(clean, rate, frequency, HARMONIC_COUNT)
+        moved = fit_sine(clean, rate, frequency, ALL_HARMONICS)
         extremes = estimate_max_min(clean, rate, frequency)
         # Interference at a harmonic has a measured amplitude and an unknown phase.
         error = math.hypot(extremes.scatter, extremes.systematic, math.sqrt(2) * math.hypot(*coincident.values()))
@@ -188,7 +190,7 @@ class SquareDwell(Protocol):
             linearity=linearity,
             linearity_errors=linearity
             * math.hypot(fundamental_error / fundamental, driven.standard_error / drive_v, sine.relative_uncertainty),
-            harmonics=harmonic_amplitudes(moved.components),
+            harmonics=harmonic_amplitudes(moved.components[:HARMONIC_COUNT]),
             drive_fundamental=drive_v,
             drive_peak_to_peak=float(np.ptp(square.drive_v)),
             duty=float(np.mean(square.drive_v > drive.offset_v)),

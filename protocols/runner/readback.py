@@ -172,12 +172,13 @@ class DriveReadback:
         """Compare the swing with the sweep's, if a whole cycle passes outside the faded ends."""
         t = (start - self.start_scan + np.array([0.0, count])) / self.rate_hz + [-self._late_s, self._late_s]
         if isinstance(drive, PeriodicSweep):
-            fade_s, slowest = 2 * drive.fade_s, min(drive.start_hz, drive.stop_hz)
+            fade_s, least, slowest = 2 * drive.fade_s, 1.0, min(drive.start_hz, drive.stop_hz)
         else:
             share = np.clip(t / drive.duration_s, 0.0, 1.0)
-            fade_s, slowest = 0.0, float((drive.start_hz + (drive.stop_hz - drive.start_hz) * share).min())
+            fade_s, least = 0.0, float(drive.envelope(t).min())
+            slowest = float((drive.start_hz + (drive.stop_hz - drive.start_hz) * share).min())
         cycles = (count / self.rate_hz - fade_s) * slowest
-        missing = drive.amplitude_v - 0.5 * (high - low)
+        missing = least * drive.amplitude_v - 0.5 * (high - low)
         limit_v = (
             self.swing_limit_v + COARSE_SAMPLES_LOSS * drive.amplitude_v if cycles >= 1.1 else 0.75 * drive.amplitude_v
         )

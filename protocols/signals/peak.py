@@ -25,7 +25,13 @@ from numpy.typing import ArrayLike
 from model import Array
 from protocols.signals.checks import check_positive, check_samples
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, band_spectrum, fast_length, make_block_averager
+from protocols.signals.spectral_blocks import (
+    OVERLAP_CORRELATION,
+    BlockAverager,
+    band_spectrum,
+    fast_length,
+    make_block_averager,
+)
 
 PEAK_BAND_HZ = (125.0, 500.0)
 """Band in which the paper searches for the peak."""
@@ -36,6 +42,9 @@ MIN_LINES = 10
 
 CREEP_EXPONENT = 0.05
 """Prior standard deviation of 2k, from creep of 6 % a decade: narrow peaks do not show it by themselves."""
+
+MOST_DWELL_POINTS = 5
+"""Number of points around the peak of a dwell: four for its curve, and one for the error of the curve."""
 
 MIN_BINS_PER_LINE = 8
 """Fewest bins under a line for a Hann window."""
@@ -73,11 +82,13 @@ def joined_spectrum_peak(
     shares_hz: Sequence[tuple[float, float]],
     band_hz: tuple[float, float] = PEAK_BAND_HZ,
     resolution_hz: float = 0.5,
+    drives: Sequence[ArrayLike] = (),
 ) -> SpectralPeak:
     """Return the peak of the displacement's spectrum under a linear sweep in pieces of equal rate and amplitude.
 
     The energy of a swept displacement per hertz depends only on rate and amplitude, so that the spectra of the pieces, each over
-    its own share of the band, form one spectrum.
+    its own share of the band, form one spectrum. A generator's samples weaken the drive towards higher frequencies, by up to a
+    percent: the spectra are divided by those of the recorded drives.
 
     Args:
         displacements: (N,) each, one piece after the other.
@@ -85,6 +96,7 @@ def joined_spectrum_peak(
         shares_hz: the share of the band of each piece, rising and without gaps; every piece reaches a little beyond its own.
         band_hz: band that is searched for the peak.
         resolution_hz: of the lines; taken finer where the peak is narrow.
+        drives: recorded drives, (N,) each; none: equal energy at all frequencies.
 
     Raises:
         ValueError: too short, not finite, or no distinct peak in the band.
@@ -92,9 +104,10 @@ def joined_spectrum_peak(
     check_positive(rate_hz=rate_hz, resolution_hz=resolution_hz)
     if not (shares_hz and shares_hz[0][0] <= band_hz[0] and band_hz[1] <= shares_hz[-1][1]):
         raise ValueError(f"the sweep does not cover the band {band_hz[0]:g}..{band_hz[1]:g} Hz")
+    divisors: Sequence[ArrayLike | None] = drives or [None] * len(shares_hz)
     pieces = [
-        _PieceSpectrum(displacement, rate_hz, max(low, band_hz[0]), min(high, band_hz[1]))
-        for displacement, (low, high) in zip(displacements, shares_hz, strict=True)
+        _PieceSpectrum(displacement, drive, rate_hz, max(low, band_hz[0]), min(high, band_hz[1]))
+        for displacement, drive, (low, high) in zip(displacements, divisors, shares_hz, strict=True)
         if low < band_hz[1] and high > band_hz[0]
     ]
     finest = MIN_BINS_PER_LINE * max(piece.bin_hz for piece in pieces)
@@ -111,8 +124,11 @@ def joined_spectrum_peak(
 class _PieceSpectrum:
     """Return the energy spectrum of one piece of a swept displacement over its share of the band."""
 
-    def __init__(self, displacement: ArrayLike, rate_hz: float, low_hz: float, high_hz: float) -> None:
+    def __init__(
+        self, displacement: ArrayLike, drive: ArrayLike | None, rate_hz: float, low_hz: float, high_hz: float
+    ) -> None:
         self._samples = check_samples("the displacement", displacement, 256)
+        self._drive = None if drive is None else check_samples("the drive", drive, self._samples.size)
         self._rate_hz, self._low_hz, self._high_hz = rate_hz, low_hz, high_hz
         self._n = fast_length(self._samples.size)
         self.bin_hz = rate_hz / self._n
@@ -123,11 +139,17 @@ class _PieceSpectrum:
         if beyond:
             low, high = max(low - resolution_hz, self.bin_hz), min(high + resolution_hz, self._rate_hz / 2)
         blocks = make_block_averager((low, high), resolution_hz, self.bin_hz, self._rate_hz / 2)
-        bins = band_spectrum(self._samples, self._n, blocks)
-        power = (bins.real**2 + bins.imag**2) / np.float32(self._rate_hz) ** 2
-        lines, f = np.asarray(blocks.windows(power) @ blocks.window, float), blocks.frequency_hz
+        f, lines = blocks.frequency_hz, self._energies(self._samples, blocks)
+        if self._drive is not None:
+            lines = lines / self._energies(self._drive, blocks)
         own = (f >= self._low_hz) & (f < self._high_hz) if beyond else np.ones(f.size, bool)
         return f[own], lines[own]
+
+    def _energies(self, samples: Array, blocks: BlockAverager) -> Array:
+        """Return the energies of samples in the lines, (count,)."""
+        bins = band_spectrum(samples, self._n, blocks)
+        power = (bins.real**2 + bins.imag**2) / np.float32(self._rate_hz) ** 2
+        return np.asarray(blocks.windows(power) @ blocks.window, float)
 
 
 def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PEAK_BAND_HZ) -> SpectralPeak:
@@ -222,43 +244,51 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
 
 
 def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
-    """Return the single resonance through the three highest amplitudes of a dwell; None if the highest is at an end.
+    """Return the resonance through the four highest amplitudes around the highest of a dwell; None if the highest is at an end.
 
-    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine the errors of the points and the change by a fourth
-    point, through which a curve of third degree passes. With three points only, the change is to the paper's parabola of y over f.
+    For a single resonance 1 / y^2 is a parabola over f^2; its third degree takes up the other modes (without it the frequency is
+    0.001 to 0.01 Hz too high for points 20 Hz apart). The errors combine the errors of the points and the change by a fifth point, or,
+    without one, the change to the curve through one point less; of three points to the paper's parabola of y over f.
 
     Args:
         f: frequencies in any order, Hz; (N,), as the others.
         y: amplitudes.
         errors: standard errors of the amplitudes.
     """
-    from model.identification import parabola_vertex  # slow to import
-
     f, index = np.unique(f, return_index=True)
     y, errors = y[index], errors[index]
     top = int(y.argmax()) if y.size else 0
     if not 0 < top < y.size - 1:
         return None
-    three = [top - 1, top, top + 1]
-    beyond = [i for i in (top - 2, top + 2) if 0 <= i < y.size]
-    fourth = max(beyond, key=lambda i: float(y[i]), default=None)
-    used = three if fourth is None else [*three, fourth]
+    used = [top - 1, top, top + 1]
+    while len(used) < min(y.size, MOST_DWELL_POINTS):
+        used.append(max((i for i in (min(used) - 1, max(used) + 1) if 0 <= i < y.size), key=lambda i: float(y[i])))
     f, y, errors = f[used], y[used], errors[used]
+    curves = [count for count in range(3, len(used) + 1) if math.isfinite(_vertex(f[:count] ** 2, y[:count] ** -2))]
+    if 3 not in curves:
+        return None
+    main = 4 if 4 in curves else 3
+    other = next((count for count in (main + 1, main - 1) if count in curves), 0)
 
-    def vertex(heights: Array) -> Array:
+    def vertices(heights: Array) -> Array:
         """Return the frequency of the maximum, and its change by the other curve."""
-        inverse = heights**-2
-        square = parabola_vertex(f[:3] ** 2, -inverse[:3])[0]
-        other = parabola_vertex(f[:3], heights[:3])[0]
-        if fourth is not None:
-            at = square - f[1] ** 2
-            cubic = np.polynomial.Polynomial.fit(f**2 - f[1] ** 2, inverse, 3).convert()
-            slope, bend = float(cubic.deriv()(at)), float(cubic.deriv(2)(at))
-            if bend > 0 and slope / bend < square:  # otherwise the four points are no single resonance
-                other = math.sqrt(square - slope / bend)
-        return np.array([math.sqrt(square), other - math.sqrt(square)])
+        centre, changed = (
+            math.sqrt(_vertex(f[:count] ** 2, heights[:count] ** -2)) if count else _vertex(f[:3], -heights[:3])
+            for count in (main, other)
+        )
+        return np.array([centre, changed - centre])
 
-    centre, change = vertex(y)
-    moved = np.array([vertex(y + 1e-3 * step) - (centre, change) for step in np.diag(errors)]) / 1e-3
+    centre, change = vertices(y)
+    moved = np.array([vertices(y + 1e-3 * step) - (centre, change) for step in np.diag(errors)]) / 1e-3
     noise, of_change = np.linalg.norm(moved, axis=0)
     return DwellPeak(float(centre), float(np.sqrt(noise**2 + max(change**2 - of_change**2, 0.0))))
+
+
+def _vertex(x: Array, y: Array) -> float:
+    """Return the minimum of the polynomial through all points that is nearest to the first three's middle one; NaN without one."""
+    slope = np.polynomial.Polynomial.fit(x, y, x.size - 1).deriv()
+    bend = slope.deriv()
+    roots = np.asarray(slope.roots(), complex)
+    level = roots.real[np.abs(roots.imag) < 1e-9 * np.abs(roots)].tolist()
+    minima = [r for r in level if bend(r) > 0 and x[0] < r < x[2]]
+    return min(minima, key=lambda r: float(abs(r - x[1])), default=math.nan)

@@ -32,8 +32,10 @@ SEARCH_CHUNK = 1 << 14
 """Number of samples per search step."""
 
 
-def sweep_extent(drive: Array) -> slice:
-    """Return the first and last sample at which the drive, (N,), is away from the middle of its range.
+def sweep_extent(drive: Array, beyond: int = 0) -> slice:
+    """Return the first and last sample at which the drive, (N,), is away from the middle of its range, and `beyond` samples more.
+
+    Beyond them are the weak ends of a faded sweep, and the free vibration after it.
 
     Raises:
         ValueError: a constant drive.
@@ -51,7 +53,7 @@ def sweep_extent(drive: Array) -> slice:
                 return start + int(away.argmax())
         return samples.size
 
-    return slice(first(drive), drive.size - first(drive[::-1]))
+    return slice(max(first(drive) - beyond, 0), drive.size - max(first(drive[::-1]) - beyond, 0))
 
 
 def is_rising(X: NDArray[np.complex64]) -> bool:
@@ -133,6 +135,7 @@ def estimate_swept_response(
     resolution_hz: float | None = None,
     delay_s: float = 0.0,
     interference: Sequence[InterferenceLine] = (),
+    fade_s: float = 0.0,
 ) -> FrequencyResponse:
     """Response to one long linear sweep.
 
@@ -144,12 +147,13 @@ def estimate_swept_response(
         resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or more for a short record.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
         interference: lines measured at rest, counted in the errors of the affected lines of the response.
+        fade_s: duration of the fade of the drive itself; 0: none, the records of the sweep are faded instead.
 
     Raises:
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
     """
     x, y = check_pair(drive, displacement, 4 * MIN_BINS_PER_LINE, rate_hz)
-    swept = sweep_extent(x)
+    swept = sweep_extent(x, round(fade_s * rate_hz))
     duration = swept.stop - swept.start
     if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
@@ -194,8 +198,7 @@ def estimate_swept_response(
             H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
         return np.asarray(H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)], complex)
 
-    rising, H = is_rising(X), response(cross)
-    cleaned = cross
+    rising, H, cleaned = is_rising(X), response(cross), cross
     for _ in range(HARMONIC_PASSES if fast else 0):
         cleaned = cross - _harmonics(cross, power, H, blocks, rising)
         H = response(cleaned)
@@ -209,22 +212,33 @@ def estimate_swept_response(
     S_nn = variance * S_xx / np.sum(blocks.window**2) * fast_length(duration) / n
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
-    H[1:-1] -= CURVATURE_BIAS * (H[2:] - 2 * H[1:-1] + H[:-2])
+    _remove_bias(H, power, S_xx, blocks)
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = signal / (signal + S_nn)
     hum = np.sqrt(
         sum((_interference_errors(line, f, S_xx, blocks, rate_hz) ** 2 for line in interference), np.zeros(1))
     )
-    turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
         f[used],
-        (H * turn)[used],
+        (H * np.exp(2j * np.pi * f * delay_s))[used],
         errors=np.hypot(np.sqrt(CORRECTED_VARIANCE * variance / 2), hum)[used],
         coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_DEGREES_OF_FREEDOM,
         resolution_hz=blocks.length * bin_hz,
         correlation=CORRECTED_CORRELATION,
     )
+
+
+def _remove_bias(H: Complex, power: NDArray[np.float32], S_xx: Array, blocks: BlockAverager) -> None:
+    """Remove the slope and the bend of the response, (count,), over its windows from it, in place.
+
+    The drive's power in a window is the weight, with its first and second moment about the line in units of the lines' distance.
+    """
+    away = 2 * np.arange(blocks.length) / blocks.length - 1
+    weights = np.stack((blocks.window * away, blocks.window * away**2), 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = ((blocks.windows(power) @ weights) / S_xx[:, None])[1:-1].T
+    H[1:-1] -= 0.5 * first * (H[2:] - H[:-2]) + 0.5 * second * (H[2:] - 2 * H[1:-1] + H[:-2])
 
 
 def _arrival_s(X: NDArray[np.complex64], blocks: BlockAverager) -> Array:

@@ -411,7 +411,7 @@ def test_the_bench_renews_what_it_holds_and_a_level_at_rest_needs_none() -> None
 
 
 def test_the_papers_sweep_fits_in_one_piece() -> None:
-    sweep = LinearSweep.with_whole_cycles(25.0, 525.0, 300.0, 2.5, 2.5)
+    sweep = LinearSweep(25.0, 525.0, 300.0, 2.5, 2.5)
     for card in QUEUES:
         with live(card) as (source, _):
             assert source.reason_unsupported(sweep) == ""

@@ -14,9 +14,10 @@ from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, 
 SINE = Sine(100.0, 1.5, 2.5, 3)
 UPWARD = LinearSweep(25.0, 525.0, 4.0, 2.0, 2.5)
 DOWNWARD = LinearSweep(400.0, 100.0, 2.0, 0.5, 2.0)
+FADED = LinearSweep(110.0, 125.0, 2.001, 2.0, 2.5, fade_s=0.3)  # 235.12 cycles
 PERIODIC = PeriodicSweep(20.0, 180.0, 0.5, 3, 1.5, 2.5)
 STEPS = Steps((2.5, 4.0, 1.0, 2.5), 1.0, 0.5)
-EVERY: tuple[Drive, ...] = (Hold(3.5, 2.0), Ramp(2.5, 4.0, 0.5), SINE, UPWARD, DOWNWARD, PERIODIC, STEPS)
+EVERY: tuple[Drive, ...] = (Hold(3.5, 2.0), Ramp(2.5, 4.0, 0.5), SINE, UPWARD, DOWNWARD, FADED, PERIODIC, STEPS)
 
 
 def sine_chirp(sweep: LinearSweep | PeriodicSweep, t: NDArray[np.float64], end_s: float) -> NDArray[np.float64]:
@@ -45,16 +46,12 @@ def test_the_end_of_a_sweep_that_is_not_whole_is_computed_and_not_assumed() -> N
     assert LinearSweep(10.0, 30.0, 1.0375, 1.0, 2.5).end_levels_v == pytest.approx((2.5, 1.5))  # 20.75 cycles
 
 
-@pytest.mark.parametrize(
-    ("nominal_s", "duration_s"), [(4.001, 4.0), (3.999, 4.0), (4.0 + 0.6 / 275, 4.0 + 1 / 275), (1e-6, 1 / 275)]
-)
-def test_whole_cycles_change_the_duration_by_half_a_cycle_at_most_and_never_to_none(
-    nominal_s: float, duration_s: float
-) -> None:
-    sweep = LinearSweep.with_whole_cycles(25.0, 525.0, nominal_s, 2.0, 2.5)
-    assert sweep.duration_s == pytest.approx(duration_s, rel=1e-12)
-    assert (sweep.start_hz, sweep.stop_hz, sweep.amplitude_v, sweep.offset_v) == (25.0, 525.0, 2.0, 2.5)
-    assert sweep.end_levels_v == pytest.approx((2.5, 2.5))
+def test_a_faded_sweep_is_the_chirp_within_its_ends_and_rests_at_both() -> None:
+    assert FADED.end_levels_v == pytest.approx((2.5, 2.5), abs=1e-12)
+    assert FADED.volts([0.0, 2.001, 9.0]) == pytest.approx([2.5] * 3, abs=1e-12)
+    inside, half_up = np.linspace(0.3, 1.701, 2001), np.linspace(0.145, 0.155, 2001)
+    assert_allclose(FADED.volts(inside) - 2.5, sine_chirp(FADED, inside, 2.001), atol=1e-9)
+    assert np.abs(FADED.volts(half_up) - 2.5).max() == pytest.approx(1.0, rel=0.06)
 
 
 @pytest.mark.parametrize("drive", EVERY)

@@ -14,7 +14,7 @@ DRIVES = {
     "ramp": lambda s: Hold(4.6, s - 1.0),
     "full": lambda s: Sine(160.0, 2.5, 2.5, int(160 * s)),
     "sine": lambda s: Sine(20.0, 1.5, 2.5, int(20 * s)),
-    "sweep": lambda s: LinearSweep.with_whole_cycles(10.0, 30.0, s, 1.5, 2.5),
+    "sweep": lambda s: LinearSweep(10.0, 30.0, s, 1.5, 2.5, 0.1),
     "arbitrary": lambda s: Steps((2.5, 3.4, 4.0, 3.0, 2.0, 1.0, 1.6, 2.5), s / 8 - 0.1, 0.1),
 }
 """Drives by name, each for so many seconds. A ramp is the way to a level, on a bench whose `ramp_v_per_s` is small."""

@@ -9,12 +9,26 @@ from benchmarks.coverage.error_bars import DRAWN, SHORT, band, mean_limit, measu
 from protocols import PROTOCOLS
 
 SEEDS = range(1001, 1009)
-CHEAP = ("sweep", "membrane sag", "free decay", "sine dwell", "static loading")
+CHEAP = ("sweep", "membrane sag", "free decay", "sine dwell", "static loading", "mass resonance")
 MAIN = {
     "sweep": ("natural_frequency", "damping_ratio", "line, real", "line, imaginary"),
-    "membrane sag": ("sag", "E_m", "point sag"),
+    "membrane sag": ("sag", "E_m", "linear_young_modulus", "point sag"),
     "free decay": ("natural_frequency", "damping_ratio", "point natural_frequency", "point damping"),
-    "sine dwell": ("point fundamental", "point phase", "point peak_to_peak", "natural_frequency", "peak_frequency"),
+    "sine dwell": (
+        "point fundamental",
+        "point phase",
+        "point peak_to_peak",
+        "natural_frequency",
+        "damping_ratio",
+        "peak_frequency",
+    ),
+    "mass resonance": (
+        "point frequency",
+        "point spectrum_peak",
+        "point natural_frequency",
+        "line, real",
+        "line, imaginary",
+    ),
     "static loading": ("compliance, MFC up", "compliance, aluminium up", "side_difference", "point deflection"),
 }
 

@@ -31,7 +31,11 @@ def dwelt(tactor: Tactor, frequencies_hz: np.ndarray, noise: float, rng: np.rand
     noisy = response + noise * np.abs(response).max() * (rng.standard_normal((2, s.size)) * [[1], [1j]]).sum(axis=0)
     return [
         SimpleNamespace(
-            frequency=f, fundamental=AMPLITUDE_V * abs(h), phase=float(np.angle(h)), drive_amplitude=AMPLITUDE_V
+            frequency=f,
+            fundamental=AMPLITUDE_V * abs(h),
+            fundamental_errors=AMPLITUDE_V * noise * float(np.abs(response).max()),
+            phase=float(np.angle(h)),
+            drive_amplitude=AMPLITUDE_V,
         )
         for f, h in zip(frequencies_hz, noisy, strict=True)
     ]

@@ -58,8 +58,8 @@ def test_a_periodic_sweep_has_a_response_from_its_third_period_on(running: Runni
 @pytest.mark.deep
 def test_pieces_of_a_slow_sweep_follow_each_other(running: RunningCurve) -> None:
     running.observe(EntryStarted(0, "1.75 g", (1.75e-3,)))
-    play(running.observe, LinearSweep.with_whole_cycles(25.0, 275.0, 5.0, 1.0, 2.5), 5.0)
-    play(running.observe, LinearSweep.with_whole_cycles(260.0, 525.0, 5.0, 1.0, 2.5), 2.5)
+    play(running.observe, LinearSweep(25.0, 275.0, 5.0, 1.0, 2.5), 5.0)
+    play(running.observe, LinearSweep(260.0, 525.0, 5.0, 1.0, 2.5), 2.5)
     until(lambda: running.latest is not None and "at 39" in running.latest.label, "for half of the second piece")
     frequency, response = moduli(running.latest)
     measured = frequency[np.isfinite(response)]

@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.signal import butter, sosfiltfilt
 
@@ -124,6 +125,23 @@ def test_lines_as_wide_as_a_quarter_of_the_resonance_do_not_blunt_it() -> None:
     there = coarse.within(100, 250)
     exact = np.interp(there.x, fine.x, fine.plotted)
     assert np.abs(there.plotted / exact - 1).max() < 1e-3  # a Hann line alone blunts the peak by 6e-3
+
+
+def test_the_outermost_lines_of_a_faded_sweep_are_those_of_a_wider_one() -> None:
+    t = np.arange(1 << 16) / RATE
+
+    def lines(start_hz: float, stop_hz: float, fade_s: float) -> FrequencyResponse:
+        drive = LinearSweep(start_hz, stop_hz, 12.0, 1.0, 0.0, fade_s).volts(t)
+        moved = march(two_modes(), drive, RATE, "linear")
+        return estimate_swept_response(drive, moved, RATE, (start_hz, stop_hz), 3.0, fade_s=fade_s)
+
+    wide = lines(25.0, 525.0, 0.3)
+    worst = []
+    for fade_s in (0.55, 0.0):
+        narrow = lines(75.0, 165.0, fade_s)
+        assert narrow.x[-1] > 157
+        worst.append(np.abs(narrow.y / CubicSpline(wide.x, wide.y)(narrow.x) - 1).max())
+    assert worst[0] < 1e-4 < 2e-4 < worst[1], "an end at full amplitude is as broad as ten lines"
 
 
 def test_periods_that_repeat_tell_the_response_and_its_error() -> None:

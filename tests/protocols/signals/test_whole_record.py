@@ -87,7 +87,7 @@ def test_the_noise_at_rest_is_the_white_part_of_hum_and_drift() -> None:
 
 
 def test_sound_records_with_other_drives_pass() -> None:
-    sweep = LinearSweep.with_whole_cycles(20.0, 120.0, 1.0, 2.5, 2.5)
+    sweep = LinearSweep(20.0, 120.0, 1.0, 2.5, 2.5)
     moved = 40e-6 * (sweep.volts(np.maximum(T - 1e-3, 0.0)) - 2.5)
     assert not is_disturbed(recording(moved + noise(), drive=sweep, drive_v=sweep.volts(T)))
     assert is_disturbed(recording(moved + noise() + from_the_middle(6e-6), drive=sweep, drive_v=sweep.volts(T)))
