@@ -17,6 +17,8 @@ from .certificate import Certificate as Certificate
 from .certificate import CertificateColumn as CertificateColumn
 from .certificate import CertificateError as CertificateError
 from .certificate import bench_warnings as bench_warnings
+from .certificate import calibration_state as calibration_state
+from .certificate import certificates_of_bench as certificates_of_bench
 from .certificate import due_after as due_after
 from .certificate import read_certificates as read_certificates
 from .certificate import store_certificate as store_certificate

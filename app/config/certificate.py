@@ -84,10 +84,7 @@ class Certificate:
 
     def state(self, today: Day) -> str:
         """Return `valid`, `due soon`, `expired`, or `no due date`."""
-        left = self.days_left(today)
-        if left is None:
-            return "no due date"
-        return "expired" if left < 0 else "due soon" if left <= WARNING_DAYS else "valid"
+        return calibration_state(self.due, today) if self.due else "no due date"
 
     def warning(self, today: Day) -> str:
         """Return the warning before and after the due date; empty otherwise."""
@@ -98,6 +95,12 @@ class Certificate:
         if left < 0:
             return f"{about} expired on {self.due}; every point of this run is flagged. Have it calibrated and add the new certificate"
         return f"{about} is due on {self.due}, in {left} days"
+
+
+def calibration_state(due: str, today: Day) -> str:
+    """Return the state of a calibration by its last day, ISO 8601: `valid`, `due soon` or `expired`."""
+    left = (Day.fromisoformat(due) - today).days
+    return "expired" if left < 0 else "due soon" if left <= WARNING_DAYS else "valid"
 
 
 def store_certificate(folder: Path, certificate: Certificate, attachments: Iterable[Path] = ()) -> Path:
