@@ -37,6 +37,7 @@ from .sensor_calibration import CalibrationPoint as CalibrationPoint
 from .sensor_calibration import SensorCalibration as SensorCalibration
 from .sensor_calibration import SensorCalibrationError as SensorCalibrationError
 from .sensor_calibration import calibrate_sensor as calibrate_sensor
+from .sensor_calibration import calibration_of_certificate as calibration_of_certificate
 from .simulation_tables import SimulationTable as SimulationTable
 from .simulation_tables import simulation_tables as simulation_tables
 from .simulation_tables import table_at as table_at

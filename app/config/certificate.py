@@ -93,7 +93,7 @@ class Certificate:
             return ""
         about = f"The calibration of {self.name} (certificate {self.number})"
         if left < 0:
-            return f"{about} expired on {self.due}; every point of this run is flagged. Have it calibrated and add the new certificate"
+            return f"{about} expired on {self.due}; every point of this run is flagged. Have it calibrated and add the new certificate: tactor-bench certificate add"
         return f"{about} is due on {self.due}, in {left} days"
 
 

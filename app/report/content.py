@@ -70,7 +70,7 @@ def build_report(
     """
     laboratory = laboratory or Laboratory()
     names = _section_names(laboratory, full)
-    runs = _read_specimen_runs(folder, specimen, progress)
+    runs = _read_specimen_runs(folder, specimen, progress, limits.golden if limits else "")
     summary = summarize_specimen(
         specimen, runs, progress, load_sheet(folder, specimen), threshold, every_margin="perception" in names
     )
@@ -170,8 +170,8 @@ def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:
     return tuple(mark if all(marked) else f"{mark} IN PART" for mark, marked in origins_of_runs.items() if any(marked))
 
 
-def _read_specimen_runs(folder: Path, specimen: str, progress: Progress) -> tuple[ReportRun, ...]:
-    runs = read_report_runs(folder, specimen, progress)
+def _read_specimen_runs(folder: Path, specimen: str, progress: Progress, golden: str = "") -> tuple[ReportRun, ...]:
+    runs = read_report_runs(folder, specimen, progress, golden)
     if not runs:
         raise ReportError(
             f"there is no run of specimen '{specimen}' in {folder}; 'tactor-bench runs' lists what is there"

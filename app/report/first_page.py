@@ -219,5 +219,5 @@ def _source_text(merit: EstimatedQuantity, by_stem: Mapping[str, ReportRun]) -> 
     if (run := by_stem.get(stem)) is None:
         return str(merit.source)
     doubts = [run.summary.verdict_text if run.summary.outcome is Outcome.DOUBTFUL else ""]
-    doubts += dict.fromkeys(each.drift for each in run.instruments)
+    doubts += ["sensor drifting"] * any(each.drift for each in run.instruments)
     return ", ".join((run_label(run), *filter(None, doubts)))

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import date as Day  # noqa: N812 - as in certificates
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from app.archive import Catalogue, RunFilter, RunState, RunSummary, run_result
 from app.common import NO_PROGRESS, Progress, ResultSummary
 from app.config import Certificate, calibration_state, certificates_of_bench, read_certificates
+from app.fleet import FleetError, SensorDrift, read_fleet, sensor_drifts
 from app.identification import points_of_run, run_observations, shape_count_of_run
 from model import ParameterError, format_time
 from model.identification import FitOptions, Observation
@@ -93,8 +95,10 @@ class ReportRun:
         return bool(instrument.expires) and instrument.expires < self.summary.start_time[:10]
 
 
-def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRESS) -> tuple[ReportRun, ...]:
-    """Read every run of a specimen in a folder and below, in order of start time.
+def read_report_runs(
+    folder: Path, specimen: str, progress: Progress = NO_PROGRESS, golden: str = ""
+) -> tuple[ReportRun, ...]:
+    """Read every run of a specimen in a folder and below, in order of start time; `golden` is the specimen whose charts find drifting sensors.
 
     Raises:
         OSError: the folder cannot be read.
@@ -103,11 +107,24 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
     catalogue.scan(progress)
     entries = sorted(RunFilter(specimen=specimen).apply(catalogue.entries()), key=lambda e: (e.start_time, e.path))
     certificates, _ = read_certificates(folder)
+    drifts: Mapping[str, SensorDrift] = {}
+    if golden:
+        with suppress(FleetError):  # no run has a result
+            drifts = sensor_drifts(read_fleet(folder, catalogue), golden)
     runs = []
     for i, entry in enumerate(entries):
         progress.update(i / len(entries), "reading runs")
-        runs.append(_read_report_run(folder / entry.path, entry, certificates))
+        run = _read_report_run(folder / entry.path, entry, certificates)
+        runs.append(_mark_drift(run, drifts.get(entry.sensor)))
     return _mark_exclusions(runs)
+
+
+def _mark_drift(run: ReportRun, drift: SensorDrift | None) -> ReportRun:
+    """Return a run whose sensor states its drift, if the run was made after the begin of it."""
+    if drift is None or run.summary.start_time < drift.since:
+        return run
+    marked = (replace(each, drift=drift.text) if each.role == "sensor" else each for each in run.instruments)
+    return replace(run, instruments=tuple(marked))
 
 
 def _repetitions(runs: Sequence[ReportRun]) -> dict[str, str]:
