@@ -11,6 +11,7 @@ from .bench_tables import ChannelTable as ChannelTable
 from .bench_tables import EnvironmentTable as EnvironmentTable
 from .bench_tables import MeterTable as MeterTable
 from .bench_tables import SensorTable as SensorTable
+from .certificate import CERTIFICATES as CERTIFICATES
 from .certificate import ROLES as ROLES
 from .certificate import WARNING_DAYS as WARNING_DAYS
 from .certificate import Certificate as Certificate

@@ -15,7 +15,7 @@ from protocols import PROTOCOLS
 from protocols.base import open_regular, read_json_file, visible_values, write_atomic
 from protocols.runfile import safe_name
 
-FOLDER = "certificates"
+CERTIFICATES = "certificates"
 """Folder of the certificates within the folder of the runs."""
 SUFFIX = ".certificate.json"
 ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
@@ -109,7 +109,7 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
     Raises:
         CertificateError: there is one of that number already, or a file cannot be copied or written.
     """
-    place = folder / FOLDER
+    place = folder / CERTIFICATES
     stem = safe_name(certificate.number)
     path = place / f"{stem}{SUFFIX}"
     try:
@@ -139,9 +139,9 @@ def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
     """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
     certificates, problems, paths = list[Certificate](), list[str](), list[Path]()
     try:
-        paths = sorted((folder / FOLDER).glob(f"*{SUFFIX}"))
+        paths = sorted((folder / CERTIFICATES).glob(f"*{SUFFIX}"))
     except OSError as error:
-        problems.append(f"the certificates in {folder / FOLDER} cannot be read ({error}); check the disk")
+        problems.append(f"the certificates in {folder / CERTIFICATES} cannot be read ({error}); check the disk")
     for path in paths:
         try:
             certificates.append(_from_record(visible_values(read_json_file(path))))
