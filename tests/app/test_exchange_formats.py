@@ -73,6 +73,17 @@ def test_a_universal_file_has_the_columns_of_data_set_58(sweep: Path, tmp_path: 
     )
 
 
+def test_the_drive_of_a_sweep_survives_a_universal_file(sweep: Path, tmp_path: Path) -> None:
+    assert main(["export", str(sweep), "--format", "uff", "--out", str(tmp_path)]) == 0
+    (exported,) = tmp_path.glob("*.uff")
+    assert main(["import", str(exported), "--specimen", "T2", "--out", str(tmp_path / "back")]) == 0
+    (back,) = (tmp_path / "back").glob("*.h5")
+    with Run(sweep) as sent, Run(back) as received:
+        drive_v = sent.points()["drive_amplitude"][0]
+        assert received.points()["drive_amplitude"] == pytest.approx(drive_v, rel=1e-5)
+        assert received.points()["frequency"].size > 100
+
+
 def test_a_dwell_goes_out_and_comes_back_in(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(path), "--format", "uff", "--out", str(tmp_path)]) == 0
     file = capsys.readouterr().out.strip()
