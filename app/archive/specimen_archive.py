@@ -221,36 +221,16 @@ def _crate(
     simulated = [run for run in runs if run.simulated]
     mark = "SIMULATED: " if len(simulated) == len(runs) else "partly SIMULATED: " if simulated else ""
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    graph: list[dict[str, Any]] = [
-        {
-            "@id": METADATA_NAME,
-            "@type": "CreativeWork",
-            "about": {"@id": "./"},
-            "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
-            "dateCreated": now,
-            "sdPublisher": {"@id": "#tactor-bench"},
-        },
-        {
-            "@id": "./",
-            "@type": "Dataset",
-            "name": f"{mark}specimen {specimen}",
-            "description": f"{mark}{len(runs)} runs of the tactor {specimen}, with what was identified from them",
-            "datePublished": now,
-            "license": {"@id": licence or NO_LICENCE},
-            "author": provenance.authors,
-            "contributor": provenance.checkers,
-            "about": {"@id": SPECIMEN_ID},
-            "mentions": provenance.measurements,
-            "hasPart": [{"@id": f"./{name}/"} for name in members] + [{"@id": f"./{name}"} for name in files],
-        },
-        {"@id": "#tactor-bench", "@type": "SoftwareApplication", "name": "Tactor Bench", "version": version()},
-        {
-            "@id": licence or NO_LICENCE,
-            "@type": "CreativeWork",
-            "name": licence or "no licence given",
-            "description": "" if licence else "The owner of the data gave no licence; ask before they are used.",
-        },
-    ]
+    root = {
+        "name": f"{mark}specimen {specimen}",
+        "description": f"{mark}{len(runs)} runs of the tactor {specimen}, with what was identified from them",
+        "author": provenance.authors,
+        "contributor": provenance.checkers,
+        "about": {"@id": SPECIMEN_ID},
+        "mentions": provenance.measurements,
+        "hasPart": [{"@id": f"./{name}/"} for name in members] + [{"@id": f"./{name}"} for name in files],
+    }
+    graph = _heads(root, now, licence)
     values: list[dict[str, Any]] = []
     by_stem = {PurePosixPath(run.path).stem: run for run in runs}
     for name, part in members.items():
@@ -281,6 +261,24 @@ def _crate(
             for path in part
         ]
     return {"@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph + values + list(provenance.entities)}
+
+
+def _heads(root: Mapping[str, Any], now: str, licence: str) -> list[dict[str, Any]]:
+    """Return the entities of the metadata file, the archive, the program and the licence."""
+    metadata = {"@id": METADATA_NAME, "@type": "CreativeWork", "about": {"@id": "./"}, "dateCreated": now}
+    crate = {"conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"}, "sdPublisher": {"@id": "#tactor-bench"}}
+    dataset = {"@id": "./", "@type": "Dataset", "datePublished": now, "license": {"@id": licence or NO_LICENCE}}
+    return [
+        metadata | crate,
+        dataset | dict(root),
+        {"@id": "#tactor-bench", "@type": "SoftwareApplication", "name": "Tactor Bench", "version": version()},
+        {
+            "@id": licence or NO_LICENCE,
+            "@type": "CreativeWork",
+            "name": licence or "no licence given",
+            "description": "" if licence else "The owner of the data gave no licence; ask before they are used.",
+        },
+    ]
 
 
 def _describe_run(run: RunSummary, values: list[dict[str, Any]]) -> dict[str, Any]:

@@ -280,7 +280,6 @@ def _figure_blocks(summary: SpecimenSummary, plots: list[ReportPlot]) -> Iterato
 
 def _provenance_blocks(folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...]) -> Iterator[Block]:
     yield from report_tables.uncertainty_blocks(summary.specimen)
-    yield from report_tables.held_values(summary.specimen)
     yield report_tables.quality_table(runs)
     yield from report_tables.software_tables(runs)
     yield report_tables.hash_table(runs)

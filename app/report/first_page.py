@@ -8,6 +8,7 @@ from app.identification import SpecimenSheet
 from app.report.document import Block, LimitOutcome, Paragraph, Picture, Report, Verdict
 from app.report.figures_of_merit import MODEL_SOURCE, SpecimenSummary
 from app.report.limits import Limits
+from app.report.report_tables import format_flags
 from app.report.rounding import typeset_measurement
 from app.report.runs import InstrumentRecord, ReportRun, run_label
 from model import EstimatedQuantity, format_time, quantity_label
@@ -92,7 +93,8 @@ def _runs_text(runs: Sequence[ReportRun]) -> str:
     left_out = sum(bool(run.exclusion_reason) for run in runs)
     text = f"{pluralize(len(runs), 'run')}: {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}"
     points, usable = sum(run.summary.points for run in runs), sum(run.usable_count for run in runs)
-    text += f"; {usable} of {pluralize(points, 'point')} usable"
+    flags = format_flags(sum((Counter(run.flag_counts) for run in runs), Counter[str]()))
+    text += f"; {usable} of {pluralize(points, 'point')} usable" + (f", flags: {flags}" if flags else "")
     return f"{text}; {left_out} left out of the identification, see page 2" if left_out else text
 
 

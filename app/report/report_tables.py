@@ -7,7 +7,6 @@ from typing import Any
 
 from app.common import Table, pluralize, typeset_unit
 from app.identification import (
-    TABLE_ONE,
     BudgetBar,
     assumed_line,
     budget_bars,
@@ -36,9 +35,8 @@ from app.report.rounding import (
     typeset_with_error,
 )
 from app.report.runs import ReportRun
-from app.report.specimen import TACTOR_NAMES, SpecimenModel
+from app.report.specimen import SpecimenModel
 from model import QUANTITIES, Membrane, Tactor, format_time, quantity_label, shown_unit
-from model.identification import SPECIMEN_PARAMETERS
 from protocols.base import Outcome
 
 EMPTY_CELL = "–"
@@ -78,8 +76,7 @@ def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
 
 
 def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
-    """Yield the quality of the points, and the runs that could not be read, are left out, have no result, or are doubtful."""
-    yield Paragraph(_quality_text(runs))
+    """Yield the runs that could not be read, are left out, have no result, or are doubtful."""
     yield from (Paragraph(f"{run.name}: {run.problem}.", "bad") for run in runs if run.problem)
     for run in runs:
         if run.exclusion_reason:
@@ -101,14 +98,6 @@ def _format_bands(margin: PerceptionMargin) -> str:
         for band, errors in zip(margin.felt_bands, margin.edge_errors, strict=True)
     )
     return " and ".join(ends) or "nowhere"
-
-
-def _quality_text(runs: Sequence[ReportRun]) -> str:
-    points, usable = sum(run.summary.points for run in runs), sum(run.usable_count for run in runs)
-    flags = sum((Counter(run.flag_counts) for run in runs), Counter[str]())
-    unusable = f"{points - usable} are not usable" if points != usable else "all are usable"
-    text = f"{pluralize(points, 'point')} in {pluralize(len(runs), 'run')}; {unusable}"
-    return f"{text} ({format_flags(flags)})." if flags else f"{text}."
 
 
 def parameter_grid(specimen: SpecimenModel) -> Table:
@@ -147,7 +136,10 @@ def known_values(specimen: SpecimenModel) -> Table:
     measured: dict[tuple[str, str], list[str]] = {}
     for e in entries.values():
         if e.name in priors:
-            origin = ("specimen sheet" if e.measured else "paper's Table I", e.instrument)
+            origin = (
+                "specimen sheet" if e.measured else "paper's Table I",
+                ", ".join(filter(None, (e.instrument, e.date))),
+            )
             measured.setdefault(origin, []).append(f"{e.name} {_format_known(e.name, e.value, e.uncertainty)}")
     rows: dict[str, list[str]] = {}
     for (source, instrument), texts in measured.items():
@@ -267,45 +259,12 @@ def _unidentified_text(text: str) -> str:
     return f"Not identifiable from these runs: {names}{_spell_out(along)}."
 
 
-def held_values(specimen: SpecimenModel) -> Iterator[Block]:
-    """Yield the table of parameters that were held, if any."""
-    identified = specimen.identified_names
-    free = () if specimen.joint_fit is None else specimen.joint_fit.free_parameters
-    rows = [
-        (name, SPECIMEN_PARAMETERS[name].description, _format_value(value, name), TABLE_ONE[name].description)
-        for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
-        if name not in identified
-        and name not in free
-        and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in identified)
-    ]
-    note = "They count as exact: none of the errors given here includes their errors."
-    heads = ("parameter", "meaning", "value", "source in the paper's Table I")
-    if rows:
-        yield Table.of_rows("Held, not identified", heads, rows, note)
-
-
 def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
-    """Yield the tables of dimensions and masses, and of the sources of every uncertainty."""
+    """Yield remarks of the sheet, effects outside the beam model, mountings, and the sources of every uncertainty."""
     identification, sheet = specimen.identification, specimen.sheet
-    used = set(sheet.values) if identification is None else set(identification.priors)
-    rows = [
-        (
-            e.name,
-            SPECIMEN_PARAMETERS[e.name].description,
-            _format_known(e.name, e.value, e.uncertainty),
-            "sheet" if e.measured else "Table I",
-            e.instrument,
-            e.date,
-        )
-        for e in sheet.values.values()
-        if e.name in used
-    ]
     texts = {"serial number": sheet.serial, "batch": sheet.batch, "photograph": sheet.photograph, "notes": sheet.notes}
     remarks = [f"{name}: {text}" for name, text in (*texts.items(), *sheet.descriptions.items()) if text]
     yield Paragraph(f"{'. '.join([*remarks, sheet.description])}.")
-    if rows:
-        heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
-        yield Table.of_rows("Dimensions and masses", heads, rows)
     if identification is not None:
         for table in (*nonideality_tables(identification), *mounting_tables(identification)):
             yield replace(table, columns=tuple(column for column in table.columns if column.displayed))
@@ -331,12 +290,6 @@ def _budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     panel = PlotPanel("", "share of the squared total", "", bars=stacked)
     caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece shows what to improve first; gray: further sources."
     return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
-
-
-def _format_value(value: float, name: str) -> str:
-    """Format a parameter without its error in its bench unit."""
-    factor, shown = sheet_unit(name)
-    return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 
 def quality_table(runs: Sequence[ReportRun]) -> Table:
