@@ -20,7 +20,6 @@ from reportlab.platypus import (
     CondPageBreak,
     Flowable,
     Frame,
-    Image,
     KeepTogether,
     NextPageTemplate,
     PageBreak,
@@ -41,7 +40,6 @@ PAGE, LEFT, WIDTH = (INCH * PAGE_IN[0], INCH * PAGE_IN[1]), INCH * MARGIN_IN, IN
 TOP, BOTTOM = 0.75 * INCH, 0.7 * INCH
 SIGNATURE_HEIGHT = 0.5 * INCH
 """Height reserved at the bottom of the first page."""
-PHOTOGRAPH_HEIGHT = 0.9 * INCH
 LOGO = (1.6 * INCH, 0.6 * INCH)
 """Largest width and height of the laboratory's picture."""
 MIN_PLOT_HEIGHT_IN = 1.6
@@ -144,14 +142,15 @@ class _Picture(Flowable):  # type: ignore[misc]
 
 
 def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
-    if report.logo:
-        picture = ImageReader(BytesIO(report.logo))
+    right = PAGE[0] - LEFT
+    photographs = (block.data for block in report.first_page if isinstance(block, Picture))
+    for data in filter(None, (report.logo, *photographs)):
+        picture = ImageReader(BytesIO(data))
         width, height = picture.getSize()
         scale = min(LOGO[0] / width, LOGO[1] / height)
         width, height = scale * width, scale * height
-        canvas.drawImage(
-            picture, PAGE[0] - LEFT - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto"
-        )
+        canvas.drawImage(picture, right - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto")
+        right -= width + COLUMN_GAP
     step = WIDTH / len(report.signatures)
     for at, text in enumerate(report.signatures):
         x = LEFT + at * step
@@ -242,9 +241,7 @@ def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]], titled: bool 
                 *caption,
             ]
         case Picture():
-            picture = ImageReader(BytesIO(block.data))
-            scale = PHOTOGRAPH_HEIGHT / picture.getSize()[1]
-            return [Image(BytesIO(block.data), scale * picture.getSize()[0], PHOTOGRAPH_HEIGHT, hAlign="RIGHT")]
+            return []  # beside the heading of the page
         case Table() if block.vertical:
             rows = zip(block.headings, block.text_rows[0], strict=True)
             return [_grid(Table.of_rows(block.title, ("", ""), tuple(rows)), headed=False), Spacer(0, 4)]

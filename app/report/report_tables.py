@@ -136,10 +136,7 @@ def known_values(specimen: SpecimenModel) -> Table:
     measured: dict[tuple[str, str], list[str]] = {}
     for e in entries.values():
         if e.name in priors:
-            origin = (
-                "specimen sheet" if e.measured else "paper's Table I",
-                ", ".join(filter(None, (e.instrument, e.date))),
-            )
+            origin = ("specimen sheet" if e.measured else "paper's Table I", e.instrument)
             measured.setdefault(origin, []).append(f"{e.name} {_format_known(e.name, e.value, e.uncertainty)}")
     rows: dict[str, list[str]] = {}
     for (source, instrument), texts in measured.items():
