@@ -261,7 +261,7 @@ def _skin_blocks(summary: SpecimenSummary) -> Iterator[Block]:
         tuple(_study_panel(figure) for figure in figures),
         "Computed, not measured, as in the paper's Figs. 10 to 12: twice the fundamental of the centre under the full drive.",
         columns=3,
-        row_height_in=2.05,
+        row_height_in=1.75,
     )
 
 

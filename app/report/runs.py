@@ -18,6 +18,7 @@ from protocols import Quality, aspects_of
 from protocols.base import Figure, Outcome, file_hash
 from protocols.runfile import Run, RunReadError, RunRecord, translate_read_errors
 
+REPORTED_STATES = {"valid": "in date", "due soon": "in date, due soon", "expired": "overdue"}
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
 """Flags that are reported elsewhere and are not faults."""
 
@@ -42,7 +43,7 @@ class InstrumentRecord:
         if not self.expires:
             return "due date not stated" if self.calibrated else "no calibration stated"
         try:
-            return calibration_state(self.expires, Day.fromisoformat(day))
+            return REPORTED_STATES[calibration_state(self.expires, Day.fromisoformat(day))]
         except ValueError:
             return f"due date '{self.expires}' is no day"
 
