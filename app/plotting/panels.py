@@ -102,7 +102,7 @@ LEGEND_IN = 0.2
 """Height of a row of the legend above all panels."""
 LEGEND_COLUMNS, LEGEND_WIDTH_IN, CHARACTER_IN, HANDLE_IN = 4, 6.4, 0.06, 0.42
 """Most columns and width of the legend, mean width of a character, and width of a symbol with its gap."""
-OWN_LEGEND_SPACE = 2.1
+OWN_LEGEND_SPACE = 2.4
 """Height of axes with a legend in them, over that of their lines."""
 FLAGGED = ", flagged"
 """Addition to the label of points that no fit may use."""
