@@ -14,8 +14,17 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from app.archive.backup import COPY_CHUNK_BYTES, CopyResult, copy_stream
+from app.archive.provenance import (
+    SPECIMEN_ID,
+    Provenance,
+    certificate_files,
+    people_of,
+    photograph_files,
+    provenance_of,
+)
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
+from app.config import CERTIFICATES
 from drivers.watchdog import version
 from model import format_time
 from protocols.base import file_hash, open_regular, replacing, visible_text
@@ -24,7 +33,7 @@ from protocols.runfile import notes_path, safe_name
 SUFFIX = ".eln"
 METADATA_NAME = "ro-crate-metadata.json"
 SPECIMEN_FOLDER = "specimen"
-"""Of the files that belong to no run: sheet, calibrations, campaign, report."""
+"""Of the files that belong to no run: sheet, calibrations, campaign, audit trail, report."""
 
 MAX_METADATA_BYTES = 50_000_000
 """Largest size of the metadata, which are read into memory; no specimen has more."""
@@ -73,8 +82,10 @@ def write_archive(
     for run in runs:
         path = folder / run.path
         members[path.stem] = [each for each in (path, notes_path(path)) if each.is_file()]
-    if documents:
+    if documents := (*documents, *photograph_files(folder, specimen)):
         members[SPECIMEN_FOLDER] = list(documents)
+    if certificates := certificate_files(folder):
+        members[CERTIFICATES] = certificates
     root = archive.name.removesuffix(SUFFIX)
     every = {f"{name}/{path.name}": path for name, part in members.items() for path in part}
     try:
@@ -88,7 +99,8 @@ def write_archive(
                 name: _add(file, f"{root}/{name}", path, part)
                 for (name, path), part in zip(every.items(), parts, strict=True)
             }
-            record = _crate(specimen, runs, members, files, licence)
+            provenance = provenance_of(specimen, runs, folder)
+            record = _crate(specimen, runs, members, files, licence, provenance)
             file.writestr(f"{root}/{METADATA_NAME}", json.dumps(record, indent=1, ensure_ascii=False))
     except OSError as error:
         raise ArchiveError(
@@ -130,6 +142,7 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
                 progress.raise_if_cancelled()
                 progress.update(number / len(entries), name)
                 target = folder / name
+                target.parent.mkdir(exist_ok=True)
                 if target.exists():
                     if file_hash(target) != sha256:
                         raise ArchiveError(
@@ -174,6 +187,7 @@ def _entries(archive: Path, file: zipfile.ZipFile) -> Iterator[tuple[zipfile.Zip
     for identifier, sha256 in listed.items():
         info = infos.get(f"{root}/{identifier.removeprefix('./')}")
         name = PurePosixPath(identifier).name
+        place = f"{CERTIFICATES}/" if PurePosixPath(identifier) == PurePosixPath(CERTIFICATES) / name else ""
         if info is None:
             raise ArchiveError(f"{archive}: {identifier} is listed and missing; take another copy")
         # Only the name is used, so that no path leaves the folder, without characters that Windows and terminals reject.
@@ -182,7 +196,7 @@ def _entries(archive: Path, file: zipfile.ZipFile) -> Iterator[tuple[zipfile.Zip
         if info.file_size > MAX_PACKING_RATIO * max(info.compress_size, 1):
             raise ArchiveError(f"{archive}: {identifier} declares {info.file_size} bytes, which cannot be packed in it")
         names.add(name)
-        yield info, name, sha256
+        yield info, place + name, sha256
 
 
 def _add(file: zipfile.ZipFile, name: str, path: Path, progress: Progress) -> dict[str, Any]:
@@ -201,37 +215,22 @@ def _crate(
     members: Mapping[str, Sequence[Path]],
     files: Mapping[str, Mapping[str, Any]],
     licence: str,
+    provenance: Provenance,
 ) -> dict[str, Any]:
-    """Return the RO-Crate metadata: the archive, a data set for each run, and every file."""
+    """Return the RO-Crate metadata: the archive, people, instruments, the specimen, a data set for each run, and every file."""
     simulated = [run for run in runs if run.simulated]
     mark = "SIMULATED: " if len(simulated) == len(runs) else "partly SIMULATED: " if simulated else ""
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    graph: list[dict[str, Any]] = [
-        {
-            "@id": METADATA_NAME,
-            "@type": "CreativeWork",
-            "about": {"@id": "./"},
-            "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
-            "dateCreated": now,
-            "sdPublisher": {"@id": "#tactor-bench"},
-        },
-        {
-            "@id": "./",
-            "@type": "Dataset",
-            "name": f"{mark}specimen {specimen}",
-            "description": f"{mark}{len(runs)} runs of the tactor {specimen}, with what was identified from them",
-            "datePublished": now,
-            "license": {"@id": licence or NO_LICENCE},
-            "hasPart": [{"@id": f"./{name}/"} for name in members] + [{"@id": f"./{name}"} for name in files],
-        },
-        {"@id": "#tactor-bench", "@type": "SoftwareApplication", "name": "Tactor Bench", "version": version()},
-        {
-            "@id": licence or NO_LICENCE,
-            "@type": "CreativeWork",
-            "name": licence or "no licence given",
-            "description": "" if licence else "The owner of the data gave no licence; ask before they are used.",
-        },
-    ]
+    root = {
+        "name": f"{mark}specimen {specimen}",
+        "description": f"{mark}{len(runs)} runs of the tactor {specimen}, with what was identified from them",
+        "author": provenance.authors,
+        "contributor": provenance.checkers,
+        "about": {"@id": SPECIMEN_ID},
+        "mentions": provenance.measurements,
+        "hasPart": [{"@id": f"./{name}/"} for name in members] + [{"@id": f"./{name}"} for name in files],
+    }
+    graph = _heads(root, now, licence)
     values: list[dict[str, Any]] = []
     by_stem = {PurePosixPath(run.path).stem: run for run in runs}
     for name, part in members.items():
@@ -241,9 +240,15 @@ def _crate(
             "hasPart": [{"@id": f"./{name}/{path.name}"} for path in part],
         }
         if (run := by_stem.get(name)) is None:
-            record |= {"name": f"{mark}{specimen}: sheet, calibrations, campaign and report", "dateCreated": now}
+            title = (
+                f"{specimen}: {'certificates' if name == CERTIFICATES else 'sheet, calibrations, campaign and report'}"
+            )
+            record |= {"name": mark + title, "dateCreated": now, "author": provenance.authors}
         else:
-            record |= _describe_run(run, values)
+            record |= _describe_run(run, values) | {
+                "author": people_of([run.operator]),
+                "contributor": people_of(run.checked_by.split(", ")),
+            }
         graph.append(record)
         graph += [
             {
@@ -255,7 +260,25 @@ def _crate(
             }
             for path in part
         ]
-    return {"@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph + values}
+    return {"@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph + values + list(provenance.entities)}
+
+
+def _heads(root: Mapping[str, Any], now: str, licence: str) -> list[dict[str, Any]]:
+    """Return the entities of the metadata file, the archive, the program and the licence."""
+    metadata = {"@id": METADATA_NAME, "@type": "CreativeWork", "about": {"@id": "./"}, "dateCreated": now}
+    crate = {"conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"}, "sdPublisher": {"@id": "#tactor-bench"}}
+    dataset = {"@id": "./", "@type": "Dataset", "datePublished": now, "license": {"@id": licence or NO_LICENCE}}
+    return [
+        metadata | crate,
+        dataset | dict(root),
+        {"@id": "#tactor-bench", "@type": "SoftwareApplication", "name": "Tactor Bench", "version": version()},
+        {
+            "@id": licence or NO_LICENCE,
+            "@type": "CreativeWork",
+            "name": licence or "no licence given",
+            "description": "" if licence else "The owner of the data gave no licence; ask before they are used.",
+        },
+    ]
 
 
 def _describe_run(run: RunSummary, values: list[dict[str, Any]]) -> dict[str, Any]:

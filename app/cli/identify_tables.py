@@ -20,10 +20,11 @@ from app.identification import (
     mounting_line,
     mounting_tables,
     nonideality_tables,
+    short_run_name,
     steps_line,
     unstated_errors,
 )
-from model import ParameterError, format_with_uncertainty
+from model import ParameterError, format_value, format_with_uncertainty
 from model.identification import (
     Adequacy,
     DecayPoleObservation,
@@ -367,14 +368,18 @@ def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[st
         title,
         (
             Column("name", "", [e.name for e in estimates], "parameter"),
-            Column(
-                "estimate", "", [format_with_uncertainty(e.value, e.standard_error, "1") for e in estimates], "value"
-            ),
-            Column("unit", "", [e.unit for e in estimates]),
+            Column("estimate", "", list(map(format_value, estimates)), "value"),
+            Column("unit", "", [e.unit for e in estimates], displayed=False),
             Column("relative", "%", relative_errors, "total" if statistical else "error", "%", format_spec=".2g"),
             Column("value", "", [e.value for e in estimates], displayed=False),
             Column("standard_error", "", [e.standard_error for e in estimates], displayed=False),
             *(scatter if statistical else ()),
-            Column("source", "", [", ".join(e.source) for e in estimates], "from"),
+            Column("source", "", [", ".join(e.source) for e in estimates], displayed=False),
+            Column(
+                "determined_by",
+                "",
+                [", ".join(dict.fromkeys(map(short_run_name, e.source))) for e in estimates],
+                "determined by",
+            ),
         ),
     )

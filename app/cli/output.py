@@ -103,6 +103,10 @@ def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
     print_message(f"wrote {path}")
 
 
+FILE_WIDTH, TEXT_WIDTH = 120, 12
+"""Characters of a line into a file or pipe, and the least of a column of texts in it."""
+
+
 def print_table(table: Table) -> None:
     """Print a table on standard output."""
     from rich.console import Console  # answers of lines and JSON need it not
@@ -118,11 +122,13 @@ def print_table(table: Table) -> None:
         displayed = [column for column in table.columns if column.displayed]
         for column in displayed:
             text = any(isinstance(v, str) for v in column.values)
+            longest = 0 if text else max((len(column.format_value(value)) for value in column.cells), default=0)
             unit = f"({column.displayed_unit})" if column.displayed_unit else ""
             shown.add_column(
                 f"{visible_text(column.displayed_name)}\n{visible_text(unit)}",
                 justify="left" if text else "right",
                 overflow="fold",
+                min_width=longest or None,
             )
         rows = [*zip(*(column.cells for column in displayed), strict=True)]
         step = max(-(-(len(rows) - table.leading_rows) // table.max_rows), 1)
@@ -130,7 +136,13 @@ def print_table(table: Table) -> None:
             shown.add_row(*map(Column.format_value, displayed, row))
         if step > 1:
             shown.caption = f"one row in {step} of {len(rows)}; all of them with --csv or --json"
-    out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 120)
+    # Into a file or pipe a line is as long as its numbers need: a wrapped number is unreadable for people and programs.
+    width = (
+        None
+        if sys.stdout.isatty()
+        else max(FILE_WIDTH, sum(each.min_width or TEXT_WIDTH for each in shown.columns) + 4 * len(shown.columns))
+    )
+    out = Console(highlight=False, markup=False, width=width)
     out.print(visible_text(table.title, multiline=True), style="bold", soft_wrap=True)
     out.print(shown)
     out.print()

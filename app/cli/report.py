@@ -19,12 +19,14 @@ from app.report import (
     ReportError,
     ReportRun,
     SpecimenModel,
+    build_fleet_report,
     build_report,
     draw_report,
     example_limits,
     fit_first_page,
     read_limits,
     sign_files,
+    specimen_names,
     verification_command,
     write_html,
     write_pdf,
@@ -39,10 +41,10 @@ MAX_LOGO_BYTES = 2_000_000
 
 @command("example: tactor-bench report T7 --limits limits.toml --out reports")
 class ReportCommand:
-    """Write the report of a specimen: one page to sign, and an appendix with the paper's figures from this specimen with
-    bands and residuals, parameters with errors compared with the paper's values, margin over the skin's threshold,
-    latency, quality of the points, instruments, hashes of the run files, every run. With limits also pass or fail:
-    exit code 1 if a limit is not met or cannot be decided. The same files give the same bytes.
+    """Write the report of a specimen, PDF and HTML, two pages: first the page to sign (people, date, air, instruments with
+    their calibration, verdict, key figures, response), then parameters with their source, uncertainty budget, what was left
+    out, and the response on skin. --full adds every figure, table, hash and run; --fleet reports every specimen, a page
+    each behind a summary. With limits exit code 1 if one is not met or cannot be decided. The same files give the same bytes.
     """
 
     specimen: str | None = argument(nargs="?")
@@ -60,6 +62,7 @@ class ReportCommand:
         metavar="FILE",
     )
     threshold: str | None = THRESHOLD
+    fleet: bool = option("report every specimen of the folder: a summary, and the first page of each")
     full: bool = option("write the full appendix: every figure, table, hash and run, a page each")
     laboratory: str = option(
         "name of the laboratory, on the first page (default: from laboratory.toml beside the runs)", metavar="NAME"
@@ -78,14 +81,16 @@ class ReportCommand:
         if self.new_laboratory is not None:
             names = ", ".join((*SHORT_SECTIONS, *FULL_SECTIONS))
             return _write_example(self.new_laboratory, EXAMPLE_LABORATORY.format(sections=names))
-        if self.specimen is None:
+        if self.fleet and (self.specimen is not None or self.full):
+            raise UsageError("--fleet reports every specimen in short form: leave the specimen and --full out")
+        if self.specimen is None and not self.fleet:
             raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
         check_folder(self.folder)
         if self.sign is not None and not self.by.strip():
             raise UsageError("--sign needs the name of the person who signs: --by NAME")
-        return self._write(self.specimen)
+        return self._write()
 
-    def _write(self, specimen_name: str) -> int:
+    def _write(self) -> int:
         out = self.out
         try:
             limits, laboratory = _read_limits(self), read_laboratory(self.folder)
@@ -95,9 +100,14 @@ class ReportCommand:
             logo = _read_logo(self.logo or laboratory.logo)
             out.mkdir(parents=True, exist_ok=True)
             with terminal_progress("report") as progress:
-                content, specimen, runs = build_report(
-                    self.folder, specimen_name, limits, progress, threshold, self.full, laboratory
-                )
+                names = specimen_names(self.folder, progress) if self.specimen is None else (self.specimen,)
+                built = [
+                    build_report(self.folder, name, limits, progress, threshold, self.full, laboratory)
+                    for name in names
+                ]
+                content, specimen, runs = built[0]
+                if self.fleet:
+                    content = build_fleet_report([fit_first_page(report) for report, _, _ in built], laboratory)
                 content = replace(content, logo=logo, signed_by=self.by.strip())
                 files = write_report(content, specimen, runs if self.full else (), out, progress, threshold)
             signatures = sign_files(files, self.sign) if self.sign is not None else []

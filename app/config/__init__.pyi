@@ -11,12 +11,15 @@ from .bench_tables import ChannelTable as ChannelTable
 from .bench_tables import EnvironmentTable as EnvironmentTable
 from .bench_tables import MeterTable as MeterTable
 from .bench_tables import SensorTable as SensorTable
+from .certificate import CERTIFICATES as CERTIFICATES
 from .certificate import ROLES as ROLES
 from .certificate import WARNING_DAYS as WARNING_DAYS
 from .certificate import Certificate as Certificate
 from .certificate import CertificateColumn as CertificateColumn
 from .certificate import CertificateError as CertificateError
 from .certificate import bench_warnings as bench_warnings
+from .certificate import calibration_state as calibration_state
+from .certificate import certificates_of_bench as certificates_of_bench
 from .certificate import due_after as due_after
 from .certificate import read_certificates as read_certificates
 from .certificate import store_certificate as store_certificate
@@ -35,6 +38,7 @@ from .sensor_calibration import CalibrationPoint as CalibrationPoint
 from .sensor_calibration import SensorCalibration as SensorCalibration
 from .sensor_calibration import SensorCalibrationError as SensorCalibrationError
 from .sensor_calibration import calibrate_sensor as calibrate_sensor
+from .sensor_calibration import calibration_of_certificate as calibration_of_certificate
 from .simulation_tables import SimulationTable as SimulationTable
 from .simulation_tables import simulation_tables as simulation_tables
 from .simulation_tables import table_at as table_at

@@ -112,6 +112,7 @@ class SensorTable(ConfigTable):
     calibration_points: Annotated[
         tuple[tuple[float, float], ...], "points of the calibration: position in m and volts, written by the Bench page"
     ] = ()
+    certificate: Annotated[str, "number of the certificate that these values are from"] = ""
     serial: str = ""
     calibrated: Annotated[str, "date of calibration, YYYY-MM-DD"] = ""
     expires: Annotated[str, "last day of the calibration's validity, YYYY-MM-DD; later runs are flagged"] = ""
@@ -130,7 +131,7 @@ class SensorTable(ConfigTable):
 
     @property
     def laser_sensor(self) -> LaserSensor:
-        return LaserSensor(**self.model_dump(exclude={"preset", "calibration_points"}))
+        return LaserSensor(**self.model_dump(exclude={"preset", "calibration_points", "certificate"}))
 
     @model_validator(mode="before")
     @classmethod

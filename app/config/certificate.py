@@ -15,7 +15,7 @@ from protocols import PROTOCOLS
 from protocols.base import open_regular, read_json_file, visible_values, write_atomic
 from protocols.runfile import safe_name
 
-FOLDER = "certificates"
+CERTIFICATES = "certificates"
 """Folder of the certificates within the folder of the runs."""
 SUFFIX = ".certificate.json"
 ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
@@ -84,10 +84,7 @@ class Certificate:
 
     def state(self, today: Day) -> str:
         """Return `valid`, `due soon`, `expired`, or `no due date`."""
-        left = self.days_left(today)
-        if left is None:
-            return "no due date"
-        return "expired" if left < 0 else "due soon" if left <= WARNING_DAYS else "valid"
+        return calibration_state(self.due, today) if self.due else "no due date"
 
     def warning(self, today: Day) -> str:
         """Return the warning before and after the due date; empty otherwise."""
@@ -96,8 +93,14 @@ class Certificate:
             return ""
         about = f"The calibration of {self.name} (certificate {self.number})"
         if left < 0:
-            return f"{about} expired on {self.due}; every point of this run is flagged. Have it calibrated and add the new certificate"
+            return f"{about} expired on {self.due}; every point of this run is flagged. Have it calibrated and add the new certificate: tactor-bench certificate add"
         return f"{about} is due on {self.due}, in {left} days"
+
+
+def calibration_state(due: str, today: Day) -> str:
+    """Return the state of a calibration by its last day, ISO 8601: `valid`, `due soon` or `expired`."""
+    left = (Day.fromisoformat(due) - today).days
+    return "expired" if left < 0 else "due soon" if left <= WARNING_DAYS else "valid"
 
 
 def store_certificate(folder: Path, certificate: Certificate, attachments: Iterable[Path] = ()) -> Path:
@@ -106,7 +109,7 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
     Raises:
         CertificateError: there is one of that number already, or a file cannot be copied or written.
     """
-    place = folder / FOLDER
+    place = folder / CERTIFICATES
     stem = safe_name(certificate.number)
     path = place / f"{stem}{SUFFIX}"
     try:
@@ -136,9 +139,9 @@ def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
     """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
     certificates, problems, paths = list[Certificate](), list[str](), list[Path]()
     try:
-        paths = sorted((folder / FOLDER).glob(f"*{SUFFIX}"))
+        paths = sorted((folder / CERTIFICATES).glob(f"*{SUFFIX}"))
     except OSError as error:
-        problems.append(f"the certificates in {folder / FOLDER} cannot be read ({error}); check the disk")
+        problems.append(f"the certificates in {folder / CERTIFICATES} cannot be read ({error}); check the disk")
     for path in paths:
         try:
             certificates.append(_from_record(visible_values(read_json_file(path))))

@@ -26,6 +26,10 @@ UNCERTAINTY_TAGS = (
     "valueStandardMU",
     "valueStandardMUXMLList",
 )
+SHORT_UNITS = {
+    "milli": "m", "micro": "µ", "nano": "n", "kilo": "k", "metre": "m", "volt": "V", "gram": "g", "newton": "N", "second": "s", "hertz": "Hz", "one": "1",
+}  # fmt: skip
+"""Prefixes and units of the D-SI."""
 COVERAGE_TAGS = ("coverageFactor", "coverageFactorXMLList")
 
 
@@ -151,7 +155,7 @@ def _column(name: str, element: ElementTree.Element) -> CertificateColumn:
     if any(factor <= 0 for factor in factors):
         raise ValueError("a coverage factor is not positive")
     standard = tuple(error / factor for error, factor in zip(errors, factors, strict=True)) if errors else ()
-    unit = units[0].split()[0].replace("\\", " ").strip() if units and units[0] else "1"
+    unit = _short_unit(units[0].split()[0]) if units and units[0] else "1"
     return CertificateColumn(name, unit, tuple(values), standard)
 
 
@@ -165,3 +169,10 @@ def _numbers(element: ElementTree.Element, tags: tuple[str, ...], direct: bool =
     if not all(map(math.isfinite, numbers)):
         raise ValueError("a value is not finite")
     return numbers
+
+
+def _short_unit(unit: str) -> str:
+    """Return a unit of the D-SI in short where it is a prefix and a name, `mm` for milli and metre; else its words."""
+    words = unit.replace("\\", " ").split()
+    symbols = [SHORT_UNITS.get(word, "") for word in words]
+    return "".join(symbols) if symbols and all(symbols) and "per" not in words else " ".join(words)

@@ -10,11 +10,11 @@ from pydantic import Field, create_model
 
 from app.common import UsageError
 from app.config.validation import ConfigTable, read_toml
-from protocols.base import read_toml_text
+from protocols.base import open_regular, read_toml_text
 
 LABORATORY_FILE_NAME = "laboratory.toml"
 """Name of the file in the folder of the runs."""
-MAX_TEXT = 4000
+MAX_TEXT, MAX_STYLE = 4000, 100_000
 LINE = Field(default="", max_length=110)
 """A text that must fit one line of a page."""
 
@@ -29,6 +29,7 @@ class Laboratory:
         logo: path of a PNG picture.
         threshold: of perception, as `--threshold` takes it; a CSV file with its folder.
         header, footer: a line on every page of a report.
+        style: style sheet of the HTML report, behind the program's own.
         sections: names of the sections behind the first page, in order; empty for the usual ones.
         texts: title and text of the laboratory's own sections, by name.
     """
@@ -38,6 +39,7 @@ class Laboratory:
     threshold: str = ""
     header: str = ""
     footer: str = ""
+    style: str = ""
     sections: tuple[str, ...] = ()
     texts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
@@ -50,6 +52,7 @@ class _Text(ConfigTable):
 class _Report(ConfigTable):
     header: Annotated[str, LINE] = ""
     footer: Annotated[str, LINE] = ""
+    style: str = ""
     sections: tuple[str, ...] = ()
     texts: Mapping[str, _Text] = Field(default_factory=dict)
 
@@ -82,6 +85,25 @@ def read_laboratory(folder: Path) -> Laboratory:
         threshold,
         report["header"],
         report["footer"],
+        _read_style(folder / report["style"]) if report["style"] else "",
         tuple(report["sections"]),
         {name: (each["title"], each["text"]) for name, each in report["texts"].items()},
     )
+
+
+def _read_style(path: Path) -> str:
+    """Return a style sheet.
+
+    Raises:
+        UsageError: it cannot be read, is too long, or would end the element that contains it.
+    """
+    try:
+        with open_regular(path, "r", encoding="utf-8") as file:
+            text: str = file.read(MAX_STYLE + 1)
+    except (OSError, ValueError) as error:
+        raise UsageError(
+            f"the style sheet {path} cannot be read: {error}; correct `style` in {LABORATORY_FILE_NAME}"
+        ) from None
+    if len(text) > MAX_STYLE or "<" in text:
+        raise UsageError(f"the style sheet {path} has more than {MAX_STYLE} characters, or a '<'; give plain CSS")
+    return text

@@ -2,9 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+
+from app.common import UnitError, to_number
+from app.config.certificate import Certificate, CertificateColumn
 
 MIN_VOLTS_OVER_NOISE = 10.0
 """Least span of the volts, in standard errors of one reading, through which a line is drawn."""
@@ -47,6 +51,11 @@ class SensorCalibration:
     zero_v: float
     gain_relative_uncertainty: float
     residuals_m: tuple[float, ...]
+
+    @property
+    def is_gain_alone(self) -> bool:
+        """Whether it is a stated gain, without points and zero."""
+        return not self.residuals_m
 
     def rounded(self) -> dict[str, float]:
         """Return the values of the table [sensor] with the digits that their uncertainty leaves, and one more."""
@@ -103,4 +112,42 @@ def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
         float(v_mean - x_mean / gain),
         math.sqrt(gain_variance) / abs(float(gain)),
         tuple(residuals.tolist()),
+    )
+
+
+def calibration_of_certificate(certificate: Certificate) -> SensorCalibration:
+    """Return the line of a displacement sensor's certificate: of its gain, or through its table of displacements and voltages.
+
+    A table that is not a line, such as that of a polynomial, has its residuals in the uncertainty of the gain.
+
+    Raises:
+        SensorCalibrationError: the certificate has neither, or no line fits.
+    """
+    named: dict[str, tuple[CertificateColumn, float]] = {}
+    for column in certificate.columns:
+        for unit in ("m/V", "m", "V"):
+            with suppress(UnitError):
+                named.setdefault(unit, (column, to_number(f"1 {column.unit}", unit)))
+                break
+    if gain := named.get("m/V"):
+        column, factor = gain
+        if len(set(column.values)) == 1 and column.values[0]:
+            errors = column.standard_uncertainties or (0.0,)
+            return SensorCalibration(factor * column.values[0], 0.0, max(errors) / abs(column.values[0]), ())
+    if not ("m" in named and "V" in named):
+        units = ", ".join(f"{each.name} [{each.unit}]" for each in certificate.columns) or "no table"
+        raise SensorCalibrationError(
+            f"certificate {certificate.number} has {units}; a gain (mm/V), or displacements (mm) with voltages (V) are needed"
+        )
+    (position, metres), (volts, per_volt) = named["m"], named["V"]
+    none = (0.0,) * len(position.values)
+    rows = zip(
+        position.values,
+        position.standard_uncertainties or none,
+        volts.values,
+        volts.standard_uncertainties or none,
+        strict=False,
+    )
+    return calibrate_sensor(
+        [CalibrationPoint(metres * x, metres * u, per_volt * v, per_volt * e) for x, u, v, e in rows]
     )

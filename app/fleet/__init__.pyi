@@ -10,7 +10,9 @@ from .control_chart import MIN_BASELINE as MIN_BASELINE
 from .control_chart import TooFewValuesError as TooFewValuesError
 from .drift import DriftCause as DriftCause
 from .drift import GoldenChart as GoldenChart
+from .drift import SensorDrift as SensorDrift
 from .drift import golden_charts as golden_charts
+from .drift import sensor_drifts as sensor_drifts
 from .gauge_study import GaugeStudy as GaugeStudy
 from .gauge_study import gauge_figures as gauge_figures
 from .gauge_study import gauge_notes as gauge_notes

@@ -7,15 +7,15 @@ three standard errors of a Shewhart chart.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from app.fleet.catalogue_values import FleetSelection, FleetValue, arrays
+from app.fleet.catalogue_values import Fleet, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import BASELINE, ControlChart, TooFewValuesError, control_chart
-from model import format_with_uncertainty
+from model import LENGTH_UNITS, format_with_uncertainty
 
 SIGNIFICANT = 3.0
 """Standard errors above which a change is not attributed to chance."""
@@ -173,3 +173,35 @@ def _change_of_others(values: Sequence[FleetValue], until: float, since: float, 
     mean = float(np.average([change.relative for change in changes], weights=weights))
     subject = changes[0].subject if len(changes) == 1 else f"{len(changes)} other specimens there"
     return Change(subject, mean, float(weights.sum() ** -0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class SensorDrift:
+    """Drift of a displacement sensor, as the golden specimen shows it; values from `since` on, ISO 8601, are doubtful."""
+
+    since: str
+    text: str
+
+
+def sensor_drifts(fleet: Fleet, golden: str, baseline: int = BASELINE) -> Mapping[str, SensorDrift]:
+    """Return the drifts that charts of the golden specimen attribute to the bench, by sensor; of each sensor the earliest.
+
+    Only quantities that are proportional to the sensor's gain are charted.
+    """
+    drifts: dict[str, SensorDrift] = {}
+    for name in fleet.names if golden else ():
+        selection = fleet.of(name)
+        if selection.unit not in LENGTH_UNITS:
+            continue
+        try:
+            charts = golden_charts(selection, golden, baseline)
+        except TooFewValuesError:
+            continue
+        for each in charts:
+            if each.cause is DriftCause.BENCH and each.first_signal is not None:
+                since = each.values[each.first_signal].start_time
+                changed = "" if each.change is None else f": {each.change.text}"
+                drift = SensorDrift(since, f"drifting since {since[:10]} by {selection.label} of {golden}{changed}")
+                if each.sensor not in drifts or since < drifts[each.sensor].since:
+                    drifts[each.sensor] = drift
+    return drifts

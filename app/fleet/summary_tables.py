@@ -9,9 +9,12 @@ import numpy as np
 from app.common import Column, Table, pluralize
 from app.fleet.catalogue_values import Fleet, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import VALUES_PER_FALSE_ALARM
-from app.fleet.drift import DriftCause, GoldenChart
+from app.fleet.drift import DriftCause, GoldenChart, SensorDrift
 from app.fleet.statistics import Capability, Spread, Trend, by_group, capability, outlier_mask, spread_of, trend_of
 from model import Array, format_quantity, format_with_uncertainty, shown_unit
+
+DRIFT_MARK = "†"
+"""Of values measured on a drifting sensor."""
 
 Bounds = tuple[float | None, float | None]
 """Lower and upper limit, SI; None for no limit."""
@@ -78,8 +81,9 @@ def _index(value: float, error: float) -> str:
     return format_with_uncertainty(value, error) if math.isfinite(value) else "no spread"
 
 
-def specimen_table(selections: Sequence[FleetSelection]) -> Table:
-    """Return a row for each specimen: its newest values with total uncertainty."""
+def specimen_table(selections: Sequence[FleetSelection], drifts: Mapping[str, SensorDrift] | None = None) -> Table:
+    """Return a row for each specimen: its newest values with total uncertainty; values on a drifting sensor are marked."""
+    drifts = drifts or {}
     newest = [{v.specimen: v for v in selection.newest} for selection in selections]
     specimens = sorted({name for each in newest for name in each})
     last = {
@@ -93,13 +97,22 @@ def specimen_table(selections: Sequence[FleetSelection]) -> Table:
         Column("runs", None, counts, format_spec="d"),
     ]
     for selection, values in zip(selections, newest, strict=True):
-        columns += _value_columns(selection, [values.get(name) for name in specimens])
-    return Table("specimens", "Specimens, with total standard uncertainties", tuple(columns))
+        columns += _value_columns(selection, [values.get(name) for name in specimens], drifts)
+    note = "; ".join(f"{DRIFT_MARK} {sensor} {drift.text}" for sensor, drift in drifts.items())
+    return Table("specimens", "Specimens, with total standard uncertainties", tuple(columns), note=note)
 
 
-def _value_columns(selection: FleetSelection, values: Sequence[FleetValue | None]) -> Iterator[Column]:
+def _marked(value: FleetValue, drifts: Mapping[str, SensorDrift]) -> str:
+    drift = drifts.get(value.sensor)
+    mark = f" {DRIFT_MARK}" if drift is not None and value.start_time >= drift.since else ""
+    return format_quantity(value.value, value.total, value.unit, value.name) + mark
+
+
+def _value_columns(
+    selection: FleetSelection, values: Sequence[FleetValue | None], drifts: Mapping[str, SensorDrift]
+) -> Iterator[Column]:
     """Yield the newest value of each specimen as text, as a number, and its uncertainty."""
-    texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in values]
+    texts = ["" if v is None else _marked(v, drifts) for v in values]
     yield Column(f"{selection.name} as text", None, texts, selection.label)
     for name, attribute in ((selection.name, "value"), (f"{selection.name} total uncertainty", "total")):
         yield Column(name, selection.unit, [getattr(v, attribute, math.nan) for v in values], displayed=False)

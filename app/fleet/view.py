@@ -11,7 +11,7 @@ from app.archive import read_since
 from app.common import Column, Table
 from app.fleet.catalogue_values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import BASELINE
-from app.fleet.drift import GoldenChart, golden_charts
+from app.fleet.drift import GoldenChart, golden_charts, sensor_drifts
 from app.fleet.statistics import Spread, outlier_mask, spread_of, trend_of
 from app.fleet.summary_tables import (
     Bounds,
@@ -70,8 +70,8 @@ class FleetView:
     simulated: bool
 
 
-def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) -> FleetView:
-    """Return the selection of a query.
+def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds], golden: str = "") -> FleetView:
+    """Return the selection of a query; `golden` is the specimen whose charts find drifting sensors.
 
     Raises:
         FleetError: the selection is empty.
@@ -93,7 +93,7 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
     values, errors = arrays(selection.newest)
     mask = outlier_mask(values)
     outliers = frozenset(v.specimen for v, out in zip(selection.newest, mask, strict=True) if out)
-    specimens = specimen_table(shown)
+    specimens = specimen_table(shown, sensor_drifts(fleet, golden))
     marked = frozenset(at for at, each in enumerate(specimens.columns[0].values) if each in outliers)
     return FleetView(
         selection,

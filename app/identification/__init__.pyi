@@ -23,6 +23,7 @@ from .observations import amplifier_of as amplifier_of
 from .observations import points_of_run as points_of_run
 from .observations import run_observations as run_observations
 from .observations import shape_count_of_run as shape_count_of_run
+from .observations import short_run_name as short_run_name
 from .perception_threshold import chosen_threshold as chosen_threshold
 from .recalibration import Correction as Correction
 from .result_text import ADEQUACY_TEXT as ADEQUACY_TEXT

@@ -129,3 +129,9 @@ def points_of_run(run: Run, duplicate: Mask | None = None) -> RunPoints:
     return RunPoints(
         run, columns, good if duplicate is None else good & ~duplicate, lambda: protocol_of_run(run, run.path.name)
     )
+
+
+def short_run_name(label: str) -> str:
+    """Return the protocol of the run of a label in short: `20261121T091502Z_T7_static-loading mfc` as `loading`."""
+    protocol = label.rpartition("_")[2].split(" ")[0]
+    return aspects_of(protocol).short_name or protocol

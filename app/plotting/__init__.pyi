@@ -7,6 +7,7 @@ from .panels import PlotPanel as PlotPanel
 from .panels import ReportPlot as ReportPlot
 from .panels import StackedBar as StackedBar
 from .panels import axis_label as axis_label
+from .panels import describe_plot as describe_plot
 from .panels import draw_plot as draw_plot
 from .panels import legend_height_in as legend_height_in
 from .panels import new_figure as new_figure

@@ -4,7 +4,7 @@ Colors of Okabe and Ito, which colour-blind readers can distinguish; markers and
 black and white.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
 from typing import Any, NamedTuple
@@ -68,8 +68,10 @@ class PlotPanel:
     """Unit of y and of the residuals."""
     markers: Sequence[str] = "os^Dv"
     """Of the points, in turn."""
-    styles: Sequence[str] = "-"
+    styles: Sequence[Any] = "-"
     """Of the lines, in turn."""
+    own_legend: bool = False
+    """Lines in colors of their own, with a legend of these axes instead of the plot's."""
     bars: tuple[StackedBar, ...] = ()
     """Horizontal bars, from the top; with them there are no lines and points."""
 
@@ -90,13 +92,18 @@ class ReportPlot:
 
 
 MODEL_COLOR, LEVEL_COLOR, SHADE_COLOR = "#0072B2", "#555555", "#B8860B"
+LINE_COLORS = ("#0072B2", "#D55E00", "#000000", "#009E73", "#CC79A7")
 POINT_COLORS = ("#D55E00", "#000000", "#009E73", "#CC79A7", "#E69F00")
-SMALL_PT, NORMAL_PT = 7.0, 8.0
-LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.62, 0.10, 0.42, 0.22
+SMALL_PT, NORMAL_PT = 8.0, 8.5
+"""Nothing in a report is smaller than 8 pt."""
+LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.66, 0.10, 0.44, 0.24
 """Margins around a pair of axes for tick labels, axis labels and title."""
 LEGEND_IN = 0.2
 """Height of a row of the legend above all panels."""
-LEGEND_COLUMNS = 4
+LEGEND_COLUMNS, LEGEND_WIDTH_IN, CHARACTER_IN, HANDLE_IN = 4, 6.4, 0.06, 0.42
+"""Most columns and width of the legend, mean width of a character, and width of a symbol with its gap."""
+OWN_LEGEND_SPACE = 2.4
+"""Height of axes with a legend in them, over that of their lines."""
 FLAGGED = ", flagged"
 """Addition to the label of points that no fit may use."""
 STRIP_SHARE = 0.27
@@ -105,9 +112,9 @@ STRIP_SHARE = 0.27
 BAR_COLORS = ("#9ad0f5", "#f3c77b", "#8fd6bd", "#e7b3d0", "#f0e68c", "#f2a285", "#c9c9e8")
 """Of the shares of stacked bars, the largest first; light, so that a name in it is legible."""
 BAR_REST_COLOR = "#d9d9d9"
-BAR_RIGHT = 1.42
+BAR_RIGHT = 1.5
 """Right end of the axis of stacked bars: behind 1 is their note."""
-BAR_CHARACTER_SHARE = 0.0125
+BAR_CHARACTER_SHARE = 0.0145
 """Share that is as wide as a character of its name."""
 
 Box = tuple[float, float, float, float]
@@ -130,12 +137,48 @@ def new_figure(**options: Any) -> Any:
 
 def legend_height_in(plot: ReportPlot) -> float:
     """Return the height of the legend above the panels; 0 for none."""
-    labels = {line.label for panel in plot.panels for line in panel.lines}
+    labels = {line.label for panel in plot.panels for line in panel.lines if not panel.own_legend}
+    labels |= {name for panel in plot.panels for name in _unnamed(panel.bars)}
     for points in (points for panel in plot.panels for points in panel.points):
         shown = np.isfinite(points.y)
         labels |= {points.label} if (shown & points.fit_rows).any() else set()
         labels |= {points.label + FLAGGED} if (shown & ~points.fit_rows).any() else set()
-    return LEGEND_IN * -(-len(labels - {""}) // LEGEND_COLUMNS)
+    labels -= {""}
+    return LEGEND_IN * -(-len(labels) // _legend_columns(labels)) if labels else 0.0
+
+
+def _legend_columns(labels: Collection[str]) -> int:
+    """Return the number of columns of a legend that fits beside the margin of a page."""
+    widest = CHARACTER_IN * max(map(len, labels)) + HANDLE_IN
+    return max(1, min(len(labels), LEGEND_COLUMNS, int(LEGEND_WIDTH_IN / widest)))
+
+
+def describe_plot(plot: ReportPlot) -> str:
+    """Return the content of a plot as text for readers who do not see it."""
+    texts = []
+    for panel in plot.panels:
+        if panel.bars:
+            bars = (
+                f"{bar.label}: {', '.join(f'{name} {100 * share:.0f} %' for name, share in bar.shares)}; {bar.note}"
+                for bar in panel.bars
+            )
+            texts.append(". ".join(bars))
+            continue
+        named = dict.fromkeys(each.label for each in (*panel.lines, *panel.points) if each.label)
+        ranges = [
+            f"{p.label}: {np.isfinite(p.y).sum()} points, {np.nanmin(p.y):.4g} to {np.nanmax(p.y):.4g}"
+            for p in panel.points
+            if np.isfinite(p.y).any()
+        ]
+        texts.append(
+            ": ".join(
+                filter(
+                    None,
+                    (panel.title, f"{panel.y_label} over {panel.x_label}; {', '.join(named)}. {'; '.join(ranges)}"),
+                )
+            )
+        )
+    return f"{plot.title}. {'. '.join(texts)}"
 
 
 def draw_plot(figure: Any, plot: ReportPlot, box: Box) -> None:
@@ -150,33 +193,62 @@ def draw_plot(figure: Any, plot: ReportPlot, box: Box) -> None:
     for i, panel in enumerate(plot.panels):
         row, column = divmod(i, plot.columns)
         axes = _draw_panel(figure, panel, (left + column * w, bottom + height - legend - (row + 1) * h, w, h))
+        if panel.own_legend:
+            axes.set_ylim(0, OWN_LEGEND_SPACE * axes.get_ylim()[1])
+            axes.legend(
+                fontsize=SMALL_PT,
+                frameon=False,
+                loc="upper left",
+                borderaxespad=0.1,
+                labelspacing=0.15,
+                handlelength=2.2,
+            )
+            continue
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
     if not shown:
         return
     inches = figure.get_size_inches()
     figure.legend(
-        list(shown.values()), list(shown), fontsize=SMALL_PT, frameon=False, ncols=min(len(shown), LEGEND_COLUMNS), loc="lower left",
+        list(shown.values()), list(shown), fontsize=SMALL_PT, frameon=False, ncols=_legend_columns(shown), loc="lower left",
         bbox_to_anchor=((left + LEFT_IN) / inches[0], (bottom + height - legend) / inches[1]), borderaxespad=0.0, borderpad=0.1,
         handlelength=1.6, columnspacing=1.4,
     )  # fmt: skip
 
 
-def _draw_bars(axes: Any, bars: Sequence[StackedBar]) -> None:
-    """Draw stacked bars with the name of each share in it, where it is wide enough."""
+def _bar_colors(bars: Sequence[StackedBar]) -> dict[str, str]:
+    """Return the colors of the named shares by name, the largest sum first."""
     sums: dict[str, float] = {}
     for name, share in (each for bar in bars for each in bar.shares):
         sums[name] = sums.get(name, 0.0) + share
-    colors = dict(zip(sorted(sums, key=lambda name: -sums[name]), BAR_COLORS, strict=False))
+    return dict(zip(sorted(sums, key=lambda name: -sums[name]), BAR_COLORS, strict=False))
+
+
+def _has_name(name: str, share: float) -> bool:
+    """Return whether a piece of a bar is wide enough for its name and share."""
+    return share > BAR_CHARACTER_SHARE * (len(f"{name} {100 * share:.0f} %") + 1)
+
+
+def _unnamed(bars: Sequence[StackedBar]) -> list[str]:
+    """Return the colored shares that have their name in no bar."""
+    named = {name for bar in bars for name, share in bar.shares if _has_name(name, share)}
+    return [name for name in _bar_colors(bars) if name not in named]
+
+
+def _draw_bars(axes: Any, bars: Sequence[StackedBar]) -> None:
+    """Draw stacked bars with the name of each share in it, where it is wide enough."""
+    colors = _bar_colors(bars)
+    for name in _unnamed(bars):
+        axes.barh(0, 0, color=colors[name], label=name)
     for at, bar in enumerate(bars):
         left = 0.0
         for name, share in bar.shares:
             axes.barh(
                 at, share, left=left, height=0.72, color=colors.get(name, BAR_REST_COLOR), edgecolor="white", lw=0.8
             )
-            text = f"{name} {100 * share:.0f} %"
-            if share > BAR_CHARACTER_SHARE * (len(text) + 1):
-                axes.text(left + share / 2, at, text, ha="center", va="center", fontsize=SMALL_PT - 0.5)
+            if _has_name(name, share):
+                text = f"{name} {100 * share:.0f} %"
+                axes.text(left + share / 2, at, text, ha="center", va="center", fontsize=SMALL_PT)
             left += share
         axes.text(1.01, at, bar.note, ha="left", va="center", fontsize=SMALL_PT)
     axes.set_yticks(range(len(bars)), [bar.label for bar in bars])
@@ -228,10 +300,11 @@ def _add_axes(figure: Any, box: Box) -> Any:
 
 
 def _draw_lines(axes: Any, panel: PlotPanel) -> None:
-    for style, line in zip(cycle(panel.styles), panel.lines, strict=False):
+    colors = LINE_COLORS if panel.own_legend else (MODEL_COLOR,)
+    for style, color, line in zip(cycle(panel.styles), cycle(colors), panel.lines, strict=False):
         if line.band is not None:
             axes.fill_between(line.x, *line.band, color=MODEL_COLOR, alpha=0.3, lw=0)
-        axes.plot(line.x, line.y, style, color=MODEL_COLOR, lw=1.1, label=line.label)
+        axes.plot(line.x, line.y, ls=style, color=color, lw=1.3 if panel.own_legend else 1.1, label=line.label)
     for color, marker, dots in _symbols(panel):
         draw_measured(
             axes,
@@ -255,7 +328,7 @@ def _symbols(panel: PlotPanel) -> Iterator[tuple[str, str, Series]]:
 
 
 def draw_reference(
-    axes: Any, line: Series, shaded: ShadedRange | None = None, color: str = LEVEL_COLOR, size: float = SMALL_PT - 0.5
+    axes: Any, line: Series, shaded: ShadedRange | None = None, color: str = LEVEL_COLOR, size: float = SMALL_PT
 ) -> None:
     """Draw a line to compare with, level if it has one value, and a shaded range; keep the limits of x that the axes have now."""
     low, high = axes.get_xlim()
@@ -315,7 +388,7 @@ def _draw_residuals(axes: Any, panel: PlotPanel) -> None:
             gap = replace(dots, y=np.where(dots.fit_rows, dots.y - dots.fit, np.nan))
             style = _error_bar_style(marker, color)
             draw_measured(axes, gap, None, face=color, coverage=COVERAGE_FACTOR_95, **style)
-    axes.set_ylabel("Δ", fontsize=NORMAL_PT)
+    axes.set_ylabel(f"Δ ({panel.unit})" if panel.unit else "Δ", fontsize=NORMAL_PT)
     axes.margins(y=0.15)
     low, high = axes.get_ylim()
     reach = max(abs(low), abs(high))

@@ -1,7 +1,9 @@
 from .content import FULL_SECTIONS as FULL_SECTIONS
 from .content import SHORT_SECTIONS as SHORT_SECTIONS
 from .content import ReportError as ReportError
+from .content import build_fleet_report as build_fleet_report
 from .content import build_report as build_report
+from .content import specimen_names as specimen_names
 from .document import Report as Report
 from .drawings import draw_report as draw_report
 from .html import write_html as write_html

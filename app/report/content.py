@@ -6,13 +6,15 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from app.common import NO_PROGRESS, AuditEntry, AuditError, Progress, pluralize, read_entries
+from app.archive import Catalogue
+from app.common import NO_PROGRESS, AuditEntry, AuditError, Progress, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
-from app.identification import load_sheet
+from app.identification import SpecimenSheet, load_sheet
 from app.plotting import PlotPanel, ReportPlot
 from app.report import report_tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
+from app.report.first_page import fleet_summary, identity_blocks, key_figure_table, operators_text, verdict_paragraph
 from app.report.limits import Limits, judge_limits
 from app.report.plots import TITLE, response_figure, specimen_plots, threshold_caption
 from app.report.result_cards import result_cards, result_tables
@@ -23,15 +25,24 @@ from model import format_time
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies import PaperFigure, skin_figures
+from protocols.base import open_regular
 
 SectionContents = Mapping[str, tuple[str, Callable[[], Iterable[Block]]]]
 """Title of each section by its name, and the function that makes its blocks."""
 
-LINE_STYLES = ("-", "--", "-.", ":")
-SHORT_SECTIONS = ("skin", "uncertainties")
+LINE_STYLES = ("-", "--", "-.", ":", (0, (1, 3)))
+SKIN_TITLES = {"fig10": "Young modulus E_m", "fig11": "skin damping c_s", "fig12": "pre-stretch δ"}
+SHORT_SECTIONS = ("parameters", "uncertainties", "skin")
 """Sections behind the first page."""
-FULL_SECTIONS = ("figures", "agreement", "perception", "results", "provenance")
+FULL_SECTIONS = ("parameters", "figures", "agreement", "perception", "results", "provenance")
 """Sections of a full report, where they have something."""
+
+
+MAX_PHOTOGRAPH_BYTES = 10_000_000
+
+
+FLEET = "fleet"
+"""Name of the report of many specimens."""
 
 
 class ReportError(Exception):
@@ -59,7 +70,7 @@ def build_report(
     """
     laboratory = laboratory or Laboratory()
     names = _section_names(laboratory, full)
-    runs = _read_specimen_runs(folder, specimen, progress)
+    runs = _read_specimen_runs(folder, specimen, progress, limits.golden if limits else "")
     summary = summarize_specimen(
         specimen, runs, progress, load_sheet(folder, specimen), threshold, every_margin="perception" in names
     )
@@ -77,21 +88,53 @@ def build_report(
         outcomes = judge_limits(limits, summary.figures_of_merit, golden)
     progress.update(0.0, "figures")
     drawn = _plots(summary.specimen, summary.observations, runs, threshold, whole)
+    photograph = _read_photograph(folder, summary.specimen.sheet)
     fingerprint = hashlib.sha256("".join(sorted(run.sha256 for run in runs)).encode()).hexdigest()[:16]
     code = f"tactor-bench {version()}"
     report = Report(
         specimen=specimen,
-        subtitle=_subtitle(runs),
         page_marks=page_marks(runs),
-        first_page=tuple(_first_page(summary, runs, limits, outcomes, drawn, threshold)),
-        appendix=tuple(_sections(names, laboratory, _contents(folder, specimen, summary, runs, drawn))),
+        first_page=tuple(_first_page(summary, runs, limits, outcomes, drawn, threshold, photograph)),
+        appendix=tuple(_sections(names, laboratory, _contents(folder, summary, runs, drawn))),
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
         laboratory=laboratory,
+        measured_by=operators_text(runs),
         record=report_tables.report_record(specimen, summary, runs, outcomes, fingerprint, code),
     )
     return report, summary.specimen, runs
+
+
+def specimen_names(folder: Path, progress: Progress = NO_PROGRESS) -> tuple[str, ...]:
+    """Return the specimens with a run in a folder and below, in order.
+
+    Raises:
+        ReportError: there are none.
+        OSError: the folder cannot be read.
+    """
+    catalogue = Catalogue(folder)
+    catalogue.scan(progress)
+    if names := sorted({each.specimen for each in catalogue.entries() if each.specimen}):
+        return tuple(names)
+    raise ReportError(f"there is no run in {folder}; 'tactor-bench run' measures one")
+
+
+def build_fleet_report(reports: Sequence[Report], laboratory: Laboratory | None = None) -> Report:
+    """Return one report of many specimens: a summary, and the first page of each as its own page."""
+    marks = dict.fromkeys(mark for each in reports for mark in each.page_marks)
+    return Report(
+        specimen=FLEET,
+        page_marks=tuple(marks),
+        first_page=(fleet_summary(reports),),
+        appendix=tuple(ReportSection(f"Specimen {each.specimen}", each.first_page, own_page=True) for each in reports),
+        limit_outcomes=tuple(outcome for each in reports for outcome in each.limit_outcomes),
+        fingerprint=hashlib.sha256("".join(each.fingerprint for each in reports).encode()).hexdigest()[:16],
+        software_version=reports[0].software_version,
+        laboratory=laboratory or Laboratory(),
+        measured_by=", ".join(dict.fromkeys(name for each in reports for name in each.measured_by.split(", ") if name)),
+        record={"specimens": [each.record for each in reports]},
+    )
 
 
 def _plots(
@@ -106,6 +149,17 @@ def _plots(
     return specimen_plots(specimen, observations, runs, threshold) if first is None else [first]
 
 
+def _read_photograph(folder: Path, sheet: SpecimenSheet) -> bytes:
+    """Return the picture that a sheet names, beside it; nothing without one, or where it is no PNG or JPEG of usual size."""
+    if not sheet.photograph:
+        return b""
+    with suppress(OSError, ValueError), open_regular(folder / Path(sheet.photograph).name) as file:
+        data: bytes = file.read(MAX_PHOTOGRAPH_BYTES + 1)
+        if data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")) and len(data) <= MAX_PHOTOGRAPH_BYTES:
+            return data
+    return b""
+
+
 def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:
     """Return the marks of every page: SIMULATED, IMPORTED."""
     counting = [run for run in runs if run.identifiable] or [run for run in runs if not run.problem]
@@ -116,19 +170,13 @@ def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:
     return tuple(mark if all(marked) else f"{mark} IN PART" for mark, marked in origins_of_runs.items() if any(marked))
 
 
-def _read_specimen_runs(folder: Path, specimen: str, progress: Progress) -> tuple[ReportRun, ...]:
-    runs = read_report_runs(folder, specimen, progress)
+def _read_specimen_runs(folder: Path, specimen: str, progress: Progress, golden: str = "") -> tuple[ReportRun, ...]:
+    runs = read_report_runs(folder, specimen, progress, golden)
     if not runs:
         raise ReportError(
             f"there is no run of specimen '{specimen}' in {folder}; 'tactor-bench runs' lists what is there"
         )
     return runs
-
-
-def _subtitle(runs: tuple[ReportRun, ...]) -> str:
-    days = sorted(format_time(run.summary.start_time) for run in runs if run.summary.start_time)
-    when = f", {days[0]} to {days[-1]} UTC" if len(set(days)) > 1 else f", {days[0]} UTC" if days else ""
-    return f"{pluralize(len(runs), 'run')}{when}"
 
 
 def _first_page(
@@ -138,17 +186,13 @@ def _first_page(
     outcomes: tuple[LimitOutcome, ...],
     plots: list[ReportPlot],
     threshold: PerceptionThreshold,
+    photograph: bytes,
 ) -> Iterator[Block]:
-    if limits is not None:
-        yield from report_tables.verdict_blocks(limits, outcomes)
-    yield from report_tables.summary_blocks(summary, runs)
-    if summary.specimen.estimates:
-        yield report_tables.parameter_grid(summary.specimen)
+    yield verdict_paragraph(limits, outcomes)
+    yield from identity_blocks(summary.specimen.sheet, runs, photograph)
+    yield key_figure_table(summary, runs, limits, outcomes)
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
-        caption = (
-            f"Below: measured less model. Bars and band: 95 %. Hollow: flagged. {threshold_caption(threshold)} "
-            "Every figure of the paper from this specimen: full report."
-        )
+        caption = f"Δ: measured less model. Bars and band: 95 %. Hollow: flagged. {threshold_caption(threshold)}"
         first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
         yield ReportPlot("Frequency response", (first,), caption, row_height_in=3.0)
     elif plots:
@@ -161,7 +205,7 @@ def _section_names(laboratory: Laboratory, full: bool) -> tuple[str, ...]:
     Raises:
         ReportError: one does not exist.
     """
-    names = (*SHORT_SECTIONS, *FULL_SECTIONS)
+    names = dict.fromkeys((*SHORT_SECTIONS, *FULL_SECTIONS))
     if taken := [name for name in laboratory.texts if name in names]:
         raise ReportError(f"[report.texts.{taken[0]}] of {LABORATORY_FILE_NAME} has the name of a section: rename it")
     for name in laboratory.sections:
@@ -172,7 +216,8 @@ def _section_names(laboratory: Laboratory, full: bool) -> tuple[str, ...]:
     usual = (*(FULL_SECTIONS if full else SHORT_SECTIONS), *laboratory.texts)
     if not laboratory.sections:
         return usual
-    return tuple(dict.fromkeys((*laboratory.sections, *usual) if full else laboratory.sections))
+    own = laboratory.sections if "parameters" in laboratory.sections else ("parameters", *laboratory.sections)
+    return tuple(dict.fromkeys((*own, *usual) if full else own))
 
 
 def _sections(names: Sequence[str], laboratory: Laboratory, contents: SectionContents) -> Iterator[ReportSection]:
@@ -185,7 +230,7 @@ def _sections(names: Sequence[str], laboratory: Laboratory, contents: SectionCon
 
 
 def _contents(
-    folder: Path, specimen: str, summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]
+    folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]
 ) -> SectionContents:
     """Return title and blocks of the sections by name; a section without blocks is left out."""
 
@@ -194,8 +239,9 @@ def _contents(
             yield from report_tables.agreement_blocks(summary, plots)
 
     return {
+        "parameters": ("Parameters and their source", lambda: report_tables.parameter_blocks(summary, runs)),
         "skin": ("On skin", lambda: _skin_blocks(summary)),
-        "uncertainties": ("Where the uncertainties come from", lambda: _budget_blocks(folder, specimen, summary)),
+        "uncertainties": ("What limits the uncertainties", lambda: _budget_blocks(folder, summary)),
         "figures": ("The paper's figures from this specimen", lambda: _figure_blocks(summary, plots)),
         "agreement": ("How well the model explains the points", agreement),
         "perception": (
@@ -211,22 +257,18 @@ def _skin_blocks(summary: SpecimenSummary) -> Iterator[Block]:
     """Yield the effect of the skin on the response."""
     figures = skin_figures(summary.specimen.specimen)
     yield ReportPlot(
-        "Effect of the skin, with this specimen's parameters (the paper's Figs. 10 to 12)",
+        "Response on skin by the model with this specimen's parameters (the paper's Figs. 10 to 12)",
         tuple(_study_panel(figure) for figure in figures),
-        "Twice the fundamental under the full drive. Lines in order, solid, dashed, dash-dotted, dotted, solid: "
-        + "; ".join(", ".join(curve.label for curve in figure.curves) for figure in figures)
-        + ".",
+        "Computed, not measured, as in the paper's Figs. 10 to 12: twice the fundamental of the centre under the full drive.",
         columns=3,
-        row_height_in=2.4,
+        row_height_in=1.75,
     )
 
 
-def _budget_blocks(folder: Path, specimen: str, summary: SpecimenSummary) -> Iterator[Block]:
+def _budget_blocks(folder: Path, summary: SpecimenSummary) -> Iterator[Block]:
     """Yield the sources of the uncertainties, and the place of everything else."""
-    yield from report_tables.budget_blocks(summary.specimen)
+    yield from report_tables.budget_blocks(summary.specimen, table=False)
     yield from audit_blocks(folder)
-    more = f"Every figure, table and hash, and a page for every run: 'tactor-bench report {specimen} --full'."
-    yield Paragraph(more, "small")
 
 
 def _figure_blocks(summary: SpecimenSummary, plots: list[ReportPlot]) -> Iterator[Block]:
@@ -238,17 +280,16 @@ def _figure_blocks(summary: SpecimenSummary, plots: list[ReportPlot]) -> Iterato
 
 def _provenance_blocks(folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...]) -> Iterator[Block]:
     yield from report_tables.uncertainty_blocks(summary.specimen)
-    yield from report_tables.held_values(summary.specimen)
-    yield from (report_tables.quality_table(runs), report_tables.instrument_table(runs))
+    yield report_tables.quality_table(runs)
     yield from report_tables.software_tables(runs)
     yield report_tables.hash_table(runs)
     yield from audit_blocks(folder)
 
 
 def _study_panel(figure: PaperFigure) -> PlotPanel:
-    lines = tuple(replace(curve.scaled(1.0, 1e6), label="") for curve in figure.curves)
-    title = figure.name.replace("fig", "Fig. ")
-    return PlotPanel(title, "frequency (Hz)", "displacement (µm)", lines, styles=LINE_STYLES)
+    lines = tuple(curve.scaled(1.0, 1e6) for curve in figure.curves)
+    title = f"{figure.name.replace('fig', 'Fig. ')}: {SKIN_TITLES[figure.name]}"
+    return PlotPanel(title, "frequency (Hz)", "displacement (µm)", lines, styles=LINE_STYLES, own_legend=True)
 
 
 def audit_blocks(folder: Path) -> Iterator[Block]:

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.common import Table
+from app.common import Table, pluralize
 from app.config import Laboratory
 from app.plotting import ReportPlot
 
 PAGE_IN = (8.27, 11.69)
 """Width and height of a page (A4)."""
-MARGIN_IN = 0.75
+MARGIN_IN = 0.6
 """To the left and right of the text."""
 WIDTH_IN = PAGE_IN[0] - 2 * MARGIN_IN
 """Width of the text and of the drawings."""
@@ -27,7 +27,15 @@ class Paragraph:
     tone: Tone = "plain"
 
 
-Block = Paragraph | Table | ReportPlot
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A photograph, PNG or JPEG, right of the table behind it."""
+
+    data: bytes
+    description: str
+
+
+Block = Paragraph | Table | ReportPlot | Picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +44,8 @@ class ReportSection:
 
     title: str
     blocks: Sequence[Block]
+    own_page: bool = False
+    """Whether it begins on a new page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +66,6 @@ class Report:
     """A report before layout."""
 
     specimen: str
-    subtitle: str
     page_marks: tuple[str, ...]
     """Marks on every page: SIMULATED, IMPORTED."""
     first_page: tuple[Block, ...]
@@ -72,8 +81,23 @@ class Report:
     """The laboratory's picture on the first page, PNG; empty for none."""
     signed_by: str = ""
     """Who signs; empty where it is written by hand."""
+    measured_by: str = ""
+    """Operators of the runs."""
+
+    @property
+    def signatures(self) -> tuple[str, ...]:
+        """Texts of the lines to sign."""
+        signed = (f"Signed by {self.signed_by}",) if self.signed_by else ()
+        return (*signed, f"Measured by {self.measured_by}".rstrip(), "Checked by", "Date")
+
     record: dict[str, object] = field(default_factory=dict)
     """The content for JSON, SI units."""
+
+    @property
+    def title(self) -> str:
+        """Heading of the first page."""
+        specimens = self.record.get("specimens")
+        return pluralize(len(specimens), "specimen") if isinstance(specimens, list) else f"Specimen {self.specimen}"
 
     @property
     def blocks(self) -> tuple[Block, ...]:

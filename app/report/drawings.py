@@ -9,7 +9,16 @@ from functools import partial
 from typing import Any
 
 from app.common import NO_PROGRESS, Progress
-from app.plotting import ReportPlot, VectorDrawing, draw_plot, draw_vectors, legend_height_in, new_figure, run_figure
+from app.plotting import (
+    ReportPlot,
+    VectorDrawing,
+    describe_plot,
+    draw_plot,
+    draw_vectors,
+    legend_height_in,
+    new_figure,
+    run_figure,
+)
 from app.report.document import PAGE_IN, WIDTH_IN, Report
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
@@ -90,7 +99,7 @@ def draw_report_plot(plot: ReportPlot) -> VectorDrawing:
     figure = new_figure(figsize=(WIDTH_IN, height))
     figure.patch.set_visible(False)  # marks across the page are seen through it
     draw_plot(figure, plot, (-0.1, 0.0, WIDTH_IN + 0.1, height))
-    return draw_vectors(figure, plot.title)
+    return draw_vectors(figure, describe_plot(plot))
 
 
 def _pieces(plot: ReportPlot) -> list[ReportPlot]:

@@ -4,7 +4,7 @@ Limits are set on them by name; figures that the runs do not determine are missi
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -14,7 +14,7 @@ from app.identification import SpecimenSheet
 from app.report.limits import FIGURES_OF_MERIT
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, Effects, SpecimenModel, acting_tactor, fit_specimen
-from model import Array, EstimatedQuantity, Membrane, Tactor
+from model import AmplifierMap, Array, EstimatedQuantity, Membrane, Tactor
 from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import (
     ABDOMEN_THRESHOLD,
@@ -28,12 +28,17 @@ from model.studies import UncertaintyBand
 
 FULL_DRIVE_TOLERANCE = 0.02
 """Largest relative difference of a full drive from the largest drive."""
-MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio", "peak_frequency")
+MODE_NAMES = ("natural_frequency", "damped_frequency", "damping_ratio", "peak_frequency", "quality_factor")
+GAIN_NAMES = ("static_gain_above_rest", "static_gain_below_rest")
+STEP_FIGURES = {
+    "latency": f"latency, {1e6 * THRESHOLD_M:g} µm, after a step to {{:g}} V",
+    "rise_time": "rise_time, after a step to {:g} V",
+}
+"""Figures of a step to the amplifier's highest input, which the model has too, with their names in a run."""
+MODEL_SOURCE, FREE = "identified model", "free"
 
 
-def figure_of_merit(
-    name: str, value: float, standard_error: float, source: str = "identified model"
-) -> EstimatedQuantity:
+def figure_of_merit(name: str, value: float, standard_error: float, source: str = MODEL_SOURCE) -> EstimatedQuantity:
     """Return a quantity that limits can be set on, SI; `source` is the run with the measured value."""
     return EstimatedQuantity.listed(name, float(value), float(standard_error), source)
 
@@ -63,7 +68,7 @@ def perception_margin_of(
     over = perception_margin(GRID_HZ, band.centre, threshold)
     worst = int(over.argmin())
     usable = usable_bands(GRID_HZ, band.centre, threshold)
-    where = "free" if elongation_m is None else f"on the membrane, {1e3 * elongation_m:g} mm"
+    where = FREE if elongation_m is None else f"on the membrane, {1e3 * elongation_m:g} mm"
     edges = tuple((_edge_error(band, a, threshold), _edge_error(band, b, threshold)) for a, b in usable)
     at_hz = float(GRID_HZ[worst])
     error = float(band.standard_error[worst] / threshold.amplitude_at(at_hz))
@@ -112,29 +117,42 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
     return StepLatency(volts, latency, rise_time, float(band.centre[2]), float(band.standard_error[2]))
 
 
-def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
-    """Return natural, damped and peak frequency and damping ratio, free, each from the newest run that has it."""
-    modes: dict[str, EstimatedQuantity] = {}
+def measured_figures(runs: Sequence[ReportRun], amplifier: AmplifierMap) -> Mapping[str, EstimatedQuantity]:
+    """Return the figures of the free specimen that runs measured, with their total uncertainty, from the newest run that has them.
+
+    Runs left out of the identification are not used, nor simulated ones beside real ones.
+    """
+    real = any(not run.summary.simulated for run in runs)
+    figures: dict[str, EstimatedQuantity] = {}
     for run in runs:
         free = all(
             getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None
             for each in run.observations
         )
-        found = run.summary.record.estimates if run.identifiable and free else ()
-        modes |= {
-            e.name: figure_of_merit(e.name, e.value, e.standard_error, run.path.stem)
-            for e in found
-            if e.name in MODE_NAMES
-        }
-    return list(modes.values())
+        if run.problem or run.exclusion_reason or not run.summary.has_result or (real and run.summary.simulated):
+            continue
+        found = {f.name: f for f in run.summary.figures}
+        names = {name: name for name in (*MODE_NAMES, *GAIN_NAMES)} if free else {}
+        names |= {name: condition.format(amplifier.high_v) for name, condition in STEP_FIGURES.items()}
+        for name, stored in names.items():
+            if (f := found.get(stored)) is not None:
+                figures[name] = figure_of_merit(stored, f.value, f.total, run.path.stem)
+        if free and (ratio := found.get("damping_ratio")) is not None and "quality_factor" not in found:
+            q = 1 / (2 * ratio.value)
+            figures["quality_factor"] = figure_of_merit(
+                "quality_factor", q, q * ratio.total / ratio.value, run.path.stem
+            )
+    return figures
 
 
-def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> EstimatedQuantity | None:
-    """Return the largest amplitude at full drive, free, from the newest dwell with an interior maximum.
+def measured_peak(
+    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold
+) -> tuple[Mapping[str, EstimatedQuantity], float]:
+    """Return the largest amplitude at full drive and its margin, free, from the newest dwell with an interior maximum; and the frequency of the largest amplitude, 0 without one.
 
     It is the largest measured one, as in the fleet; its error has the shared gain error of the sensor, too.
     """
-    peak = None
+    peaks, at_hz = dict[str, EstimatedQuantity](), 0.0
     for run in observations.of_type(FrequencyResponseObservation):
         if run.elongation_m is not None or run.added_mass_kg is not None or run.swept:
             continue
@@ -146,36 +164,37 @@ def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> Esti
             if y.size and f.min() < f[top] < f.max():
                 shared = np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
                 error = float(np.hypot(errors[top], shared * y[top]))
-                peak = figure_of_merit("amplitude_at_resonance", y[top], error, run.label)
-    return peak
+                at_hz = float(f[top])
+                level = float(threshold.amplitude_at(at_hz))
+                peaks["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", y[top], error, run.label)
+                peaks["margin_at_resonance"] = figure_of_merit(
+                    "margin_at_resonance", y[top] / level, error / level, run.label
+                )
+    return peaks, at_hz
 
 
-def figures_of_merit(
-    specimen: SpecimenModel,
-    runs: Sequence[ReportRun],
-    observations: ObservationSet | None,
-    margin_free: PerceptionMargin | None,
-    margin_on_membrane: PerceptionMargin | None,
-    latency: StepLatency | None,
+def model_figures(
+    specimen: SpecimenModel, margins: Sequence[PerceptionMargin], latency: StepLatency | None
 ) -> Mapping[str, EstimatedQuantity]:
-    """Return the figures of merit that these runs determine, by name."""
-    figures: list[EstimatedQuantity | None] = [
-        figure_of_merit(e.name, e.value, e.standard_error) for e in specimen.identified if e.name in FIGURES_OF_MERIT
-    ]
-    figures += measured_modes(runs)
-    if observations is not None:
-        figures.append(measured_peak(specimen, observations))
-    if margin_free is not None:
-        figures.append(figure_of_merit("smallest_margin", margin_free.margin, margin_free.margin_error))
-        if bands := margin_free.felt_bands:
-            figures.append(figure_of_merit("usable_from", bands[0][0], margin_free.edge_errors[0][0]))
-            figures.append(figure_of_merit("usable_to", bands[-1][1], margin_free.edge_errors[-1][1]))
-    if margin_on_membrane is not None:
-        pressed = margin_on_membrane
-        figures.append(figure_of_merit("smallest_margin_on_membrane", pressed.margin, pressed.margin_error))
-    if latency is not None:
-        figures += [latency.latency, latency.rise_time]
-    return {merit.name: merit for merit in figures if merit is not None}
+    """Return the fitted parameters and the figures of the fitted model; `margins`: free, and on the membrane."""
+    figures = {
+        e.name: figure_of_merit(e.name, e.value, e.standard_error)
+        for e in specimen.identified
+        if e.name in FIGURES_OF_MERIT
+    }
+    for each in margins:
+        if each.condition != FREE:
+            pressed = figure_of_merit("smallest_margin_on_membrane", each.margin, each.margin_error)
+            figures[pressed.name] = pressed  # of the largest elongation, which is the last
+            continue
+        figures["smallest_margin"] = figure_of_merit("smallest_margin", each.margin, each.margin_error)
+        if bands := each.felt_bands:
+            figures["usable_from"] = figure_of_merit("usable_from", bands[0][0], each.edge_errors[0][0])
+            figures["usable_to"] = figure_of_merit("usable_to", bands[-1][1], each.edge_errors[-1][1])
+    for name, value in () if latency is None else (("latency", latency.latency), ("rise_time", latency.rise_time)):
+        if value is not None:
+            figures[name] = replace(value, name=STEP_FIGURES[name].format(specimen.amplifier.high_v))
+    return figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +207,9 @@ class SpecimenSummary:
     """Free, then on the membrane at every measured elongation."""
     latency: StepLatency | None
     figures_of_merit: Mapping[str, EstimatedQuantity]
+    """By name; the model's only where no run measured them."""
+    largest_at_hz: float = 0.0
+    """Frequency of the largest measured amplitude; 0 for none."""
 
 
 def summarize_specimen(
@@ -203,18 +225,18 @@ def summarize_specimen(
     fitted, observations = fit_specimen(
         name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying"), sheet
     )
+    measured = measured_figures(runs, fitted.amplifier)
+    peaks, at_hz = ({}, 0.0) if observations is None else measured_peak(fitted, observations, threshold)
+    measured = {**measured, **peaks}
     if observations is None or fitted.identification is None:
-        return SpecimenSummary(
-            fitted, observations, (), None, figures_of_merit(fitted, runs, observations, None, None, None)
-        )
+        return SpecimenSummary(fitted, observations, (), None, measured, at_hz)
     progress.update(0.0, "margins and latency")
     responses = observations.of_type(FrequencyResponseObservation)
     elongations = sorted({run.elongation_m for run in responses if run.elongation_m is not None})
-    free = perception_margin_of(fitted, None, threshold) if fitted.identifies_free_response else None
     identified = [each for each in elongations if fitted.identifies_response_at(each)]
-    pressed = [
-        perception_margin_of(fitted, each, threshold) for each in (identified if every_margin else identified[-1:])
-    ]
+    conditions: list[float | None] = [None] if fitted.identifies_free_response else []
+    conditions += identified if every_margin else identified[-1:]
+    margins = tuple(filter(None, (perception_margin_of(fitted, each, threshold) for each in conditions)))
     latency = step_latency_of(fitted) if fitted.identifies_free_response else None
-    merits = figures_of_merit(fitted, runs, observations, free, pressed[-1] if pressed else None, latency)
-    return SpecimenSummary(fitted, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)
+    merits = {**model_figures(fitted, margins, latency), **measured}
+    return SpecimenSummary(fitted, observations, margins, latency, merits, at_hz)

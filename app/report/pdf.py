@@ -3,7 +3,7 @@
 All lengths are in points unless named otherwise.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from html import escape
@@ -31,26 +31,27 @@ from reportlab.platypus import Table as Grid
 
 from app.common import Table
 from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in
-from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Report
+from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Picture, Report
 from app.report.drawings import Drawings
 from protocols.base import replacing
 
 INCH = 72.0
 PAGE, LEFT, WIDTH = (INCH * PAGE_IN[0], INCH * PAGE_IN[1]), INCH * MARGIN_IN, INCH * WIDTH_IN
-TOP, BOTTOM = 0.95 * INCH, 0.75 * INCH
-SIGNATURE_HEIGHT = 0.35 * INCH
+TOP, BOTTOM = 0.75 * INCH, 0.7 * INCH
+SIGNATURE_HEIGHT = 0.5 * INCH
 """Height reserved at the bottom of the first page."""
 LOGO = (1.6 * INCH, 0.6 * INCH)
 """Largest width and height of the laboratory's picture."""
-MIN_PLOT_HEIGHT_IN = 1.9
+MIN_PLOT_HEIGHT_IN = 1.6
 """Smallest height of a plot on the first page."""
-SECTION_SPACE = 4.0 * INCH
+SECTION_SPACE = 2.0 * INCH
 """A section begins on a new page where less is left."""
-LINE_SPACING = 1.32
+LINE_SPACING = 1.25
 """Ratio of line height to font size."""
 COLUMN_GAP = 0.12 * INCH
 SHRINK_STEP = 0.05 * INCH
-MAX_FONT, MIN_FONT = 8.0, 6.0
+MAX_FONT = MIN_FONT = 8.0
+"""Of tables; nothing is smaller."""
 RED, GREY = "#C00018", "#444444"
 TONE_STYLES = {"plain": ("#000000", ""), "good": ("#006030", "-Bold"), "bad": ("#B00018", "-Bold"), "small": (GREY, "")}
 REST_OF_FOOTER = "footer"
@@ -73,7 +74,7 @@ def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:
     """
     with replacing(path) as working:
         document = BaseDocTemplate(
-            str(working), pagesize=PAGE, title=" - ".join((f"Specimen {report.specimen}", *report.page_marks)), creator=report.software_version, invariant=1,
+            str(working), pagesize=PAGE, title=" - ".join((report.title, *report.page_marks)), creator=report.software_version, invariant=1,
             pageCompression=1, author="", subject="",
         )  # fmt: skip
         on_text, on_pictures = partial(_decorate_page, report, True), partial(_decorate_page, report, False)
@@ -121,9 +122,9 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]
         self._rest = rest
 
     def save(self) -> None:
-        self.beginForm(REST_OF_FOOTER, 0, -7, PAGE[0], 7)  # a form is clipped to its box: descenders are below 0
+        self.beginForm(REST_OF_FOOTER, 0, -8, PAGE[0], 8)  # a form is clipped to its box: descenders are below 0
         self.setFillColor(GREY)
-        self.setFont(font(), 7)
+        self.setFont(font(), 8)
         self.drawString(0, 0, self._rest.format(self.getPageNumber() - 1))
         self.endForm()
         super().save()
@@ -141,31 +142,36 @@ class _Picture(Flowable):  # type: ignore[misc]
 
 
 def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
-    if report.logo:
-        picture = ImageReader(BytesIO(report.logo))
+    right = PAGE[0] - LEFT
+    photographs = (block.data for block in report.first_page if isinstance(block, Picture))
+    for data in filter(None, (report.logo, *photographs)):
+        picture = ImageReader(BytesIO(data))
         width, height = picture.getSize()
         scale = min(LOGO[0] / width, LOGO[1] / height)
         width, height = scale * width, scale * height
-        canvas.drawImage(
-            picture, PAGE[0] - LEFT - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto"
-        )
-    who = f"Signed by {report.signed_by}" if report.signed_by else "Measured by ________________________"
-    _write(canvas, LEFT, BOTTOM, f"{who}   Checked by ________________________   Date ______________", 9)
+        canvas.drawImage(picture, right - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto")
+        right -= width + COLUMN_GAP
+    step = WIDTH / len(report.signatures)
+    for at, text in enumerate(report.signatures):
+        x = LEFT + at * step
+        _write(canvas, x, BOTTOM, shorten(text, step - COLUMN_GAP), 8.5)
+        canvas.setLineWidth(0.5)
+        canvas.line(x, BOTTOM + 12, x + step - COLUMN_GAP, BOTTOM + 12)
     _decorate_page(report, True, canvas, document)
 
 
 def _decorate_page(report: Report, marked: bool, canvas: Any, _: Any) -> None:
     """Draw header, footer and, on a page without pictures that are `marked` themselves, the marks across it."""
     top = PAGE[1] - 0.5 * INCH
-    _write(canvas, LEFT, top, f"Specimen {report.specimen}", 8, color=GREY)
+    _write(canvas, LEFT, top, report.title, 8, color=GREY)
     _write(canvas, LEFT, top + 0.18 * INCH, report.laboratory.header, 8, color=GREY)
-    _write(canvas, LEFT, 0.27 * INCH, report.laboratory.footer, 7, color=GREY)
+    _write(canvas, LEFT, 0.27 * INCH, report.laboratory.footer, 8, color=GREY)
     marks = "  ".join(report.page_marks)
     _write(canvas, PAGE[0] - LEFT - stringWidth(marks, font("-Bold"), 9), top, marks, 9, "-Bold", RED)
     number = f"page {canvas.getPageNumber()} "
-    _write(canvas, LEFT, 0.42 * INCH, number, 7, color=GREY)
+    _write(canvas, LEFT, 0.42 * INCH, number, 8, color=GREY)
     canvas.saveState()
-    canvas.translate(LEFT + stringWidth(number, font(), 7), 0.42 * INCH)
+    canvas.translate(LEFT + stringWidth(number, font(), 8), 0.42 * INCH)
     canvas.doForm(REST_OF_FOOTER)
     canvas.restoreState()
     if not (marked and report.page_marks):
@@ -179,6 +185,11 @@ def _decorate_page(report: Report, marked: bool, canvas: Any, _: Any) -> None:
     for i, mark in enumerate(report.page_marks):
         canvas.drawCentredString(0, -size * (i + 0.5 - len(report.page_marks) / 2) * LINE_SPACING, mark)
     canvas.restoreState()
+
+
+def shorten(text: str, width: float, size: float = 8.5) -> str:
+    """Return a text that fits one line of a width; without its end if it is longer."""
+    return text if stringWidth(text, font(), size) <= width else f"{wrap_text(text, width - 10, size, font())[0]} …"
 
 
 def _write(canvas: Any, x: float, y: float, text: str, size: float, style: str = "", color: str = "#000000") -> None:
@@ -196,10 +207,11 @@ def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
     for block in report.first_page:
         yield from _block(block, plots)
     for at, section in enumerate(report.appendix):
-        yield from (PageBreak(),) if at == 0 else (CondPageBreak(SECTION_SPACE), Spacer(0, 8))
-        yield _lines(section.title, 13, "-Bold", after=8, keep=True)
-        for block in section.blocks:
-            yield from _block(block, plots)
+        yield from (PageBreak(),) if at == 0 or section.own_page else (CondPageBreak(SECTION_SPACE), Spacer(0, 6))
+        yield _lines(section.title, 11.5, "-Bold", after=4, keep=True)
+        for number, block in enumerate(section.blocks):
+            named = number > 0 or not isinstance(block, Table | ReportPlot)
+            yield from _block(block, plots, titled=named or section.own_page)
     if drawings.runs:
         yield NextPageTemplate("pictures")
     for name, drawing in drawings.runs:
@@ -211,11 +223,11 @@ def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
 def _headings(report: Report) -> Iterator[Any]:
     if report.laboratory.name:
         yield _lines(report.laboratory.name, 10, "-Bold", after=3)
-    yield _lines(f"Specimen {report.specimen}", 18, "-Bold", after=4)
-    yield _lines(report.subtitle, 9, after=10)
+    yield _lines(report.title, 18, "-Bold", after=4)
 
 
-def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]]) -> list[Any]:
+def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]], titled: bool = True) -> list[Any]:
+    """Return a block in the flow of the text; not `titled`: without the title of a plot or table, whose section has one."""
     match block:
         case Paragraph():
             color, style = TONE_STYLES[block.tone]
@@ -223,15 +235,24 @@ def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]]) -> list[Any]:
         case ReportPlot():
             title, *caption = _plot_texts(block)
             first, *others = next(plots)
-            return [KeepTogether([title, _Picture(first)]), *map(_Picture, others), *caption]
+            return [
+                KeepTogether([title, _Picture(first)] if titled else [_Picture(first)]),
+                *map(_Picture, others),
+                *caption,
+            ]
+        case Picture():
+            return []  # beside the heading of the page
+        case Table() if block.vertical:
+            rows = zip(block.headings, block.text_rows[0], strict=True)
+            return [_grid(Table.of_rows(block.title, ("", ""), tuple(rows)), headed=False), Spacer(0, 4)]
         case Table():
-            note = [_lines(block.note, 7.5, color=GREY)] if block.note else []
+            note = [_lines(block.note, 8, color=GREY)] if block.note else []
             title = _lines(block.title, 9.5, "-Bold", before=5, after=2, keep=True)
-            return [title, _grid(block), Spacer(0, 4), *note, Spacer(0, 6)]
+            return [*([title] if titled else ()), _grid(block), Spacer(0, 2), *note, Spacer(0, 3)]
 
 
 def _plot_texts(plot: ReportPlot) -> list[Any]:
-    caption = [_lines(plot.caption, 7.5, color=GREY, after=12)] if plot.caption else []
+    caption = [_lines(plot.caption, 8, color=GREY, after=6)] if plot.caption else []
     return [_lines(plot.title, 9.5, "-Bold", after=2, keep=True), *caption]
 
 
@@ -245,25 +266,26 @@ def _lines(
     return TextLines(escape(text), look)
 
 
-def _grid(table: Table) -> Any:
+def _grid(table: Table, headed: bool = True) -> Any:
+    """Return a table in the flow of the text; not `headed`: without its headings, and with names in its first column."""
     laid_out = lay_out_table(table, WIDTH)
     size = laid_out.font_size
     style: list[tuple[Any, ...]] = [
         ("FONT", (0, 0), (-1, -1), font("Mono" if table.monospace else ""), size, LINE_SPACING * size),
-        ("FONT", (0, 0), (-1, 0), font("-Bold"), size, LINE_SPACING * size),
+        ("FONT", (0, 0), (-1, 0) if headed else (0, -1), font("-Bold"), size, LINE_SPACING * size),
         ("VALIGN", (0, 0), (-1, -1), "TOP"),
         ("LEFTPADDING", (0, 0), (-1, -1), 0),
         ("RIGHTPADDING", (0, 0), (-1, -1), 0),
-        ("TOPPADDING", (0, 0), (-1, -1), 1.5),
-        ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
-        ("LINEBELOW", (0, 0), (-1, 0), 0.7, "#888888"),
-        ("LINEBELOW", (0, 1), (-1, -1), 0.3, "#888888"),
+        ("TOPPADDING", (0, 0), (-1, -1), 1),
+        ("BOTTOMPADDING", (0, 0), (-1, -1), 1.5),
+        *([("LINEBELOW", (0, 0), (-1, 0), 0.7, "#888888")] if headed else ()),
+        ("LINEBELOW", (0, int(headed)), (-1, -1), 0.3, "#888888"),
     ]
     for row in table.highlighted_rows:
         style.append(("FONT", (0, row + 1), (-1, row + 1), font("-Bold"), size, LINE_SPACING * size))
         style.append(("TEXTCOLOR", (0, row + 1), (-1, row + 1), RED))
-    cells = [["\n".join(lines) for lines in row] for row in laid_out.rows]
-    return Grid(cells, laid_out.column_widths, style=style, hAlign="LEFT", repeatRows=1)
+    cells = [["\n".join(lines) for lines in row] for row in laid_out.rows[0 if headed else 1 :]]
+    return Grid(cells, laid_out.column_widths, style=style, hAlign="LEFT", repeatRows=int(headed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,16 +300,24 @@ class LaidOutTable:
 def lay_out_table(table: Table, width: float) -> LaidOutTable:
     """Lay out a table with columns as wide as their content; if too wide, reduce the font size, then wrap cells."""
     every = (table.headings, *table.text_rows)
-    wide = font("Mono-Bold") if table.monospace else font("-Bold")
+    plain, wide = (font("Mono"), font("Mono-Bold")) if table.monospace else (font(), font("-Bold"))
     columns = range(len(table.headings))
+
+    def face(row: int, column: int) -> str:
+        return wide if row == 0 or row - 1 in table.highlighted_rows or column == 0 else plain
+
+    def widest(texts: Callable[[str], list[str]], i: int) -> float:
+        widths = (stringWidth(text, face(at, i), 1) for at, row in enumerate(every) for text in texts(row[i]))
+        return float(max(widths))
+
     # In ems: a width is proportional to the size.
-    natural_ems = [max(stringWidth(row[i], wide, 1) for row in every) for i in columns]
-    word_ems = [max(stringWidth(word, wide, 1) for row in every for word in row[i].split(" ")) for i in columns]
+    natural_ems = [widest(lambda cell: [cell], i) for i in columns]
+    word_ems = [widest(lambda cell: cell.split(" "), i) for i in columns]
     available = width - COLUMN_GAP * len(columns)
     size = min(max(available / max(sum(natural_ems), 1e-6), MIN_FONT), MAX_FONT)
     widths = _shrink_columns([size * w for w in natural_ems], [size * w for w in word_ems], available)
     rows = tuple(
-        tuple(wrap_text(cell, w + 0.5, size, wide) for cell, w in zip(row, widths, strict=True)) for row in every
+        tuple(wrap_text(row[i], widths[i] + 0.5, size, face(at, i)) for i in columns) for at, row in enumerate(every)
     )
     return LaidOutTable(size, tuple(w + COLUMN_GAP for w in widths), rows)
 

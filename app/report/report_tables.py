@@ -7,26 +7,24 @@ from typing import Any
 
 from app.common import Table, pluralize, typeset_unit
 from app.identification import (
-    TABLE_ONE,
     BudgetBar,
     assumed_line,
     budget_bars,
     budget_record,
     compare_with_chain,
     contradictions,
-    format_relative,
     format_shares,
     held_parameters,
     mounting_tables,
     nonideality_tables,
     sheet_unit,
+    short_run_name,
     steps_line,
     unstated_errors,
 )
 from app.plotting import PlotPanel, ReportPlot, StackedBar
-from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
+from app.report.document import Block, LimitOutcome, Paragraph, Tone
 from app.report.figures_of_merit import PerceptionMargin, SpecimenSummary
-from app.report.limits import Limits
 from app.report.plots import CurveAgreement, curve_agreements
 from app.report.rounding import (
     MINUS,
@@ -36,55 +34,27 @@ from app.report.rounding import (
     typeset_probability,
     typeset_with_error,
 )
-from app.report.runs import InstrumentRecord, ReportRun
-from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_description
+from app.report.runs import ReportRun
+from app.report.specimen import SpecimenModel
 from model import QUANTITIES, Membrane, Tactor, format_time, quantity_label, shown_unit
-from model.identification import SPECIMEN_PARAMETERS
-from protocols import aspects_of
 from protocols.base import Outcome
 
 EMPTY_CELL = "–"
-BAR_HEIGHT_IN = 0.24
+BAR_HEIGHT_IN = 0.2
 MAX_FINDINGS = 10
 """Findings that are listed."""
-VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "not decided"}
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
 
-def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> Iterator[Block]:
-    """Yield the overall verdict and the table of limits."""
-    missed = [o for o in outcomes if o.verdict != "pass"]
-    text = f"PASS: all {len(outcomes)} limits are met." if len(outcomes) > 1 else "PASS: the limit is met."
-    if missed:
-        counts = Counter(o.verdict for o in outcomes)
-        parts = [f"{counts[verdict]} {label}" for verdict, label in VERDICT_LABELS.items() if counts[verdict]]
-        text = f"NOT PASSED: of {pluralize(len(outcomes), 'limit')} {', '.join(parts)}."
-    yield Paragraph(text, "bad" if missed else "good")
-    rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
-    rows = tuple((quantity_label(o.name), o.asked, o.found, o.source, o.verdict, o.why) for o in outcomes)
-    bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
-    note = f"Limits from {limits.source}; {rule} must lie within."
-    headings = ("quantity", "limit", "value ± standard error", "from", "verdict", "reason")
-    yield Table.of_rows("Limits", headings, rows, note, bad)
-
-
-def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
-    """Yield the summary paragraphs of the first page."""
-    yield from _fit_blocks(summary.specimen)
-    if summary.perception_margins:
-        yield Paragraph(_margin_text(summary.perception_margins))
-    elif summary.specimen.identification is not None:
+def parameter_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
+    """Yield the result of the identification, the parameters by source, and what was left out and why."""
+    specimen = summary.specimen
+    yield from _fit_blocks(specimen)
+    if specimen.estimates:
+        yield parameter_grid(specimen)
+        yield known_values(specimen)
+    if specimen.identification is not None and not summary.perception_margins:
         yield Paragraph("No statement on threshold and latency: the free response is not determined by these runs.")
-    if (step := summary.latency) is not None and (latency := step.latency) is not None:
-        felt_after = typeset_measurement(latency.value, latency.standard_error, "s")
-        yield Paragraph(
-            f"A step of {step.step_v:g} V reaches 50 µm after {felt_after} "
-            "(model, ± standard error; the amplifier's own slew is not in it)."
-        )
-    yield Paragraph(_quality_text(runs))
-    if late := sum(any(map(run.uses_expired, run.instruments)) for run in runs):
-        text = f"In {pluralize(late, 'run')} the calibration of an instrument had expired: see the instruments, full report."
-        yield Paragraph(text, "bad")
     yield from _run_blocks(runs)
 
 
@@ -98,11 +68,6 @@ def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     tone: Tone = "bad" if identification.adequacy is not None and identification.adequacy.adequate is False else "plain"
     count = pluralize(len(identification.observations.runs), "set")
     yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
-    if assumed := assumed_line(identification):
-        yield Paragraph(_capitalized(assumed))
-    yield Paragraph(f"{_capitalized(specimen.sheet.description)}.")
-    if held := held_parameters(identification):
-        yield Paragraph(_capitalized(held))
     if added := steps_line(identification, also="identify --also", plain="identify --plain"):
         yield Paragraph(_capitalized(added), "bad")
     yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(identification))
@@ -127,22 +92,6 @@ def _capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _margin_text(margins: Sequence[PerceptionMargin]) -> str:
-    free, *pressed = margins
-    text = f"At full drive, free, max - min is {_format_margin(free)} the threshold, {free.threshold.marked_label}"
-    if pressed:
-        text += f"; {pressed[-1].condition} {_format_margin(pressed[-1])} it"
-    return f"{text} (model, 5 to 250 Hz, ± standard error)."
-
-
-def _format_margin(margin: PerceptionMargin) -> str:
-    smallest = f"at least {typeset_with_error(margin.margin, margin.margin_error)} times"
-    if margin.margin < 1 and not margin.felt_bands:
-        return f"nowhere above, {smallest}"
-    above = "" if margin.margin >= 1 else f"above only {_format_bands(margin)}, "
-    return f"{above}{smallest} (at {margin.frequency_hz:g} Hz)"
-
-
 def _format_bands(margin: PerceptionMargin) -> str:
     ends = (
         " to ".join(map(typeset_with_error, band, errors)) + " Hz"
@@ -151,52 +100,59 @@ def _format_bands(margin: PerceptionMargin) -> str:
     return " and ".join(ends) or "nowhere"
 
 
-def _quality_text(runs: Sequence[ReportRun]) -> str:
-    points, usable = sum(run.summary.points for run in runs), sum(run.usable_count for run in runs)
-    flags = sum((Counter(run.flag_counts) for run in runs), Counter[str]())
-    unusable = f"{points - usable} are not usable" if points != usable else "all are usable"
-    text = f"{pluralize(points, 'point')} in {pluralize(len(runs), 'run')}; {unusable}"
-    return f"{text} ({format_flags(flags)})." if flags else f"{text}."
-
-
 def parameter_grid(specimen: SpecimenModel) -> Table:
     """Return the table of estimates compared with the paper's Table I."""
     rows = []
     identification, fit = specimen.identification, specimen.joint_fit
-    statistical = {} if identification is None else identification.statistical_errors
     for e in () if identification is None else identification.identified:
         paper = TABLE_I.get(e.name)
         factor, unit = shown_unit(e.unit, e.name)
+        paper_text = "" if paper is None else f"{typeset_number(factor * paper)} {typeset_unit(unit)}"
         rows.append(
             (
-                e.name,
-                parameter_description(e.name),
+                f"{e.name}: {quantity_label(e.name)}",
                 typeset_measurement(e.value, e.standard_error, e.unit, e.name),
-                *_shares(e.value, e.standard_error, statistical.get(e.name)),
-                "" if paper is None else f"{typeset_number(factor * paper)} {typeset_unit(unit)}",
-                _percent(e.value / paper - 1) if paper else "",
-                ", ".join(dict.fromkeys(map(_item_name, e.source))),
+                f"{paper_text} ({_percent(e.value / paper - 1)})" if paper else "",
+                ", ".join(dict.fromkeys(map(short_run_name, e.source))),
             )
         )
     heads = (
-        "parameter",
-        "meaning",
+        "fitted parameter",
         "value ± total",
-        "total",
-        "statistical",
-        "paper's Table I",
-        "difference",
+        "paper's Table I (difference)",
         "determined by",
     )
-    note = (
-        "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses. "
-        "Held values (full report) count as exact."
-    )
+    note = "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses."
     if fit is not None and fit.error_scale > 1:
         parts = (f"{m.error_scale:.2g} times the errors of {m.label}" for m in fit.residuals if m.error_scale > 1)
-        enlarged = f"as the misfit is larger than the errors of the points: {', '.join(parts)}"
-        note = f"Errors are enlarged run by run, {enlarged}. {note}"
+        note += f" Enlarged where the misfit is larger than the errors of the points: {', '.join(parts)}."
     return Table.of_rows("Parameters", heads, rows, note)
+
+
+def known_values(specimen: SpecimenModel) -> Table:
+    """Return the values that the runs do not determine, by source: sheet, Table I, assumed, held."""
+    identification = specimen.identification
+    entries, priors = specimen.sheet.values, {} if identification is None else identification.priors
+    measured: dict[tuple[str, str], list[str]] = {}
+    for e in entries.values():
+        if e.name in priors:
+            origin = ("specimen sheet" if e.measured else "paper's Table I", e.instrument)
+            measured.setdefault(origin, []).append(f"{e.name} {_format_known(e.name, e.value, e.uncertainty)}")
+    rows: dict[str, list[str]] = {}
+    for (source, instrument), texts in measured.items():
+        rows.setdefault(source, []).append(", ".join(texts) + (f" ({instrument})" if instrument else ""))
+    if identification is not None:
+        for source, text in (("assumed", assumed_line(identification)), ("held", held_parameters(identification))):
+            if text:
+                rows[source] = [_capitalized(text)]
+    note = "Values with an uncertainty enter the fit with it, and are in the totals above."
+    lines = [(source, "; ".join(texts)) for source, texts in rows.items()]
+    return Table.of_rows("Known before", ("source", "values ± standard uncertainty"), lines, note)
+
+
+def _format_known(name: str, value: float, uncertainty: float) -> str:
+    factor, unit = sheet_unit(name)
+    return f"{typeset_with_error(factor * value, factor * uncertainty)}{SPACE}{typeset_unit(unit).replace(' ', SPACE)}".rstrip()
 
 
 def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> Iterator[Block]:
@@ -290,12 +246,6 @@ def _percent(share: float) -> str:
     return "0.0 %" if text[1:] == "0.0 %" else text
 
 
-def _item_name(label: str) -> str:
-    """`20261121T091502Z_T7_static-loading mfc` as `loading`."""
-    protocol = label.rpartition("_")[2].split(" ")[0]
-    return aspects_of(protocol).short_name or protocol
-
-
 def _spell_out(text: str) -> str:
     return text.replace(" -", f" {MINUS}")
 
@@ -306,46 +256,12 @@ def _unidentified_text(text: str) -> str:
     return f"Not identifiable from these runs: {names}{_spell_out(along)}."
 
 
-def held_values(specimen: SpecimenModel) -> Iterator[Block]:
-    """Yield the table of parameters that were held, if any."""
-    identified = specimen.identified_names
-    free = () if specimen.joint_fit is None else specimen.joint_fit.free_parameters
-    rows = [
-        (name, SPECIMEN_PARAMETERS[name].description, _format_value(value, name), TABLE_ONE[name].description)
-        for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
-        if name not in identified
-        and name not in free
-        and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in identified)
-    ]
-    note = "They count as exact: none of the errors given here includes their errors."
-    heads = ("parameter", "meaning", "value", "source in the paper's Table I")
-    if rows:
-        yield Table.of_rows("Held, not identified", heads, rows, note)
-
-
 def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
-    """Yield the tables of dimensions and masses, and of the sources of every uncertainty."""
+    """Yield remarks of the sheet, effects outside the beam model, mountings, and the sources of every uncertainty."""
     identification, sheet = specimen.identification, specimen.sheet
-    used = set(sheet.values) if identification is None else set(identification.priors)
-    scale = {e.name: sheet_unit(e.name) for e in sheet.values.values()}
-    rows = [
-        (
-            e.name,
-            SPECIMEN_PARAMETERS[e.name].description,
-            f"{typeset_with_error(scale[e.name][0] * e.value, scale[e.name][0] * e.uncertainty)} {typeset_unit(scale[e.name][1])}",
-            "sheet" if e.measured else "Table I",
-            e.instrument,
-            e.date,
-        )
-        for e in sheet.values.values()
-        if e.name in used
-    ]
     texts = {"serial number": sheet.serial, "batch": sheet.batch, "photograph": sheet.photograph, "notes": sheet.notes}
     remarks = [f"{name}: {text}" for name, text in (*texts.items(), *sheet.descriptions.items()) if text]
     yield Paragraph(f"{'. '.join([*remarks, sheet.description])}.")
-    if rows:
-        heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
-        yield Table.of_rows("Dimensions and masses", heads, rows)
     if identification is not None:
         for table in (*nonideality_tables(identification), *mounting_tables(identification)):
             yield replace(table, columns=tuple(column for column in table.columns if column.displayed))
@@ -354,35 +270,23 @@ def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
     yield from budget_blocks(specimen)
 
 
-def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
-    """Yield the shares of every uncertainty by source, as a table and as bars."""
+def budget_blocks(specimen: SpecimenModel, table: bool = True) -> Iterator[Block]:
+    """Yield the shares of every uncertainty by source as bars, and as a table where asked or without bars."""
     identification = specimen.identification
     if identification is not None and (budget := identification.budget) is not None:
-        shares = [(name, format_shares(budget, i)) for name, i in identification.budget_rows.items()]
-        note = "Shares of the squared total; noise is the statistical part."
-        yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
         if bars := budget_bars(identification):
             yield _budget_plot(bars)
+        if not bars or table:
+            shares = [(name, format_shares(budget, i)) for name, i in identification.budget_rows.items()]
+            note = "Shares of the squared total; noise is the statistical part."
+            yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
 
 
 def _budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     stacked = tuple(StackedBar(bar.name, bar.shares, bar.size_text) for bar in bars)
     panel = PlotPanel("", "share of the squared total", "", bars=stacked)
-    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece shows what to improve first."
+    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece shows what to improve first; gray: further sources."
     return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
-
-
-def _shares(value: float, total: float, statistical: float | None) -> tuple[str, ...]:
-    if not value:
-        return EMPTY_CELL, EMPTY_CELL
-    part = None if statistical is None else abs(statistical / value)
-    return tuple(text or EMPTY_CELL for text in format_relative(abs(total / value), part))
-
-
-def _format_value(value: float, name: str) -> str:
-    """Format a parameter without its error in its bench unit."""
-    factor, shown = sheet_unit(name)
-    return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 
 def quality_table(runs: Sequence[ReportRun]) -> Table:
@@ -407,25 +311,6 @@ def quality_table(runs: Sequence[ReportRun]) -> Table:
 def format_flags(counts: Mapping[str, int]) -> str:
     """Format the numbers of flagged points: `2 clipped, 1 noisy`."""
     return ", ".join(f"{count} {flag}" for flag, count in sorted(counts.items()))
-
-
-def instrument_table(runs: Sequence[ReportRun]) -> Table:
-    """Return the table of instruments with their calibrations."""
-    users: dict[InstrumentRecord, list[ReportRun]] = {}
-    for run in runs:
-        for instrument in run.instruments:
-            users.setdefault(instrument, []).append(run)
-    rows, highlighted = [], set()
-    for at, (each, used) in enumerate(users.items()):
-        unknown = "unknown" if each.role == "sensor" else ""
-        expires = each.expires or unknown
-        if late := sum(run.uses_expired(each) for run in used):
-            highlighted.add(at)
-            expires += f", before {pluralize(late, 'run')}"
-        calibration = (each.calibrated or unknown, expires, each.gain)
-        rows.append((each.role, each.identity, each.serial, *calibration, f"{len(used)} of {len(runs)}"))
-    heads = ("role", "identity", "serial", "calibrated", "expires", "gain known to", "runs")
-    return Table.of_rows("Instruments", heads, rows, highlighted_rows=frozenset(highlighted))
 
 
 def software_tables(runs: Sequence[ReportRun]) -> Iterator[Table]:
@@ -468,8 +353,8 @@ def report_record(
         "budget": None if identification is None else budget_record(identification.budget),
         "unidentified": [] if identification is None else list(identification.unidentified),
         "merits": [
-            {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit, "source": m.source}
-            for m in summary.figures_of_merit.values()
+            {"name": name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit, "source": m.source}
+            for name, m in summary.figures_of_merit.items()
         ],
         "runs": [
             {

@@ -2,18 +2,23 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import date as Day  # noqa: N812 - as in certificates
 from pathlib import Path
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary, run_result
 from app.common import NO_PROGRESS, Progress, ResultSummary
+from app.config import Certificate, calibration_state, certificates_of_bench, read_certificates
+from app.fleet import FleetError, SensorDrift, read_fleet, sensor_drifts
 from app.identification import points_of_run, run_observations, shape_count_of_run
-from model import ParameterError
+from model import ParameterError, format_time
 from model.identification import FitOptions, Observation
 from protocols import Quality, aspects_of
 from protocols.base import Figure, Outcome, file_hash
 from protocols.runfile import Run, RunReadError, RunRecord, translate_read_errors
 
+REPORTED_STATES = {"valid": "in date", "due soon": "in date, due soon", "expired": "overdue"}
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
 """Flags that are reported elsewhere and are not faults."""
 
@@ -28,6 +33,19 @@ class InstrumentRecord:
     calibrated: str = ""
     expires: str = ""
     gain: str = ""
+    certificate: str = ""
+    """Number of the newest certificate before the run."""
+    drift: str = ""
+    """Statement that a control chart found it drifting."""
+
+    def state(self, day: str) -> str:
+        """Return the state of its calibration on a day, ISO 8601."""
+        if not self.expires:
+            return "due date not stated" if self.calibrated else "no calibration stated"
+        try:
+            return REPORTED_STATES[calibration_state(self.expires, Day.fromisoformat(day))]
+        except ValueError:
+            return f"due date '{self.expires}' is no day"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +96,10 @@ class ReportRun:
         return bool(instrument.expires) and instrument.expires < self.summary.start_time[:10]
 
 
-def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRESS) -> tuple[ReportRun, ...]:
-    """Read every run of a specimen in a folder and below, in order of start time.
+def read_report_runs(
+    folder: Path, specimen: str, progress: Progress = NO_PROGRESS, golden: str = ""
+) -> tuple[ReportRun, ...]:
+    """Read every run of a specimen in a folder and below, in order of start time; `golden` is the specimen whose charts find drifting sensors.
 
     Raises:
         OSError: the folder cannot be read.
@@ -87,11 +107,25 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
     catalogue = Catalogue(folder)
     catalogue.scan(progress)
     entries = sorted(RunFilter(specimen=specimen).apply(catalogue.entries()), key=lambda e: (e.start_time, e.path))
+    certificates, _ = read_certificates(folder)
+    drifts: Mapping[str, SensorDrift] = {}
+    if golden:
+        with suppress(FleetError):  # no run has a result
+            drifts = sensor_drifts(read_fleet(folder, catalogue), golden)
     runs = []
     for i, entry in enumerate(entries):
         progress.update(i / len(entries), "reading runs")
-        runs.append(_read_report_run(folder / entry.path, entry))
+        run = _read_report_run(folder / entry.path, entry, certificates)
+        runs.append(_mark_drift(run, drifts.get(entry.sensor)))
     return _mark_exclusions(runs)
+
+
+def _mark_drift(run: ReportRun, drift: SensorDrift | None) -> ReportRun:
+    """Return a run whose sensor states its drift, if the run was made after the begin of it."""
+    if drift is None or run.summary.start_time < drift.since:
+        return run
+    marked = (replace(each, drift=drift.text) if each.role == "sensor" else each for each in run.instruments)
+    return replace(run, instruments=tuple(marked))
 
 
 def _repetitions(runs: Sequence[ReportRun]) -> dict[str, str]:
@@ -134,12 +168,12 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
     )
 
 
-def _read_report_run(file: Path, summary: RunSummary) -> ReportRun:
+def _read_report_run(file: Path, summary: RunSummary, certificates: Sequence[Certificate]) -> ReportRun:
     problem = "" if summary.readable else summary.record.reason
     try:
         if not problem:
             with Run(file) as run, translate_read_errors(file):
-                return replace(_report_run_of(run, summary), sha256=file_hash(file))
+                return replace(_report_run_of(run, summary, certificates), sha256=file_hash(file))
     except RunReadError as error:
         problem = str(error)
     except OSError as error:
@@ -147,7 +181,7 @@ def _read_report_run(file: Path, summary: RunSummary) -> ReportRun:
     return ReportRun(file, summary, problem=problem)
 
 
-def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
+def _report_run_of(run: Run, summary: RunSummary, certificates: Sequence[Certificate]) -> ReportRun:
     flags = [Quality(int(each)) for each in run.points().get("quality", ())]
     exclusion_reason = ""
     observations: tuple[Observation, ...] = ()
@@ -162,7 +196,7 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         shape_count=shape_count_of_run(run),
         usable_count=sum(each.usable for each in flags),
         flag_counts=Counter(flag.description for each in flags for flag in each & ~ORIGIN_FLAGS),
-        instruments=_instrument_records(run),
+        instruments=_instrument_records(run, certificates),
         record=run.record,
         observations=observations,
         figures=tuple(figure for figure in figures if figure.title and figure.has_usable_points),
@@ -171,13 +205,35 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
     )
 
 
-def _instrument_records(run: Run) -> tuple[InstrumentRecord, ...]:
+def _instrument_records(run: Run, certificates: Sequence[Certificate]) -> tuple[InstrumentRecord, ...]:
+    """Return the instruments of a run; a certificate takes precedence over the dates of the bench file."""
     configuration, sensor = run.record.configuration, run.record.sensor
-    others = (
-        InstrumentRecord(role, str(identity), str((configuration.get(role) or {}).get("serial") or ""))
-        for role, identity in configuration.get("identities", {}).items()
-        if role != "sensor"
-    )
+    records = []
+    for role, answer in configuration.get("identities", {}).items():
+        identity = str(answer)
+        serial = str((configuration.get(role) or {}).get("serial") or identity.rpartition("#")[2] * ("#" in identity))
+        if role != "sensor":
+            records.append(InstrumentRecord(role, identity, serial))
     expires = str((configuration.get("sensor") or {}).get("expires") or "")
     gain = f"{100 * sensor.gain_relative_uncertainty:.2g} %" if sensor.gain_relative_uncertainty else ""
-    return (*others, InstrumentRecord("sensor", sensor.name, sensor.serial, sensor.calibrated, expires, gain))
+    records.append(InstrumentRecord("sensor", sensor.name, sensor.serial, sensor.calibrated, expires, gain))
+    earlier = [each for each in certificates if each.date <= run.record.start_time[:10]]
+    valid = certificates_of_bench(earlier, (r.serial for r in records), run.record.protocol)
+    newest = {each.serial.casefold(): each for each in valid if each.role != "weights"}
+    named = [
+        each if (own := newest.get(each.serial.casefold())) is None or own.date < each.calibrated
+        else replace(each, calibrated=own.date, expires=own.due, certificate=own.number)
+        for each in records
+    ]  # fmt: skip
+    weights = (
+        InstrumentRecord("weights", each.item, each.serial, each.date, each.due, certificate=each.number)
+        for each in valid
+        if each.role == "weights"
+    )
+    return (*named, *weights)
+
+
+def run_label(run: ReportRun) -> str:
+    """Return a short name of a run: `dwell 2026-11-28 07:04`."""
+    protocol = run.summary.protocol
+    return f"{aspects_of(protocol).short_name or protocol} {format_time(run.summary.start_time)}"

@@ -308,11 +308,3 @@ def with_damping_by_elongation(specimen: SpecimenModel) -> SpecimenModel:
         if estimate.name.startswith("c_s") and (elongation := parse_elongation(estimate.name)) is not None
     }
     return replace(specimen, damping_by_elongation=damping or None)
-
-
-def parameter_description(name: str) -> str:
-    """Return the description of a parameter; empty for unknown names."""
-    try:
-        return parameter_spec(name).description
-    except ParameterError:
-        return ""

@@ -7,7 +7,18 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from model import GRAVITY, NONIDEAL_NAMES, AmplifierMap, Membrane, Series, Specimen, Tactor, beams, replace_variables
+from model import (
+    GRAVITY,
+    NONIDEAL_NAMES,
+    AmplifierMap,
+    Membrane,
+    Series,
+    Specimen,
+    Tactor,
+    beams,
+    replace_variables,
+    shown_unit,
+)
 from model.response import load_compliance, natural_frequencies_of, voltage_gain
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 
@@ -195,14 +206,19 @@ def skin_figures(specimen: Specimen) -> tuple[PaperFigure, ...]:
     t, m = specimen.tactor, specimen.membrane or Membrane()
     nonideal = {name: specimen.value(name) for name in NONIDEAL_NAMES}
     drawn = (
-        ("fig10", fig10_study(t, m), "E_m {:.0e} Pa"),
-        ("fig11", fig11_study(t, m), "c_s {:.3g} kg/(m s)"),
-        ("fig12", fig12_study(t, m), "δ {:.3g}"),
+        ("fig10", fig10_study(t, m), "Pa", "E_m"),
+        ("fig11", fig11_study(t, m), "kg/(m s)", "c_s"),
+        ("fig12", fig12_study(t, m), "1", "delta"),
     )
-    return tuple(
-        _study_figure(name, replace(study, specimen=replace_variables(study.specimen, nonideal)), label, "")
-        for name, study, label in drawn
-    )
+    figures = []
+    for name, study, unit, quantity in drawn:
+        factor, shown = shown_unit(unit, quantity)
+        figure = _study_figure(
+            name, replace(study, specimen=replace_variables(study.specimen, nonideal)), "{:.17g}", ""
+        )
+        curves = (replace(c, label=f"{factor * float(c.label):.4g} {shown}") for c in figure.curves)
+        figures.append(replace(figure, curves=tuple(curves)))
+    return tuple(figures)
 
 
 def _changed_parameters(parameters: Tactor | Membrane, reference: Tactor | Membrane) -> list[str]:

@@ -260,8 +260,8 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
 
 QUESTIONABLE = {
     Quality.CALIBRATION_EXPIRED: (
-        "points with an expired sensor calibration",
-        "calibrate the displacement sensor and enter the date into the bench's form of the sensor",
+        "points with an expired calibration",
+        "calibrate the instrument that the log names, and add its certificate ('tactor-bench certificate add') or enter the sensor's dates on the page Bench",
     ),
     Quality.LEVEL_EXCEEDED: ("points in which an abort level was exceeded", "see the log for the level and its value"),
 }

@@ -10,9 +10,11 @@ from app.archive.exporting.export import ExportError, export_run
 from app.archive.importing.importer import read_table
 from app.cli.main import main
 from protocols.base import RunStatus, Series, SeriesAxis, TableImportError
+from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run
 from tests.helpers.importing import brought, points, refused
 from tests.helpers.run_files import begun_run, finished_run
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 FREQUENCIES = (100.0, 155.123, 160.0)
 
@@ -71,6 +73,20 @@ def test_a_universal_file_has_the_columns_of_data_set_58(sweep: Path, tmp_path: 
     np.testing.assert_allclose(
         numbers[::2] + 1j * numbers[1::2], 1e-4 / (1 - (f / 40) ** 2 + 0.1j * f / 40), rtol=1e-10
     )
+
+
+@pytest.mark.deep
+def test_the_drive_of_a_sweep_survives_a_universal_file(tmp_path: Path) -> None:
+    with laboratory(simulated()) as lab:
+        sent = run(Sweep(), tmp_path, lab).path
+    assert main(["export", str(sent), "--format", "uff", "--out", str(tmp_path)]) == 0
+    (exported,) = tmp_path.glob("*.uff")
+    assert main(["import", str(exported), "--specimen", "T2", "--out", str(tmp_path / "back")]) == 0
+    (back,) = (tmp_path / "back").glob("*.h5")
+    with Run(sent) as before, Run(back) as after:
+        drive_v = before.points()["drive_amplitude"][0]
+        assert after.points()["drive_amplitude"] == pytest.approx(drive_v, rel=1e-5)
+        assert after.points()["frequency"].size > 100
 
 
 def test_a_dwell_goes_out_and_comes_back_in(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

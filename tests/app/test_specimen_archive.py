@@ -5,11 +5,13 @@ import shutil
 import zipfile
 from pathlib import Path
 
+import h5py
 import pytest
 
 from app.archive.notes import write_notes
 from app.archive.specimen_archive import ArchiveError, restore_archive
 from app.cli.main import main
+from app.config import Certificate, store_certificate
 from tests.helpers.run_files import finished_run
 
 
@@ -61,6 +63,45 @@ def test_a_crate_reader_finds_every_run_with_hash_and_mark(archive: Path, tmp_pa
             )
             assert (value["name"], value["value"], value["unitText"]) == ("natural_frequency", 158.35, "Hz")
     assert any("new glue" in str(entity.get("keywords")) for entity in crate.data_entities)
+
+
+def test_people_instruments_certificates_and_trail_are_in_it_and_come_back(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rocrate.rocrate import ROCrate
+
+    folder, out, back = tmp_path / "runs", tmp_path / "T8.eln", tmp_path / "back"
+    shutil.copytree(runs, folder)
+    run = next(folder.glob("*T8*.h5"))
+    role, serial = "generator", "S-1"
+    with h5py.File(run, "r+") as file:
+        known = json.loads(file["entry/configuration"].asstr()[()])
+        del file["entry/configuration"]
+        file["entry/configuration"] = json.dumps(known | {"identities": {role: f"Maker G1 #{serial}"}})
+    store_certificate(folder, Certificate("C/17", "Lab", "2026-01-02", serial=serial, role="other", due="2027-01-02"))
+    (folder / "T8.specimen.toml").write_text(
+        'specimen = "T8"\nserial = "MFC-042"\nphotograph = "t8.png"\n[plate.L]\nvalue = "22.1 mm"\nuncertainty = "0.05 mm"\n'
+    )
+    (folder / "t8.png").write_bytes(b"a picture")
+    assert main(["audit", "start", str(folder)]) == 0
+    assert main(["checked", str(run), "--by", "Ben Keller"]) == 0
+    assert main(["archive", "T8", "--folder", str(folder), "--out", str(out), "--no-report"]) == 0
+    with zipfile.ZipFile(out) as file:
+        file.extractall(tmp_path / "crate")
+    crate = ROCrate(str(tmp_path / "crate" / "T8"))
+    people = {each["name"]: each for each in crate.get_by_type("Person")}
+    assert people["Ben Keller"]["familyName"] == "Keller"
+    products = {each["name"]: each for each in crate.get_by_type("IndividualProduct")}
+    assert products["T8"]["serialNumber"] == "MFC-042"
+    (certified,) = [each for each in products.values() if each.get("subjectOf")]
+    assert (certified["description"], certified["serialNumber"]) == (role, serial)
+    (action,) = crate.get_by_type("CreateAction")
+    assert certified in action["instrument"]
+    assert main(["restore", str(out), "--folder", str(back)]) == 0
+    for name in ("T8.specimen.toml", "t8.png", "certificates/C%2F17.certificate.json", run.name):
+        assert (back / name).read_bytes() == (folder / name).read_bytes(), name
+    assert (back / "T8.audit.jsonl").read_bytes() == (folder / "audit.jsonl").read_bytes()
+    capsys.readouterr()
 
 
 def test_it_comes_back_to_the_byte_and_only_once(

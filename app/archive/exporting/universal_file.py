@@ -17,7 +17,7 @@ from app.common import Progress
 from drivers.watchdog import version
 from model import Array
 from protocols.base import Series, SeriesAxis, visible_text
-from protocols.runfile import Run
+from protocols.runfile import ENTRY_COLUMN, Run
 
 ID_CHARACTERS = 80
 """Length of each of the five lines that identify a function."""
@@ -178,15 +178,16 @@ def _ordinate(axis: SeriesAxis) -> dict[str, Any]:
 
 
 def _drive_line(run: Run, series: Series) -> str:
-    """Return the reference of the phase of a response, and the drive's amplitude of points."""
+    """Return the reference of the phase of a response, and the amplitude of its drive where the points have it."""
     if not series.is_complex:
         return "NONE"
-    drive = ""
+    points = run.points()
+    amplitude = points.get("drive_amplitude", np.zeros(0))
     if series.name == POINTS:
-        points = run.points()
-        drive = (
-            f", drive amplitude {np.median(points['drive_amplitude'][np.isin(points['frequency'], series.x)]):.6g} V"
-        )
+        amplitude = amplitude[np.isin(points["frequency"], series.x)]
+    elif (own := points[ENTRY_COLUMN] == series.entry).any() and amplitude.size:
+        amplitude = amplitude[own]
+    drive = f", drive amplitude {np.median(amplitude):.6g} V" if np.isfinite(amplitude).any() else ""
     return f"phase against the recorded drive{drive}"
 
 

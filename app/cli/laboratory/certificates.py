@@ -3,6 +3,7 @@
 import csv
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from math import copysign
 from pathlib import Path
 
 from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option
@@ -10,13 +11,18 @@ from app.cli.output import CommandResult, print_answer, render
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message, usage_errors
 from app.config import (
     ROLES,
+    BenchDraft,
     Certificate,
     CertificateColumn,
     CertificateError,
+    ConfigError,
+    SensorCalibrationError,
+    calibration_of_certificate,
     due_after,
     read_certificates,
     store_certificate,
 )
+from model import format_quantity
 from protocols.base import open_regular
 
 
@@ -122,6 +128,61 @@ class ListCertificatesCommand:
         )
 
 
+def _find(folder: Path, number: str) -> Certificate:
+    """Return the certificate of a number, or of the beginning of one.
+
+    Raises:
+        UsageError: there is none, or there are several.
+    """
+    certificates, _ = read_certificates(folder)
+    chosen = [each for each in certificates if each.number == number] or [
+        each for each in certificates if each.number.startswith(number)
+    ]
+    if len(chosen) != 1:
+        numbers = ", ".join(each.number for each in certificates) or "none"
+        raise UsageError(f"there is no single certificate '{number}' in {folder}; there are: {numbers}")
+    return chosen[0]
+
+
+@command("D-K-1234 --bench bench1.toml")
+class UseCertificateCommand:
+    """Write gain, zero, uncertainty, serial number and dates of a sensor's certificate into a bench file, in place of the typed ones."""
+
+    number: str = argument("number of the certificate, or its beginning")
+    bench: str = option("bench file; its comments stay", metavar="FILE")
+    folder: Path = FOLDER
+
+    @usage_errors(SensorCalibrationError, ConfigError)
+    def execute(self) -> int:
+        one, draft = _find(self.folder, self.number), BenchDraft.load(self.bench)
+        if not draft.has_file:
+            raise UsageError(
+                "name your bench file: --bench FILE; a simulated bench that comes with the program is not changed"
+            )
+        if one.role != "sensor":
+            raise UsageError(
+                f"certificate {one.number} is of the {one.role}; only values of the sensor are used in a bench file"
+            )
+        before = draft.config.sensor
+        if before.serial and before.serial.casefold() != one.serial.casefold():
+            raise UsageError(
+                f"certificate {one.number} is of the sensor #{one.serial or 'without a serial number'}, and {self.bench} has #{before.serial}; choose the other one"
+            )
+        calibration = calibration_of_certificate(one)
+        values = calibration.rounded()
+        if calibration.is_gain_alone:
+            values |= {"zero_v": before.zero_v, "gain_m_per_v": copysign(values["gain_m_per_v"], before.gain_m_per_v)}
+        dates = {"serial": one.serial, "calibrated": one.date, "expires": one.due, "certificate": one.number}
+        draft.with_tables(sensor={**before.model_dump(), **values, **dates, "calibration_points": ()}).save()
+        gains = (before.gain_m_per_v, values["gain_m_per_v"])
+        shown = " to ".join(format_quantity(gain, 0.0, "m/V") for gain in gains)
+        residual = max(map(abs, calibration.residuals_m), default=0.0)
+        print_line(
+            f"{self.bench}: gain {shown}, {100 * values['gain_relative_uncertainty']:.2g} %; largest residual of the table {1e6 * residual:.3g} µm"
+        )
+        return ExitCode.DONE
+
+
 @command("D-K-1234")
 class ShowCertificateCommand:
     """Show a certificate with its table."""
@@ -131,14 +192,7 @@ class ShowCertificateCommand:
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
-        certificates, _ = read_certificates(self.folder)
-        chosen = [each for each in certificates if each.number == self.number] or [
-            each for each in certificates if each.number.startswith(self.number)
-        ]
-        if len(chosen) != 1:
-            numbers = ", ".join(each.number for each in certificates) or "none"
-            raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {numbers}")
-        (one,) = chosen
+        one = _find(self.folder, self.number)
         lines = [
             f"Certificate {one.number} of {one.laboratory}, {one.date}: {one.name}",
             f"due {one.due or 'not stated'}: {one.state(datetime.now(UTC).date())}",
@@ -161,5 +215,10 @@ VERBS = CommandGroup(
     "the runs. A run warns from 30 days before the due date of each of its instruments, found by serial number, and flags "
     "every point after that date.",
     "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
-    {"add": AddCertificateCommand, "list": ListCertificatesCommand, "show": ShowCertificateCommand},
+    {
+        "add": AddCertificateCommand,
+        "list": ListCertificatesCommand,
+        "show": ShowCertificateCommand,
+        "use": UseCertificateCommand,
+    },
 )

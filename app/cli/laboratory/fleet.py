@@ -71,7 +71,15 @@ class FleetCommand(_FleetOptions):
     files: FileOptions = group(FileOptions, "the specimens")
 
     def execute(self) -> int:
-        from app.fleet import GROUPS, FleetError, fleet_notes, group_table, quantity_table, specimen_table
+        from app.fleet import (
+            GROUPS,
+            FleetError,
+            fleet_notes,
+            group_table,
+            quantity_table,
+            sensor_drifts,
+            specimen_table,
+        )
 
         if self.group_by not in GROUPS:
             raise UsageError(f"--group-by {self.group_by}: there are {', '.join(GROUPS)}")
@@ -81,7 +89,8 @@ class FleetCommand(_FleetOptions):
         with usage_errors(FleetError):
             selections = [fleet.of(name) for name in names]
         shown = selections if self.quantities else selections[:MAX_QUANTITIES]
-        specimens = specimen_table(shown)
+        drifts = sensor_drifts(fleet, limits.golden if limits else "")
+        specimens = specimen_table(shown, drifts)
         tables = [
             quantity_table(selections, limits.bounds if limits else {}),
             *(group_table(s, self.group_by) for s in shown if self.quantities),
@@ -90,7 +99,7 @@ class FleetCommand(_FleetOptions):
             "fleet",
             {},
             (*tables, specimens),
-            tuple(fleet_notes(fleet, selections)),
+            (*filter(None, (specimens.note,)), *fleet_notes(fleet, selections)),
             write_csv=specimens.to_csv,
             figures=tuple(_fleet_figure(s) for s in shown),
             heading=("SIMULATED",) if fleet.simulated else (),

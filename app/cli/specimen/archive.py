@@ -1,5 +1,6 @@
 """The commands `archive` and `restore`: a specimen as one file for a lab notebook or another computer, and back."""
 
+import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -8,6 +9,7 @@ from app.campaign import campaign_path
 from app.cli.options import FOLDER, argument, command, option
 from app.cli.runs import check_folder
 from app.common import (
+    LOG_NAME,
     ExitCode,
     OperationCancelled,
     Progress,
@@ -27,8 +29,8 @@ RUNS_SHARE = 0.7
 
 @command("example: tactor-bench archive T7 --out T7.eln")
 class ArchiveCommand:
-    """Archive every run of a specimen with notes, specimen sheet, calibrations, campaign and report in one .eln file (a
-    zipped RO-Crate), with SHA-256 of each file. Electronic lab notebooks such as eLabFTW, Kadi4Mat, NOMAD, PASTA,
+    """Archive every run of a specimen with notes, specimen sheet, calibrations, campaign, certificates, audit trail and report
+    in one .eln file (a zipped RO-Crate), with people, instruments and the SHA-256 of each file. Electronic lab notebooks such as eLabFTW, Kadi4Mat, NOMAD, PASTA,
     RSpace and SampleDB import such files; 'restore' brings the files back.
     """
 
@@ -53,6 +55,10 @@ class ArchiveCommand:
             paths = sheet_path, mountings_path, calibrations_path, campaign_path
             beside = (path(self.folder, self.specimen) for path in paths)
             documents = [path for path in beside if path.is_file()]
+            if (
+                trail := self.folder / LOG_NAME
+            ).is_file():  # under a name of its own: the folder that it is restored to may have one
+                documents.append(Path(shutil.copy(trail, Path(scratch) / f"{safe_name(self.specimen)}.{LOG_NAME}")))
             if runs and not self.no_report:
                 documents += _write_report(self.folder, self.specimen, Path(scratch), progress.part(RUNS_SHARE, 1.0))
             write_archive(

@@ -73,6 +73,10 @@ class LabelCommand:
         return ExitCode.DONE
 
 
+HEADS = ("specimen", "specimens", "name", "names", "label", "id")
+"""Heads of a list's first column, which are no specimens."""
+
+
 def _read_names(path: Path | None) -> list[str]:
     """Return the names of a list: of each line the text before the first comma or semicolon; blank and `#` lines are skipped."""
     if path is None:
@@ -84,7 +88,7 @@ def _read_names(path: Path | None) -> list[str]:
         raise UsageError(f"--list {path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     cells = [line.replace(";", ",").split(",")[0].strip().strip('"') for line in lines if not line.startswith("#")]
     names = [cell for cell in cells if cell]
-    if names and names[0].casefold() == "specimen":  # the head of a table that was exported
+    if names and names[0].casefold() in HEADS:  # the head of a table that was exported
         names = names[1:]
     if not names:
         raise UsageError(f"--list {path} has no name; write one specimen per line")

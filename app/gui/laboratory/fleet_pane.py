@@ -35,6 +35,7 @@ class FleetPane(ViewPane):
     def __init__(self, worker: BackgroundWorker, show_message: Callable[[str, bool], object]) -> None:
         super().__init__(worker, show_message)
         self._limits: Mapping[str, Bounds] = {}
+        self._golden = ""
         self.quantity = make_filter_combo("laboratory.quantity", "quantity")
         self.batch = make_filter_combo("laboratory.batch", "batch", ("any batch", ""))
         self.since = make_filter_combo("laboratory.since", "since", *SINCE)
@@ -72,9 +73,9 @@ class FleetPane(ViewPane):
         self.specimens.row_selected.connect(lambda row: self.plot.show_specimen(self._specimen_at(row)))
         self.specimens.row_opened.connect(self._open_newest)
 
-    def show_fleet(self, folder: Path, fleet: Fleet | None, limits: Mapping[str, Bounds]) -> None:
+    def show_fleet(self, folder: Path, fleet: Fleet | None, limits: Mapping[str, Bounds], golden: str = "") -> None:
         """Show the specimens of a folder; None: there are none."""
-        self._folder, self._fleet, self._limits = folder, fleet, limits
+        self._folder, self._fleet, self._limits, self._golden = folder, fleet, limits, golden
         if fleet is None:
             self._show_view(None)
             return
@@ -85,7 +86,7 @@ class FleetPane(ViewPane):
 
     def update_view(self) -> None:
         """Compute the selection of the filter in the background, and show it."""
-        fleet, limits = self._fleet, self._limits
+        fleet, limits, golden = self._fleet, self._limits, self._golden
         if fleet is None:
             return
         query = FleetQuery(
@@ -96,7 +97,7 @@ class FleetPane(ViewPane):
             self.group_by.currentData(),
         )
         self._worker.submit(
-            lambda: view_fleet(fleet, query, limits), self._show_view, self._on_error, latest_only="fleet view"
+            lambda: view_fleet(fleet, query, limits, golden), self._show_view, self._on_error, latest_only="fleet view"
         )
 
     @property

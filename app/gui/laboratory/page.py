@@ -315,7 +315,7 @@ class LaboratoryPage(QWidget):
         self._show_message(view, "", is_error=False)
         match view:
             case 0:
-                self.fleet.show_fleet(records.folder, records.fleet, records.limits)
+                self.fleet.show_fleet(records.folder, records.fleet, records.limits, records.golden)
             case 1:
                 self.chart.show_fleet(records.folder, records.fleet, records.golden)
             case 2:

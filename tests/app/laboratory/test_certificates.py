@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
@@ -9,8 +10,10 @@ import pytest
 
 from app.cli.main import main
 from app.common import ExitCode
+from app.config.bench_file import read_bench
 from app.config.certificate import (
     Certificate,
+    CertificateColumn,
     CertificateError,
     bench_warnings,
     due_after,
@@ -18,6 +21,7 @@ from app.config.certificate import (
     store_certificate,
 )
 from app.config.dcc import read_dcc
+from app.config.sensor_calibration import SensorCalibrationError, calibration_of_certificate
 from protocols.base import Quality
 from protocols.runfile.reader import Run
 
@@ -81,8 +85,8 @@ def test_a_digital_certificate_is_read(
     assert (found.number, found.laboratory, found.date) == ("D-K-4711", "Kalibrierfirma GmbH", "2026-03-02")
     assert (found.item, found.serial) == ("Keyence LK-G30", "SIM-1")
     position, output = found.columns
-    assert (position.name, position.unit, position.values) == ("Position", "milli metre", (-5.0, 0.0, 5.0))
-    assert (output.name, output.unit, output.values) == ("Output", "volt", (-9.99, 0.01, 10.02))
+    assert (position.name, position.unit, position.values) == ("Position", "mm", (-5.0, 0.0, 5.0))
+    assert (output.name, output.unit, output.values) == ("Output", "V", (-9.99, 0.01, 10.02))
     assert output.standard_uncertainties == pytest.approx(standard)
 
 
@@ -185,3 +189,40 @@ def test_certificates_are_added_listed_and_flag_a_run(tmp_path: Path, capsys: py
     with Run(path) as run:
         assert int(run.points()["quality"][0]) & Quality.CALIBRATION_EXPIRED
         assert any("certificate D-K-4711) expired" in str(event.fields) for event in run.events())
+
+
+def test_a_certificates_gain_takes_the_place_of_the_typed_one(tmp_path: Path) -> None:
+    bench, points, runs = tmp_path / "b.toml", tmp_path / "points.csv", str(tmp_path / "runs")
+    bench.write_text(
+        '[generator]\nresource = "TCPIP::192.0.2.7::5025::SOCKET"\n[card]\ndevice = "Dev1"\n'
+        '[sensor]\n# typed once\nserial = "LK-1"\ngain_m_per_v = "-0.1 mm/V"\n'
+    )
+    points.write_text("displacement [mm],u(displacement) [mm],output [V]\n-1,0.001,10.5\n0,0.001,0.5\n1,0.001,-9.5\n")
+    number = ["certificate", "add", "--number", "LK-7", "--laboratory", "KC", "--date", "2026-05-04", "--folder", runs]
+    assert main([*number, "--role", "sensor", "--serial", "LK-1", "--months", "12", "--table", str(points)]) == 0
+    use = ["certificate", "use", "LK-7", "--folder", runs, "--bench"]
+    assert main([*use, str(bench)]) == 0
+    sensor = read_bench(bench.read_text(), str(bench)).sensor
+    laser = sensor.laser_sensor
+    assert laser.displacement_m([10.5, 0.5, -9.5]) == pytest.approx([-1e-3, 0.0, 1e-3], abs=1e-9)
+    assert laser.gain_relative_uncertainty == pytest.approx(1e-6 / 2**0.5 / 1e-3, rel=0.05)
+    assert (sensor.certificate, sensor.calibrated, sensor.expires) == (
+        "LK-7",
+        "2026-05-04",
+        due_after("2026-05-04", 12),
+    )
+    assert "# typed once" in bench.read_text()
+    assert main([*use, "sim"]) == ExitCode.USAGE
+    bench.write_text(bench.read_text().replace('serial = "LK-1"', 'serial = "LK-2"'))
+    before = bench.read_bytes()
+    assert main([*use, str(bench)]) == ExitCode.USAGE
+    assert bench.read_bytes() == before
+
+
+def test_a_stated_gain_keeps_the_sign_and_zero_of_the_bench() -> None:
+    gain = CertificateColumn("sensitivity", "mm/V", (0.1003,), (0.0002,))
+    line = calibration_of_certificate(Certificate("C", "Lab", "2026-05-04", columns=(gain,)))
+    assert (line.gain_m_per_v, line.gain_relative_uncertainty) == pytest.approx((1.003e-4, 0.0002 / 0.1003))
+    assert line.is_gain_alone
+    with pytest.raises(SensorCalibrationError):
+        calibration_of_certificate(Certificate("C", "Lab", "2026-05-04", columns=(replace(gain, unit="mm"),)))

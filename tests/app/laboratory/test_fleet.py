@@ -15,9 +15,9 @@ from app.cli.main import main
 from app.common import ExitCode
 from app.fleet.catalogue_values import Fleet, FleetError, FleetValue, read_fleet
 from app.fleet.control_chart import TooFewValuesError, control_chart, moving_average
-from app.fleet.drift import DriftCause, golden_charts
+from app.fleet.drift import DriftCause, golden_charts, sensor_drifts
 from app.fleet.statistics import capability, outlier_mask, spread_of, trend_of
-from app.fleet.summary_tables import quantity_table
+from app.fleet.summary_tables import quantity_table, specimen_table
 from tests.helpers.fleet_runs import BEGIN, DRIFT_FROM_DAY, GOLDEN, write_laboratory
 from tests.helpers.messages import assert_names
 
@@ -183,6 +183,22 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("laboratory")
     write_laboratory(folder)
     return folder
+
+
+def test_values_on_a_drifting_sensor_are_marked_from_its_first_signal_on() -> None:
+    fleet = _history(0.0, -0.01, sensors=2, others=4)
+    drifts = sensor_drifts(fleet, "G")
+    assert set(drifts) == {"L0"}
+    table = specimen_table([fleet.of("size")], drifts)
+    names, texts = table.columns[0].values, next(c for c in table.columns if c.name.endswith("as text")).values
+    newest = {v.specimen: v for v in fleet.of("size").newest}
+    for name, text in zip(names, texts, strict=True):
+        late = newest[name].sensor == "L0" and newest[name].start_time >= drifts["L0"].since
+        assert text.endswith("†") == late
+    assert sum(text.endswith("†") for text in texts) == 3  # T0 and the golden one on the other sensor were not
+    assert "L0" in table.note
+    assert not sensor_drifts(_history(0.01, 0.0, sensors=2, others=4), "G")
+    assert not sensor_drifts(fleet, "")
 
 
 @pytest.mark.deep

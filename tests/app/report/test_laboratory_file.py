@@ -101,7 +101,7 @@ def test_the_template_sets_header_footer_sections_and_own_texts(lab: Path, tmp_p
     out = tmp_path / "out"
     assert main(["report", "T1", "--folder", str(lab), "--out", str(out)]) == 0
     html = (out / "T1_report.html").read_text("utf-8")
-    places = [html.index(word) for word in ("Confidential &lt;draft&gt;", "<strong>Haptics", "<h2>Method</h2>", "Procedure P-12.", "Where the uncertainties", "Form QM-17")]  # fmt: skip
+    places = [html.index(word) for word in ("Confidential &lt;draft&gt;", "<strong>Haptics", "<h2>Method</h2>", "Procedure P-12.", "What limits the uncertainties", "Form QM-17")]  # fmt: skip
     assert places == sorted(places)
     assert "<h2>On skin</h2>" not in html
     full, _, _ = build_report(lab, "T1", laboratory=read_laboratory(lab))
@@ -109,13 +109,15 @@ def test_the_template_sets_header_footer_sections_and_own_texts(lab: Path, tmp_p
         assert "Confidential <draft>" in page
         assert "Form QM-17" in page
     titles = [section.title for section in full.appendix]
-    expected = ["Method", "Where the uncertainties come from"]
-    assert titles[:2] == expected
+    expected = ["Parameters and their source", "Method", "What limits the uncertainties"]
+    assert titles[:3] == expected
     assert "Where the numbers come from" in titles
 
 
 @pytest.mark.deep
 def test_a_section_that_does_not_exist_is_named(lab: Path) -> None:
     (lab / LABORATORY_FILE_NAME).write_text('[report]\nsections = ["skn"]\n')
-    with pytest.raises(ReportError, match="asks for the section 'skn'; there are skin, uncertainties, figures"):
+    with pytest.raises(
+        ReportError, match="asks for the section 'skn'; there are parameters, uncertainties, skin, figures"
+    ):
         build_report(lab, "T1", laboratory=read_laboratory(lab))

@@ -343,7 +343,7 @@ def test_what_cannot_be_identified_is_said_and_nothing_is_claimed_of_it(copy: Pa
     assert "No statement on threshold and latency" in messages
     assert not known.identifies_free_response
     # The run's own estimates stand, which were stored with it; none is of a model.
-    stored = {"natural_frequency", "damped_frequency", "damping_ratio"}
+    stored = {"natural_frequency", "damped_frequency", "damping_ratio", "quality_factor"}
     assert {merit["name"] for merit in report.record["merits"]} == stored
 
 
@@ -358,11 +358,10 @@ def test_an_expired_calibration_stands_out(copy: Path) -> None:
 
         change(path, expire)
     report, _, _ = build_report(copy, "T1")
-    (grid,) = [g for g in blocks_of(report, Table) if g.title == "Instruments"]
+    (grid,) = [g for g in blocks_of(report, Table) if g.title == "Instruments and their calibration"]
     (bad,) = [grid.rows[i] for i in grid.highlighted_rows]
     assert bad[0] == "sensor"
-    assert bad[3:5] == ("2019-05-04", "2020-05-04, before 2 runs")
-    assert "In 2 runs the calibration of an instrument had expired" in texts(report)
+    assert bad[2:5] == ("2019-05-04", "2020-05-04", "overdue in 2 runs")
 
 
 def test_a_specimen_whose_runs_tell_nothing_of_the_model_still_has_its_report(tmp_path: Path) -> None:

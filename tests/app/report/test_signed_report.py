@@ -1,0 +1,145 @@
+"""What the two pages of a report state: people, instruments with their calibration, key figures by source; and its forms."""
+
+import itertools
+import json
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pypdfium2
+import pytest
+
+from app.cli.main import main
+from app.config import Certificate, store_certificate
+from app.report.content import build_report
+from app.report.document import Report
+from app.report.figures_of_merit import measured_figures
+from app.report.first_page import NOT_RECORDED
+from app.report.runs import ReportRun
+from app.report.specimen import SpecimenModel
+from model import AmplifierMap, quantity_label
+from tests.helpers.report_specimen import texts_of_pages
+
+pytestmark = pytest.mark.deep
+Gathered = tuple[Report, SpecimenModel, tuple[ReportRun, ...]]
+JPEG = bytes.fromhex(
+    "ffd8ffe000104a46494600010100000100010000ffdb004300" + "01" * 64 + "ffc0000b080001000101011100ffc40014000100000000000000"
+    "000000000000000009ffc40014100100000000000000000000000000000000ffda0008010100003f0054ffd9"
+)  # fmt: skip
+
+
+def smallest_text_pt(path: Path) -> float:
+    """The smallest size of a character on any page, as a renderer reads it."""
+    document = pypdfium2.PdfDocument(path)
+    sizes = []
+    for page in document:
+        text = page.get_textpage()
+        sizes += [pypdfium2.raw.FPDFText_GetFontSize(text.raw, i) for i in range(text.count_chars())]
+    return min(size for size in sizes if size > 1)  # generated spaces have size 1
+
+
+class Elements(HTMLParser):
+    """Elements of a page with their attributes, in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.found if name == tag]
+
+
+@pytest.fixture(scope="module")
+def signed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Reports of a specimen with certificates, a checked run, a photograph and a style sheet; and of its fleet."""
+    runs, out = tmp_path_factory.mktemp("signed") / "runs", tmp_path_factory.mktemp("out")
+    shutil.copytree(folder, runs)
+    dwell = next(runs.glob("*sine-dwell.h5"))
+    (runs / "T1.specimen.toml").write_text('specimen = "T1"\nserial = "MFC-042"\nphotograph = "t1.jpg"\n')
+    (runs / "t1.jpg").write_bytes(JPEG)
+    (runs / "laboratory.toml").write_text('name = "Haptics Lab"\n[report]\nstyle = "company.css"\n')
+    (runs / "company.css").write_text("h1 { color: rebeccapurple }")
+    (runs / "limits.toml").write_text('[limits.natural_frequency]\nlow = "100 Hz"\n')
+    certificate = Certificate("C-17", "Lab", "2020-01-02", serial="MY00000001", role="generator", due="2020-12-31")
+    store_certificate(runs, certificate)
+    store_certificate(runs, replace(certificate, number="C-99", date="2999-01-01", due="2999-12-31"))
+    assert main(["checked", str(dwell), "--by", "Ben Keller"]) == 0
+    assert main(["report", "T1", "--folder", str(runs), "--out", str(out)]) == 0
+    assert main(["report", "--fleet", "--folder", str(runs), "--out", str(out)]) == 0
+    return out
+
+
+def test_two_pages_answer_who_when_with_what_and_how_sure(signed: Path) -> None:
+    first, second = texts_of_pages(signed / "T1_report.pdf")
+    for text in ("Haptics Lab", "serial MFC-042", "Ben Keller (1 run)", NOT_RECORDED, "PASS: the limit is met.", "certificate C-17", "overdue in 2 runs", quantity_label("natural_frequency"), quantity_label("quality_factor"), quantity_label("static_gain_above_rest"), "at least 100 Hz", "model, not measured", "Measured by"):  # fmt: skip
+        assert text in first, text
+    assert "C-99" not in first  # a certificate of later runs
+    for text in ("k2: bending stiffness", "determined by", "share of the squared total", "1000 MPa"):
+        assert text in second, text
+    assert smallest_text_pt(signed / "T1_report.pdf") >= 8
+
+
+def test_the_html_can_be_read_without_eyes_and_on_a_phone(signed: Path) -> None:
+    text = (signed / "T1_report.html").read_text("utf-8")
+    page = Elements(text)
+    assert page.of("html") == [{"lang": "en"}]
+    assert [each["content"] for each in page.of("meta") if each.get("name") == "viewport"]
+    levels = [int(tag[1]) for tag, _ in page.found if tag in ("h1", "h2", "h3", "h4")]
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    assert {cell.get("scope") for cell in page.of("th")} == {"col", "row"}
+    (photograph,) = page.of("img")
+    assert photograph["alt"] == "Photograph of specimen T1"
+    labels = [svg["aria-label"] or "" for svg in page.of("svg")]
+    assert "Hz" in labels[0]
+    assert any("k2" in label and "%" in label for label in labels)
+    assert text.index("h1 { color: rebeccapurple }") > text.index("@page")
+
+
+def test_a_style_sheet_cannot_leave_its_element(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = shutil.copytree(folder, tmp_path / "runs")
+    (runs / "laboratory.toml").write_text('[report]\nstyle = "x.css"\n')
+    (runs / "x.css").write_text("</style><script>")
+    assert main(["report", "T1", "--folder", str(runs), "--out", str(tmp_path)]) == 2
+    assert "x.css" in capsys.readouterr().err
+
+
+def test_a_fleet_has_a_summary_and_a_page_for_each_specimen(signed: Path) -> None:
+    summary, page = texts_of_pages(signed / "fleet_report.pdf")
+    assert "1 specimens" not in summary
+    assert "1 specimen" in summary
+    assert quantity_label("natural_frequency") in summary
+    assert "Specimen T1" in page
+    assert "Instruments and their calibration" in page
+
+
+def test_a_measured_latency_takes_the_place_of_the_models(gathered: Gathered) -> None:
+    report, known, runs = gathered
+    merits: dict[str, Any] = {m["name"]: m for m in report.record["merits"]}  # type: ignore[attr-defined]
+    assert merits["latency"]["source"] == "identified model"
+    figure = ("latency, 50 µm, after a step to 5 V", 0.9e-3, 1e-6, 2e-6, "s", "", 0.0)
+    other = ("latency, 50 µm, after a step to 4 V", 0.1e-3, 1e-6, 2e-6, "s", "", 0.0)
+    measured = replace(runs[-1], summary=runs[-1].summary._replace(figures_json=json.dumps([figure, other])))
+    latency = measured_figures([*runs[:-1], measured], AmplifierMap())["latency"]
+    assert (latency.value, latency.standard_error, latency.source) == (0.9e-3, 2e-6, runs[-1].path.stem)
+    left_out = replace(measured, exclusion_reason="it is a copy")
+    assert "latency" not in measured_figures([left_out], AmplifierMap())
+    assert known.identifies_free_response
+
+
+def test_the_natural_frequency_is_the_newest_of_the_free_specimen(folder: Path) -> None:
+    report, _, runs = build_report(folder, "T1")
+    merits: dict[str, Any] = {m["name"]: m for m in report.record["merits"]}  # type: ignore[attr-defined]
+    dwell = next(run for run in runs if "dwell" in run.name)
+    assert merits["natural_frequency"]["source"] == dwell.path.stem
+    assert merits["natural_frequency"]["value"] > merits["peak_frequency"]["value"]
+    ratio = merits["damping_ratio"]["value"]
+    assert merits["quality_factor"]["value"] == pytest.approx(1 / (2 * ratio))
