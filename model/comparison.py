@@ -45,6 +45,9 @@ class GainErrors(NamedTuple):
 
 EXACT: Final = GainErrors()
 
+NEAR: Final = 1e-3
+"""Share of a step by which a place may lie outside the points: sources play a frequency within their resolution."""
+
 
 def rising(series: Series) -> Series:
     """Return the usable finite values at rising x as moduli; values at equal x are averaged."""
@@ -63,7 +66,7 @@ def rising(series: Series) -> Series:
 
 
 def interpolated(series: Series, x: Array) -> Series:
-    """Return a rising series at places x, (N,): linear between its points, NaN outside them.
+    """Return a rising series at places x, (N,): linear between its points, NaN outside them by more than `NEAR` of a step.
 
     Errors are those of the two neighbours, and of the line in place of a curve between them; None if the series has none.
     """
@@ -75,7 +78,8 @@ def interpolated(series: Series, x: Array) -> Series:
     left = np.clip(np.searchsorted(known, x, "right") - 1, 0, known.size - 2)
     step = known[left + 1] - known[left]
     share = (x - known[left]) / step
-    inside = (share >= 0) & (share <= 1)
+    inside = (share >= -NEAR) & (share <= 1 + NEAR)
+    share = np.clip(share, 0.0, 1.0)
     values = np.where(inside, (1 - share) * y[left] + share * y[left + 1], np.nan)
     if series.errors is None:
         return replace(series, x=x, y=values)
@@ -115,8 +119,8 @@ def related(series: Series, relation: Relation, reference: Series | None = None,
             ratio = np.where(b != 0, a / np.where(b != 0, b, 1.0), np.nan)
             # The forms of a ratio's error that stay finite where the numerator is 0.
             statistical = None if errors is None else np.hypot(errors[0] / b, ratio * errors[1] / b)
-        variance = max(gains.own**2 + gains.reference**2 - cross, 0.0)
-        result, common = replace(own, y=ratio, y_axis=_pure(own, "ratio")), np.abs(ratio) * math.sqrt(variance)
+        spread = max(gains.own**2 + gains.reference**2 - cross, 0.0)
+        result, common = replace(own, y=ratio, y_axis=_pure(own, "ratio")), np.abs(ratio) * math.sqrt(spread)
     if same:
         statistical, common = None if statistical is None else 0.0 * a, 0.0 * a
     return _with_total(replace(result, errors=statistical), common)
@@ -135,7 +139,9 @@ def _normalised(own: Series) -> Series:
 
 
 def _pure(own: Series, name: str) -> SeriesAxis:
-    return SeriesAxis(f"{own.y_axis.name}_{name.replace(' ', '_')}", "1", f"{own.y_axis.name.replace('_', ' ')}, {name}")
+    return SeriesAxis(
+        f"{own.y_axis.name}_{name.replace(' ', '_')}", "1", f"{own.y_axis.name.replace('_', ' ')}, {name}"
+    )
 
 
 def _with_total(series: Series, common: Array) -> Series:

@@ -21,7 +21,8 @@ import pytest
 from app.archive import annotate_runs, copy_runs_into, move_to_trash, restore_from_trash
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import read_tags, write_notes
-from app.archive.run_filter import RunFilter, read_since
+from app.archive.run_filter import RunFilter
+from app.archive.run_search import read_since
 from app.archive.run_summary import RunState, RunSummary, read_run_summary
 from app.cli.main import main
 from app.common import Progress

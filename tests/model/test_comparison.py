@@ -66,7 +66,9 @@ def test_a_gain_of_the_same_sensor_cancels_in_a_ratio_and_two_sensors_add_theirs
 
 @pytest.mark.parametrize("correlation", [0.0, 1.0])
 @pytest.mark.parametrize("relation", [Relation.DIFFERENCE, Relation.RATIO])
-def test_the_combined_uncertainty_is_the_scatter_of_repeated_measurements(relation: Relation, correlation: float) -> None:
+def test_the_combined_uncertainty_is_the_scatter_of_repeated_measurements(
+    relation: Relation, correlation: float
+) -> None:
     """A hundred thousand measurements with noise and gains drawn anew, at places half way between the reference's points."""
     dice = np.random.default_rng(5)
     x, true_a, true_b = np.array([1.5, 2.5]), np.array([2.0, 5.0]), np.array([4.0, 6.0, 8.0])
@@ -98,7 +100,9 @@ def test_a_peak_between_two_points_of_the_reference_is_in_the_uncertainty() -> N
 
 def test_repeats_are_averaged_unusable_points_left_out_and_nothing_is_extrapolated() -> None:
     usable = np.array([True, True, True, False])
-    points = rising(Series(np.array([2.0, 1.0, 2.0, 3.0]), np.array([4.0, 1.0, 6.0, 9.0]), np.full(4, 0.2), usable=usable))
+    points = rising(
+        Series(np.array([2.0, 1.0, 2.0, 3.0]), np.array([4.0, 1.0, 6.0, 9.0]), np.full(4, 0.2), usable=usable)
+    )
     assert points.x.tolist() == [1.0, 2.0]
     assert points.y.tolist() == [1.0, 5.0]
     assert points.errors == pytest.approx([0.2, 0.2 / math.sqrt(2)])
