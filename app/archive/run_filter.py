@@ -26,7 +26,12 @@ class RunFilter:
     """Part of the identity of an instrument, such as a serial number."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
-        """Return the selected entries: those that the search finds in specimen and tags first, each in their order.
+        """Return the selected entries, see `split`, those of the first kind first."""
+        first, others = self.split(entries)
+        return first + others
+
+    def split(self, entries: Iterable[RunSummary]) -> tuple[list[RunSummary], list[RunSummary]]:
+        """Return the selected entries that have the words of the search in specimen or tags, and those that have them elsewhere.
 
         Raises:
             ValueError: the search has an unknown field or a wrong date.
@@ -43,10 +48,7 @@ class RunFilter:
             and (not self.checked_by or _is_checked_by(e, self.checked_by.casefold()))
             and (not self.instrument or self.instrument.casefold() in e.instruments.casefold())
         )
-        if not (terms := read_query(self.search_text)):
-            return list(chosen)
-        first, others = found_first(terms, chosen)
-        return first + others
+        return found_first(read_query(self.search_text), chosen)
 
 
 def _is_checked_by(summary: RunSummary, name: str) -> bool:

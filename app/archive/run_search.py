@@ -1,7 +1,7 @@
 """Search in lists of runs: words, and fields such as `specimen:T2 verdict:good after:2026-10`."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -83,8 +83,10 @@ def matcher(term: Term) -> "Callable[[RunSummary], bool]":
     return lambda run: words in run.search_text
 
 
-def found_first(terms: Iterable[Term], runs: "Iterable[RunSummary]") -> "tuple[list[RunSummary], list[RunSummary]]":
+def found_first(terms: Sequence[Term], runs: "Iterable[RunSummary]") -> "tuple[list[RunSummary], list[RunSummary]]":
     """Return the runs that have all terms: those with every word in specimen or tags, and the others, each in their order."""
+    if not terms:
+        return list(runs), []
     tests = [matcher(term) for term in terms]
     words = [search_words(term.value) for term in terms if not term.field]
     first: list[RunSummary] = []

@@ -5,6 +5,7 @@ from .compared_run import ComparisonError as ComparisonError
 from .comparison import Comparison as Comparison
 from .comparison import ComparisonLayer as ComparisonLayer
 from .comparison import model_in as model_in
+from .comparison import model_request as model_request
 from .comparison import open_comparison as open_comparison
 from .comparison import with_model as with_model
 from .files import draw_comparison as draw_comparison

@@ -20,7 +20,12 @@ WATERFALL_STEP = 0.35
 """Distance of two curves that stand above each other, as a share of the largest value."""
 
 PEAK_NAMES = ("natural_frequency", "damped_frequency", "quality_factor")
-PEAK_HEADINGS = {"natural_frequency": "f₀", "damped_frequency": "f_d", "quality_factor": "Q", "largest": "largest"}
+PEAK_HEADINGS = {
+    "natural_frequency": "natural",
+    "damped_frequency": "damped",
+    "quality_factor": "Q",
+    "largest": "largest",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,17 +284,24 @@ def model_in(curves: Any, amplitude_v: float) -> dict[str, Series]:
 
 def with_model(comparison: Comparison) -> Comparison:
     """Return the comparison with the model's curves of the reference's specimen, computed in this thread."""
-    from app.live import CurveRequest, Overlay  # loads the session, which no list needs
+    from app.live import Overlay  # loads the session, which no list needs
+
+    request, overlay = model_request(comparison), Overlay(comparison.reference.summary.record.amplifier_map)
+    try:
+        curves = overlay.compute(request)
+    finally:
+        overlay.close()
+    return Comparison(comparison.runs, comparison.view, model_in(curves, request.amplitude_v))
+
+
+def model_request(comparison: Comparison) -> Any:
+    """Return the request (`CurveRequest`) of the model's curves for drive and specimen of the reference."""
+    from app.live import CurveRequest
 
     run = comparison.reference
     amplitude_v = next((each.settings["amplitude"] / 2 for each in run.curves if "amplitude" in each.settings), 2.5)
     highest = max((float(each.series.x.max()) for each in run.curves if each.series.x_axis.unit == "Hz"), default=250.0)
-    overlay = Overlay(run.summary.record.amplifier_map)
-    try:
-        curves = overlay.compute(CurveRequest(highest, amplitude_v, run.path.parent, run.summary.specimen))
-    finally:
-        overlay.close()
-    return Comparison(comparison.runs, comparison.view, model_in(curves, amplitude_v))
+    return CurveRequest(highest, amplitude_v, run.path.parent, run.summary.specimen)
 
 
 def _peak_row(run: ComparedRun, curves: Sequence[Series]) -> dict[str, tuple[float, float]]:
