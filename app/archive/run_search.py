@@ -99,7 +99,7 @@ def found_first(terms: Sequence[Term], runs: "Iterable[RunSummary]") -> "tuple[l
 
 
 def read_since(text: str, now: datetime | None = None) -> str:
-    """Parse `2026-11-01`, `2026-11`, `today`, `7 d`, `12 h` into ISO time in UTC.
+    """Parse `2026-11-01`, `2026-11`, `2026`, `today`, `7 d`, `12 h` into ISO time in UTC.
 
     Raises:
         ValueError: the text has none of these forms.
@@ -113,7 +113,7 @@ def read_since(text: str, now: datetime | None = None) -> str:
         begin = now - timedelta(hours=int(number) * (24 if unit == "d" else 1))
     else:
         try:
-            begin = datetime.fromisoformat(f"{text}-01" if len(text) == 7 else text)
+            begin = datetime.fromisoformat(text + {4: "-01-01", 7: "-01"}.get(len(text), ""))
         except ValueError:
             raise ValueError(f"'{text}' is not a date") from None
         begin = begin.astimezone() if begin.tzinfo is None else begin

@@ -82,11 +82,12 @@ class LayerTable(QTableWidget):
                 (RATIO, ""),
             ):
                 item = QTableWidgetItem(text)
+                if at == RUN and each.run is not None:
+                    item.setToolTip(str(each.run.path))
                 if at >= FIRST:
                     item.setTextAlignment(RIGHT)
                 self.setItem(row, at, item)
             self.setItem(row, EYE, eye)
-            self.item(row, RUN).setToolTip("" if each.run is None else str(each.run.path))
         self.blockSignals(False)
         self._paint_letters()
         rows = [row for row, each in enumerate(self._layers) if each.run is not None and each.run.path.name == current]
@@ -112,7 +113,7 @@ class LayerTable(QTableWidget):
                 (a, _), (b, _) = found
                 texts += [_value_text(a - b, 0.0), _value_text(a / b if b else math.nan, 0.0)]
             for at, text in zip((FIRST, SECOND, CHANGE, RATIO), [*texts, "", "", "", ""], strict=False):
-                self.item(row, at).setText(text)
+                self._cell(row, at).setText(text)
 
     @property
     def current_run(self) -> str:
@@ -151,10 +152,15 @@ class LayerTable(QTableWidget):
         if item.column() == EYE and run is not None:
             self.toggled.emit(run.path.name)
 
+    def _cell(self, row: int, column: int) -> QTableWidgetItem:
+        item = self.item(row, column)
+        assert item is not None
+        return item
+
     def _paint_letters(self) -> None:
         for row, each in enumerate(self._layers):
             tone = "model" if each.run is None else curve_tone(run_index(each))
-            self.item(row, LETTER).setForeground(QColor(color_of(tone)))
+            self._cell(row, LETTER).setForeground(QColor(color_of(tone)))
 
 
 def _value_text(value: float, error: float) -> str:

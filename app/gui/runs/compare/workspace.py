@@ -200,7 +200,7 @@ class ComparisonWorkspace(QWidget):
         self.show_note("; ".join(comparison.left_out))
         self.plot.show_comparison(comparison)
         self.layers.show_layers(comparison)
-        if previous is None or previous.runs != comparison.runs or previous.quantity != comparison.quantity:
+        if previous is None or not _same_runs(previous, comparison) or previous.quantity != comparison.quantity:
             self._fill_peaks(comparison)
             self.differences.show_runs([run.summary for run in comparison.runs])
         if view.model and not comparison.model:
@@ -235,3 +235,7 @@ class ComparisonWorkspace(QWidget):
         menu.addSeparator()
         for kind in FORMATS:
             menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
+
+
+def _same_runs(a: Comparison, b: Comparison) -> bool:
+    return [run.path for run in a.runs] == [run.path for run in b.runs]
