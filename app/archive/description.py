@@ -16,7 +16,7 @@ from protocols.base import InjectedFaultChanged, Outcome, RunConditions, RunStat
 from protocols.runfile import NotesError, Run, RunReadError, RunRecord, notes_path, read_notes
 
 if TYPE_CHECKING:
-    from app.archive.exporting.parts import ExportedRun
+    from app.archive.exporting import ExportedRun
 
 
 def run_record(run: "ExportedRun") -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -102,12 +102,6 @@ class PlotTools(QObject):
         self.update_read_out()
         if not second:
             self._chart.cursor_moved.emit(x)
-
-    def set_cursors(self, places: Sequence[float]) -> None:
-        """Set both cursors; none removes them."""
-        self.clear_cursors()
-        for number, x in enumerate(places[:2]):
-            self.set_cursor(x, second=number > 0)
 
     @property
     def places(self) -> list[float]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -22,11 +21,8 @@ from app.comparison import (
     ComparedRun,
     Comparison,
     ComparisonView,
-    export_comparison,
     model_in,
     model_request,
-    open_comparison,
-    read_view,
 )
 from app.config import AmplifierTable
 from app.gui.runs.compare import ComparisonWorkspace
@@ -126,6 +122,7 @@ class RunsPage(QStackedWidget):
         self.list.folder_model.shutdown()
         self.list.model.thumbnails.shutdown()
         self._worker.close()
+        self.workspace.shutdown()
         self._overlay.close()
 
     # -- commands -------------------------------------------------------------------------------------------
@@ -134,7 +131,8 @@ class RunsPage(QStackedWidget):
         """Open the selected run, or compare several."""
         chosen = self.list.selected
         if len(readable := [self.list.path_of(each) for each in chosen if each.readable]) > 1:
-            self.compare_runs(lambda: open_comparison(readable))
+            self.details.show_message("opening …")
+            self.workspace.open_runs(readable)
         elif chosen and chosen[0].readable:
             self.open_run(self.list.path_of(chosen[0]))
         elif chosen:
@@ -144,27 +142,6 @@ class RunsPage(QStackedWidget):
         """Open a run in the viewer."""
         self.details.show_message("opening …")
         self._worker.submit(lambda: load_run(path), self._on_run_loaded, self._on_error)
-
-    def compare_runs(self, read: Callable[[], Comparison]) -> None:
-        """Open a comparison, which is read in the background."""
-        self.details.show_message("opening …")
-
-        def show(comparison: Comparison) -> None:
-            self.details.show_message("")
-            self.workspace.show_comparison(comparison, comparison.runs[0].path.parent)
-            self.setCurrentWidget(self.workspace)
-            self.workspace.layers.setFocus()
-
-        self._worker.submit(read, show, self._on_error)
-
-    def open_view(self, path: Path) -> None:
-        """Open a saved view of a comparison."""
-
-        def read() -> Comparison:
-            view = read_view(path)
-            return open_comparison([path.parent / name for name in view.runs], view)
-
-        self.compare_runs(read)
 
     def go_back(self) -> bool:
         """Return from an opened run or comparison to the list, or clear the filter; return whether either was done."""
@@ -260,6 +237,11 @@ class RunsPage(QStackedWidget):
             Mode.ExistingFiles,
         )  # fmt: skip
 
+    def _on_comparison_opened(self) -> None:
+        self.details.show_message("")
+        self.setCurrentWidget(self.workspace)
+        self.workspace.layers.setFocus()
+
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
         self.viewer.show_run(run)
@@ -285,26 +267,6 @@ class RunsPage(QStackedWidget):
 
     def _on_error(self, error: Exception) -> None:
         self.details.show_message(str(error), is_error=True)
-        self.workspace.show_note(str(error))
-
-    def _request_model(self) -> None:
-        """Request the model's curve for the specimen of the reference of the comparison."""
-        if (comparison := self.workspace.comparison) is not None:
-            self._overlay.submit(model_request(comparison))
-
-    def _export_comparison(self, kind: Format) -> None:
-        if (comparison := self.workspace.comparison) is None:
-            return
-
-        def write(paths: list[Path]) -> None:
-            done = partial(export_comparison, comparison, paths[0], kind)
-            self._worker.submit(
-                done,
-                lambda files: self.workspace.show_note(f"{len(files)} files written to {paths[0]}"),
-                self._on_error,
-            )
-
-        choose_files(self, "Folder for the exported data", write, start=str(self._folder()), mode=Mode.Directory)
 
     def _choose_export_folder(self, kind: Format) -> None:
         if chosen := self.list.selected:
@@ -336,9 +298,9 @@ class RunsPage(QStackedWidget):
         self.viewer.trace_plot.range_viewed.connect(self._load_trace_window)
         self.viewer.back_button.clicked.connect(self.go_back)
         self.workspace.back_button.clicked.connect(self.go_back)
-        self.workspace.view_chosen.connect(self.open_view)
-        self.workspace.export_pressed.connect(self._export_comparison)
-        self.workspace.model_asked.connect(self._request_model)
+        self.workspace.opened.connect(self._on_comparison_opened)
+        self.workspace.failed.connect(self._on_error)
+        self.workspace.model_asked.connect(lambda comparison: self._overlay.submit(model_request(comparison)))
         self.viewer.explore_button.clicked.connect(self.explore_selected)
         add_actions(
             self,

@@ -50,7 +50,7 @@ SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
 }
 COLUMNS = tuple(SORT_KEYS)
 THUMBNAIL_COLUMN = COLUMNS.index("begun")
-WIDTHS = (16, 9, 17, 20, 14, 14, 7, 20, 12)
+WIDTHS = (16, 8, 15, 20, 13, 13, 7, 20, 12)
 """Of the columns, in characters; the thumbnail comes in addition."""
 TIME_CHARACTERS = 7
 ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)

@@ -28,6 +28,7 @@ from app.comparison import (
 )
 from model import Relation
 from protocols.measurements.sweep import Sweep
+from tests.helpers.messages import assert_names
 from tests.helpers.run_files import finished_run
 from tests.helpers.simulated_bench import laboratory, run
 
@@ -98,14 +99,14 @@ def test_a_view_is_read_back_and_what_is_no_view_is_named(paths: list[Path], tmp
         file.write_text(text)
         with pytest.raises(ComparisonError, match=says):
             read_view(file)
-    with pytest.raises(ComparisonError, match="no name"):
+    with pytest.raises(ComparisonError, match="///"):
         view_path(tmp_path, "///")
 
 
 def test_too_many_runs_and_unknown_quantities_are_refused(paths: list[Path]) -> None:
-    with pytest.raises(ComparisonError, match="choose 1 to 20"):
+    with pytest.raises(ComparisonError, match=r"\b20$"):
         open_comparison(paths[:1] * (MAX_RUNS + 1))
-    with pytest.raises(ComparisonError, match="peak to peak over frequency"):
+    with pytest.raises(ComparisonError, match="frequency"):
         open_comparison(paths, view(quantity="colour over frequency"))
 
 
@@ -157,20 +158,19 @@ def test_the_command_compares_draws_saves_and_opens_a_view(
     arguments = ["compare", *map(str, here), "--relation", "ratio", "--over", "time"]
     assert main([*arguments, "--plot", str(picture), "--save", "three", "--export", "csv"]) == 0
     printed = capsys.readouterr().out
-    assert "specimen" in printed
-    assert "settings and results are equal" in printed
+    assert_names(printed, "specimen", "T0", "T2")
     assert ElementTree.parse(picture).getroot().tag.endswith("svg")
     assert main(["compare", str(tmp_path / "three.compare.json"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["peaks"]["largest"] == pytest.approx([1e-4, 2e-4, 3e-4])
     for wrong, says in (
-        (["--relation", "twice"], "values, normalised, difference, ratio"),
-        (["--over", "moon"], "time, mass, elongation, amplitude"),
-        (["--reference", str(paths[0])], "not one of the compared runs"),
-        (["--export", "doc"], "csv, json"),
+        (["--relation", "twice"], "normalised difference ratio"),
+        (["--over", "moon"], "time mass elongation amplitude"),
+        (["--reference", str(paths[0])], paths[0].name),
+        (["--export", "doc"], "csv json"),
     ):
         assert main(["compare", *map(str, here), *wrong]) == 2
-        assert says in capsys.readouterr().err
+        assert_names(capsys.readouterr().err, *says.split())
 
 
 def test_one_call_of_the_python_api_compares_runs(paths: list[Path], tmp_path: Path) -> None:

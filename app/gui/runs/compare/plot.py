@@ -1,5 +1,6 @@
 """Plot of a comparison: the layers of several runs over one axis, each with its letter."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,12 @@ class ComparisonPlot(Chart):
         )  # fmt: skip
         felt = relation is Relation.VALUES and comparison.quantity == FELT_QUANTITY and not comparison.view.over
         self.show_picture(self._threshold.add_to(picture) if felt else picture)
+
+    def set_cursors(self, places: Sequence[float]) -> None:
+        """Set both cursors; none removes them."""
+        self.tools.clear_cursors()
+        for number, x in enumerate(places[:2]):
+            self.tools.set_cursor(x, second=number > 0)
 
     def show_threshold(self, threshold: Any) -> None:
         """Show a perception threshold; None is the abdomen's."""

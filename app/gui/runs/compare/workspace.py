@@ -1,5 +1,6 @@
 """Comparison workspace: plot of up to 20 runs, their layers with cursor values, peaks, what differs, views and exports."""
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -7,13 +8,25 @@ from typing import Any
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QPushButton, QStackedWidget, QWidget
 
-from app.archive import FORMAT_NAMES, FORMATS
-from app.comparison import ORDERS, VIEW_SUFFIX, Comparison, ComparisonError, ComparisonView, save_view, views_in
+from app.archive import FORMAT_NAMES, FORMATS, Format
+from app.comparison import (
+    ORDERS,
+    VIEW_SUFFIX,
+    Comparison,
+    ComparisonError,
+    ComparisonView,
+    export_comparison,
+    open_comparison,
+    read_view,
+    save_view,
+    views_in,
+)
 from app.gui.runs.compare.differences import DifferencesPane
 from app.gui.runs.compare.layer_table import LayerTable
 from app.gui.runs.compare.plot import ComparisonPlot
 from app.gui.widgets import (
     STRETCH,
+    BackgroundWorker,
     Menu,
     Mode,
     Segments,
@@ -58,17 +71,18 @@ class ComparisonWorkspace(QWidget):
         comparison: what is shown; None before the first one.
     """
 
-    view_chosen = Signal(object)
-    """Path of a saved view to open."""
-    export_pressed = Signal(str)
-    """Format of the data."""
-    model_asked = Signal()
-    """The model's curve is wanted and not there yet."""
+    opened = Signal()
+    """Runs or a saved view have been read and are shown."""
+    failed = Signal(object)
+    """An exception with a message."""
+    model_asked = Signal(object)
+    """The comparison that wants the model's curve and does not have it yet."""
 
     def __init__(self) -> None:
         super().__init__()
         self.comparison: Comparison | None = None
         self._folder = Path()
+        self._worker = BackgroundWorker("comparison", self)
         self.plot, self.layers, self.differences = ComparisonPlot(), LayerTable(), DifferencesPane()
         self.plot.tools.follows = True
         self.plot.tools.places_changed.connect(self.layers.show_values)
@@ -129,11 +143,47 @@ class ComparisonWorkspace(QWidget):
         self.layers.moved.connect(self._move)
         self.layers.reference_chosen.connect(lambda name: self._change(reference=name))
 
+    def open_runs(self, paths: Sequence[Path], view: ComparisonView | None = None) -> None:
+        """Read runs in the background and show them."""
+        self._read(lambda: open_comparison(paths, view), paths[0].parent)
+
+    def open_view(self, path: Path) -> None:
+        """Read a saved view and its runs in the background and show them."""
+
+        def read() -> Comparison:
+            view = read_view(path)
+            return open_comparison([path.parent / name for name in view.runs], view)
+
+        self._read(read, path.parent)
+
+    def _read(self, read: Callable[[], Comparison], folder: Path) -> None:
+        def show(comparison: Comparison) -> None:
+            self.show_comparison(comparison, folder)
+            self.opened.emit()
+
+        self._worker.submit(read, show, self._on_error, latest_only="comparison")
+
+    def export(self, folder: Path, kind: Format) -> None:
+        """Write the shown values in a format, in the background."""
+        if self.comparison is not None:
+            write = partial(export_comparison, self.comparison, folder, kind)
+            self._worker.submit(
+                write, lambda files: self.show_note(f"{len(files)} files written to {folder}"), self._on_error
+            )
+
+    def _on_error(self, error: Exception) -> None:
+        self.show_note(str(error))
+        self.failed.emit(error)
+
+    def shutdown(self) -> None:
+        """Stop the background thread."""
+        self._worker.close()
+
     def show_comparison(self, comparison: Comparison, folder: Path) -> None:
         """Show a comparison; views are saved in the folder."""
         self._folder = folder
         self._show(comparison)
-        self.plot.tools.set_cursors(comparison.view.cursors)
+        self.plot.set_cursors(comparison.view.cursors)
 
     def show_model(self, model: dict[str, Series]) -> None:
         """Add the model's curves, by quantity."""
@@ -204,7 +254,7 @@ class ComparisonWorkspace(QWidget):
             self._fill_peaks(comparison)
             self.differences.show_runs([run.summary for run in comparison.runs])
         if view.model and not comparison.model:
-            self.model_asked.emit()
+            self.model_asked.emit(comparison)
 
     def _fill_peaks(self, comparison: Comparison) -> None:
         columns = [each for each in comparison.peaks.columns if each.displayed]
@@ -222,7 +272,7 @@ class ComparisonWorkspace(QWidget):
     def _fill_views(self, menu: Menu) -> None:
         menu.clear()
         for name in views_in(self._folder):
-            menu.addAction(name, partial(self.view_chosen.emit, self._folder / f"{name}{VIEW_SUFFIX}"))
+            menu.addAction(name, partial(self.open_view, self._folder / f"{name}{VIEW_SUFFIX}"))
         menu.addSeparator()
         ask = partial(
             choose_files, self, "Save the view", self.save, f"Views (*{VIEW_SUFFIX})", str(self._folder / f"comparison{VIEW_SUFFIX}"), Mode.AnyFile
@@ -234,7 +284,12 @@ class ComparisonWorkspace(QWidget):
         menu.addAction("Picture (PNG, SVG, PDF) …", self.plot.tools.files.choose_picture)
         menu.addSeparator()
         for kind in FORMATS:
-            menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
+            menu.addAction(FORMAT_NAMES[kind], partial(self._choose_folder, kind))
+
+    def _choose_folder(self, kind: Format) -> None:
+        choose_files(
+            self, "Folder for the exported data", lambda paths: self.export(paths[0], kind), start=str(self._folder), mode=Mode.Directory
+        )  # fmt: skip
 
 
 def _same_runs(a: Comparison, b: Comparison) -> bool:
