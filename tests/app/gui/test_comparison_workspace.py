@@ -146,6 +146,7 @@ def test_the_search_shows_what_is_wrong_and_orders_by_specimen_and_tags(page: Ru
     page.list.folder_model.annotate([(path, "", "")], "", "beside T1")
     until(lambda: any(e.note for e in page.list.folder_model.summaries), "for the note")
     page.list.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+    until(lambda: page.list.folder_model.is_idle, "for the list with the note")
     bar.search_edit.setText("t1")
     assert [e.specimen for e in model.summaries] == ["T1", "T4"]
     assert "notes" in model.days[1]
@@ -158,12 +159,15 @@ def test_the_search_shows_what_is_wrong_and_orders_by_specimen_and_tags(page: Ru
 
 def test_no_column_of_the_list_is_cut(page: RunsPage) -> None:
     table = page.list.table
-    page.window().resize(1280, 800)
-    until(lambda: page.window().width() == 1280, "for the size")
-    assert table.horizontalScrollBar().maximum() == 0
     titles = [table.model().headerData(at, Qt.Orientation.Horizontal) for at in range(table.model().columnCount())]
-    page.list.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
-    hidden = {title for at, title in enumerate(titles) if table.isColumnHidden(at)}
-    assert hidden <= {"points", "found"}
-    assert "found" in hidden
-    assert table.horizontalScrollBar().maximum() == 0
+    table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+    page.window().resize(1280, 800)
+
+    def hidden() -> set[str]:
+        return {title for at, title in enumerate(titles) if table.isColumnHidden(at)}
+
+    def is_whole() -> bool:
+        return table.horizontalScrollBar().maximum() == 0 and "found" in hidden()
+
+    until(lambda: page.window().width() == 1280 and is_whole(), "for the columns")
+    assert hidden() <= {"points", "found"}
