@@ -2,6 +2,11 @@ from .amplifier_map import AmplifierMap as AmplifierMap
 from .arrays import Array as Array
 from .arrays import Complex as Complex
 from .arrays import Mask as Mask
+from .comparison import GainErrors as GainErrors
+from .comparison import Relation as Relation
+from .comparison import interpolated as interpolated
+from .comparison import related as related
+from .comparison import rising as rising
 from .drive_history import DriveHistory as DriveHistory
 from .membrane import LOAD_SPEC as LOAD_SPEC
 from .membrane import SagSolution as SagSolution

@@ -5,6 +5,9 @@ from ._bench import UnsafeError as UnsafeError
 from ._bench import connect as connect
 from ._catalogue import CatalogueEntry as CatalogueEntry
 from ._catalogue import runs as runs
+from ._comparison import Comparison as Comparison
+from ._comparison import ComparisonError as ComparisonError
+from ._comparison import compare as compare
 from ._identification import Calibration as Calibration
 from ._identification import CalibrationError as CalibrationError
 from ._identification import Identification as Identification

@@ -81,11 +81,12 @@ def runs(
         verdict: only runs of this verdict, for example `good`, `no result` or `not judged`.
         since: only runs since a day (`2026-11-21`), a month (`2026-11`), `today`, or within a time (`12h`, `7d`); or a datetime,
             or a timedelta back from now.
-        search: words that must all occur in names, reasons, results, tags or notes.
+        search: words that must all begin a word of specimen, tags, reasons, results or notes, and fields: `tag:"second try" sensor:LK`;
+            runs with the words in specimen or tags come first.
 
     Raises:
         FileNotFoundError: the folder does not exist.
-        ValueError: `since` is not a time.
+        ValueError: `since` is not a time, or `search` has an unknown field or a wrong date.
 
     Example:
         >>> [entry.path.name for entry in runs("runs", specimen="T7", since="7d")]  # doctest: +SKIP

@@ -14,8 +14,10 @@ from .exporting.export import Format as Format
 from .exporting.export import export_run as export_run
 from .exporting.export import raw_left_out as raw_left_out
 from .exporting.parts import PARTS as PARTS
+from .exporting.parts import ExportedRun as ExportedRun
 from .exporting.parts import ExportError as ExportError
 from .exporting.parts import Part as Part
+from .exporting.parts import points_series as points_series
 from .notes import annotate_runs as annotate_runs
 from .notes import mount_part as mount_part
 from .problem_report import CONTENTS as CONTENTS
@@ -34,7 +36,10 @@ from .run_differences import RunDifference as RunDifference
 from .run_differences import compare_runs as compare_runs
 from .run_differences import run_settings as run_settings
 from .run_filter import RunFilter as RunFilter
-from .run_filter import read_since as read_since
+from .run_search import FIELDS as FIELDS
+from .run_search import read_query as read_query
+from .run_search import read_since as read_since
+from .run_summary import LARGEST_FIGURES as LARGEST_FIGURES
 from .run_summary import RunState as RunState
 from .run_summary import RunSummary as RunSummary
 from .run_summary import read_run_summary as read_run_summary

@@ -23,7 +23,7 @@ from drivers import Deadline
 from protocols import BUILT_IN_PROTOCOLS
 from protocols.runfile import NOTES_SUFFIX
 
-SCHEMA = 10 * 13 + marshal.version
+SCHEMA = 10 * 14 + marshal.version
 """Raise its tens when `RunSummary` changes: an index of another schema is thrown away."""
 
 SHORT_SCAN_FILES = 20

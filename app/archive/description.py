@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from app.archive.figures import figures_and_fault
 from app.archive.run_summary import instruments_text
@@ -15,8 +15,11 @@ from protocols import PROTOCOLS, aspects_of, measured_points
 from protocols.base import InjectedFaultChanged, Outcome, RunConditions, RunStatus, to_jsonable
 from protocols.runfile import NotesError, Run, RunReadError, RunRecord, notes_path, read_notes
 
+if TYPE_CHECKING:
+    from app.archive.exporting import ExportedRun
 
-def run_record(run: Run) -> dict[str, Any]:
+
+def run_record(run: "ExportedRun") -> dict[str, Any]:
     """Return everything but raw samples and events, in SI units."""
     record = run.record
     return {
@@ -142,7 +145,7 @@ class InjectedFault(NamedTuple):
         return f"FAULT INJECTED, {self.from_s:.2f} s {until}: {self.words} ({self.fault})"
 
 
-def injected_faults(run: Run) -> list[InjectedFault]:
+def injected_faults(run: "ExportedRun") -> list[InjectedFault]:
     """Return the faults injected during a run, in order."""
     faults: list[InjectedFault] = []
     for event in () if run.record.imported else run.events():

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from app.archive.run_summary import RunSummary
 from app.common import field_label, round_figure, typeset, unit_of
-from model import LENGTH_UNITS, quantity_label, shown_unit
+from model import LENGTH_UNITS, format_time, quantity_label, shown_unit
 from protocols import PROTOCOLS
 from protocols.base import RunFigure
 from protocols.runfile import RunRecord
@@ -70,6 +70,8 @@ def _circumstances(record: RunRecord) -> dict[str, str]:
         "bench": record.bench_name,
         "calibration of the sensor": sensor.calibrated,
         "simulated": "yes" if record.simulated else "no",
+        "verdict": str(record.verdict.outcome),
+        **{f"{each.part} mounted": format_time(each.time) for each in record.mountings},
         **{role: str(identity) for role, identity in record.identities.items()},
     }
     return {name: text for name, text in facts.items() if text}

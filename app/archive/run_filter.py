@@ -2,14 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 
+from app.archive.run_search import found_first, read_query
 from app.archive.run_summary import RunSummary
 
 
 @dataclass(frozen=True, slots=True)
 class RunFilter:
-    """Selection of runs; empty fields select all. Every word of `search_text` must occur."""
+    """Selection of runs; empty fields select all. Every word of `search_text` must begin a word of the run; it may contain fields, see `read_query`."""
 
     search_text: str = ""
     specimen: str = ""
@@ -26,9 +26,17 @@ class RunFilter:
     """Part of the identity of an instrument, such as a serial number."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
-        """Return the selected entries in their order."""
-        search_words = self.search_text.casefold().split()
-        return [
+        """Return the selected entries, see `split`, those of the first kind first."""
+        first, others = self.split(entries)
+        return first + others
+
+    def split(self, entries: Iterable[RunSummary]) -> tuple[list[RunSummary], list[RunSummary]]:
+        """Return the selected entries that have the words of the search in specimen or tags, and those that have them elsewhere.
+
+        Raises:
+            ValueError: the search has an unknown field or a wrong date.
+        """
+        chosen = (
             e
             for e in entries
             if (not self.specimen or e.specimen == self.specimen)
@@ -39,31 +47,9 @@ class RunFilter:
             and (not self.operator or e.operator.casefold() == self.operator.casefold())
             and (not self.checked_by or _is_checked_by(e, self.checked_by.casefold()))
             and (not self.instrument or self.instrument.casefold() in e.instruments.casefold())
-            and all(word in e.search_text for word in search_words)
-        ]
+        )
+        return found_first(read_query(self.search_text), chosen)
 
 
 def _is_checked_by(summary: RunSummary, name: str) -> bool:
     return not summary.checked_by if name == "nobody" else name in summary.checked_by.casefold().split(", ")
-
-
-def read_since(text: str, now: datetime | None = None) -> str:
-    """Parse `2026-11-01`, `2026-11`, `today`, `7 d`, `12 h` into ISO time in UTC.
-
-    Raises:
-        ValueError: the text has none of these forms.
-    """
-    now = (now or datetime.now()).astimezone()
-    text = text.strip().casefold()
-    number, unit = text[:-1].strip(), text[-1:]
-    if text == "today":
-        begin = now.replace(hour=0, minute=0, second=0, microsecond=0)
-    elif unit in ("h", "d") and number.isdigit():
-        begin = now - timedelta(hours=int(number) * (24 if unit == "d" else 1))
-    else:
-        try:
-            begin = datetime.fromisoformat(f"{text}-01" if len(text) == 7 else text)
-        except ValueError:
-            raise ValueError(f"'{text}' is not a date") from None
-        begin = begin.astimezone() if begin.tzinfo is None else begin
-    return begin.astimezone(UTC).isoformat(timespec="milliseconds")

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from app.archive.figures import run_figures
+from app.archive.run_search import search_words
 from app.common import OUTCOME_SYMBOLS, Severity, outcome_severity
 from model import format_estimate
 from protocols import BUILT_IN_PROTOCOLS, PROTOCOLS, measured_points
@@ -29,6 +30,7 @@ from protocols.runfile import (
     with_later_verdict,
 )
 
+LARGEST_FIGURES = ("amplitude_at_resonance", "square_wave_amplitude")
 STALE_AFTER_S = 600.0
 """A file with status `running` that was not written for this time gets another reason."""
 
@@ -94,7 +96,10 @@ class RunSummary(NamedTuple):
     checked_by: str = ""
     """Second persons who checked it."""
     search_text: str = ""
-    """Text that is searched, casefolded."""
+    """Words that are searched, see `search_words`: those of specimen and tags, and in a second line the others."""
+    natural_hz: float = -1.0
+    largest_m: float = -1.0
+    """Figures by which lists are sorted; -1 where there is none."""
     modified_ns: int = 0
     size: int = 0
     notes_ns: int = 0
@@ -223,28 +228,28 @@ def summarize_run(
         ", ".join(dict.fromkeys(check.name for check in notes.checks)),
     )
     begun, air = row.started_at, record.conditions
+    figures = {figure.name: figure.value for figure in row.figures}
     words = (
-        row.path,
         row.state,
         record.reason,
         row.verdict_text,
         *record.verdict.reasons,
         record.caution,
         row.protocol,
-        row.specimen,
         f"{begun:%Y-%m-%d %H:%M}" if begun else "",
         "simulated" if row.simulated else "",
         row.estimates_text,
-        row.tags,
         row.note,
         row.operator,
         f"checked by {row.checked_by}" if row.checked_by else "not checked",
         "" if air.temperature_c is None else f"{air.temperature_c:.1f} °C",
         "" if air.humidity is None else f"{100 * air.humidity:.0f} %",
-        record.bench_name,
-        row.instruments,
     )
-    return row._replace(search_text="\n".join(words).casefold())
+    return row._replace(
+        search_text=f"{search_words(row.specimen, row.tags)}\n{search_words(row.specimen, row.tags, *words)}",
+        natural_hz=figures.get("natural_frequency", -1.0),
+        largest_m=max((figures.get(name, -1.0) for name in LARGEST_FIGURES), default=-1.0),
+    )
 
 
 def read_run_summary(file: Path, path: str, notes_file: Path | None = None) -> RunSummary | None:

@@ -1,4 +1,4 @@
-"""The command `compare`: two runs of one protocol, point by point at the same settings."""
+"""The command `compare`: two runs of one protocol point by point, or up to 20 runs by their curves in one relation."""
 
 import math
 from collections import Counter
@@ -8,10 +8,25 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc
 
-from app.cli.options import JSON_OBJECT, argument, command
-from app.cli.output import CommandResult, render
-from app.common import Column, Table, UsageError, usage_errors
-from model import shown_unit
+from app.archive import FORMATS, ExportError
+from app.cli.options import JSON_OBJECT, argument, command, option
+from app.cli.output import PICTURE_SUFFIXES, CommandResult, render, writing_output
+from app.common import Column, Table, UsageError, print_message, usage_errors
+from app.comparison import (
+    ORDERS,
+    VIEW_SUFFIX,
+    Comparison,
+    ComparisonError,
+    ComparisonView,
+    draw_comparison,
+    export_comparison,
+    open_comparison,
+    read_view,
+    save_view,
+    view_path,
+    with_model,
+)
+from model import Relation, shown_unit
 from model.identification import format_p_value
 from protocols.base import Protocol, usable_mask
 from protocols.runfile import Run, RunReadError, translate_read_errors
@@ -24,17 +39,76 @@ Point = dict[str, float]
 
 @command("example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5")
 class CompareCommand:
-    """Compare the points of two runs: values, differences, and differences in standard errors."""
+    """Compare the points of two runs: values, differences, and differences in standard errors. With three and more runs (at
+    most 20), a saved view or any of the options: peaks of all runs, what differs between them, and their curves in a
+    relation to a reference as a picture or as data.
+    """
 
-    first: Path = argument()
-    second: Path = argument()
+    runs: Sequence[Path] = argument(f"run files; or one saved view, NAME{VIEW_SUFFIX}", nargs="+")
+    quantity: str = option("axes of the curves, e.g. 'response over frequency' (default: those that most runs have)")
+    relation: str = option(f"{', '.join(Relation)} (default: values)")
+    reference: Path | None = option("run to which the others are related (default: the first)", metavar="RUN")
+    over: str = option("waterfall: curves above each other over time, mass, elongation or amplitude", metavar="SETTING")
+    model: bool = option("add the model's curve with its band, by the calibration of the reference's specimen")
+    plot: Path | None = option("draw the curves", metavar="FILE.svg|pdf|png")
+    export: str = option(f"write the shown values: {', '.join(FORMATS)}", metavar="FORMAT")
+    save: str = option("save the view under a name beside the first run", metavar="NAME")
     json: bool = JSON_OBJECT
 
-    @usage_errors(RunReadError)
+    @usage_errors(RunReadError, ComparisonError, ExportError)
     def execute(self) -> int:
-        with Run(self.first) as a, Run(self.second) as b, translate_read_errors(self.second):
-            result = _comparison_result(a, b)
-        return render(result, self.json)
+        asked = (self.quantity, self.relation, self.reference, self.over, self.model, self.plot, self.export, self.save)
+        if len(self.runs) == 2 and not any(asked):
+            with Run(self.runs[0]) as a, Run(self.runs[1]) as b, translate_read_errors(self.runs[1]):
+                return render(_comparison_result(a, b), self.json)
+        comparison, folder = self._opened()
+        if self.plot:
+            with writing_output(self.plot, PICTURE_SUFFIXES):
+                draw_comparison(comparison, self.plot)
+        if self.export:
+            kind = next((each for each in FORMATS if each == self.export), None)
+            if kind is None:
+                raise UsageError(f"there is no format '{self.export}'; there are: {', '.join(FORMATS)}")
+            for path in export_comparison(comparison, folder, kind, self.save or "comparison"):
+                print_message(str(path))
+        if self.save:
+            save_view(comparison.view, view_path(folder, self.save))
+        return render(_summary(comparison), self.json)
+
+    def _opened(self) -> tuple[Comparison, Path]:
+        """Return the comparison that is asked for, and the folder of its files."""
+        first, view = self.runs[0], ComparisonView()
+        paths, folder = list(self.runs), first.parent
+        if first.name.endswith(VIEW_SUFFIX):
+            view = read_view(first)
+            paths = [folder / name for name in view.runs]
+        chosen: dict[str, object] = {"runs": tuple(path.name for path in paths)}
+        for name, value, known in (("relation", self.relation, tuple(Relation)), ("over", self.over, ORDERS)):
+            if value and value not in known:
+                raise UsageError(f"--{name} {value} is not known; write one of: {', '.join(filter(None, known))}")
+            chosen |= {name: value} if value else {}
+        if self.reference is not None and self.reference.name not in [path.name for path in paths]:
+            raise UsageError(f"the reference {self.reference} is not one of the compared runs; add it to them")
+        chosen |= {"quantity": self.quantity} if self.quantity else {}
+        chosen |= {"reference": self.reference.name} if self.reference else {}
+        chosen |= {"model": True} if self.model else {}
+        comparison = open_comparison(paths, ComparisonView.model_validate(view.model_dump() | chosen))
+        return (with_model(comparison) if comparison.view.model else comparison), folder
+
+
+def _summary(comparison: Comparison) -> CommandResult:
+    """Return peaks and differences of the runs; rows with equal values are folded into a note."""
+    differing = [each for each in comparison.differences if not each.is_equal]
+    letters = [run.letter for run in comparison.runs]
+    table = Table.of_rows("differences", ("what differs", *letters), [(each.name, *each.values) for each in differing])
+    files = Table.of_rows("runs", ("run", "file"), [(run.letter, run.path.name) for run in comparison.runs])
+    reference = f" to {comparison.reference.letter}" if comparison.view.relation.has_reference else ""
+    notes = (
+        f"{len(comparison.differences) - len(differing)} settings and results are equal",
+        f"curves: {comparison.quantity or 'none'}, {comparison.view.relation}{reference}",
+        *comparison.left_out,
+    )
+    return CommandResult("compare", {}, (files, comparison.peaks, table), notes)
 
 
 def _comparison_result(a: Run, b: Run) -> CommandResult:

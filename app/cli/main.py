@@ -93,7 +93,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "protocols": ("run:ProtocolsCommand", "list the protocols and their parameters"),
     "resume": ("run:ResumeCommand", "resume a stopped or crashed run, or measure some of its points again"),
     "identify": ("identify:IdentifyCommand", "identify the parameters of a specimen from its runs, with errors"),
-    "compare": ("compare:CompareCommand", "compare the points of two runs of one protocol"),
+    "compare": (
+        "compare:CompareCommand",
+        "compare two runs point by point, or up to 20 runs by curves, peaks and differences",
+    ),
     "calibration": (
         "identify:VERBS",
         "manage the accepted estimates of a specimen: accept, show, diff, use another version",

@@ -18,6 +18,7 @@ from app.archive import (
     RunSummary,
     export_run,
     raw_left_out,
+    read_query,
     read_since,
 )
 from app.cli.options import RUN_FILES, argument, command, option
@@ -89,7 +90,11 @@ class RunsCommand:
     instrument: str = option(
         "runs with this text in the identity of an instrument, e.g. a serial number", metavar="TEXT"
     )
-    search: str = option("runs with all these words in names, reasons, results, tags or notes", metavar="WORDS")
+    search: str = option(
+        "runs with all these words (beginnings suffice) or fields: 'specimen:T2 verdict:good after:2026-10 sensor:LK'; those with "
+        "the words in specimen or tags come first",
+        metavar="WORDS",
+    )
     all: bool = option("all of them, not only the newest 40")
     rebuild: bool = option("delete the index and read every file again")
     json: bool = option("one JSON list on standard output, SI units")
@@ -97,6 +102,10 @@ class RunsCommand:
     def execute(self) -> int:
         check_folder(self.folder)
         run_filter = _run_filter(self)
+        try:
+            read_query(self.search)
+        except ValueError as error:
+            raise UsageError(f"--search: {error}") from None
         with scanned_catalogue(self.folder, self.json, self.rebuild) as catalogue:
             entries = catalogue.entries()
         summaries = run_filter.apply(entries)

@@ -2,6 +2,7 @@ from .charts import draw_figure as draw_figure
 from .commissioning_figure import draw_commissioning as draw_commissioning
 from .label_figure import draw_label_sheets as draw_label_sheets
 from .label_figure import draw_labels as draw_labels
+from .panels import POINT_COLORS as POINT_COLORS
 from .panels import UNCOMFORTABLE as UNCOMFORTABLE
 from .panels import PlotPanel as PlotPanel
 from .panels import ReportPlot as ReportPlot
@@ -10,6 +11,7 @@ from .panels import axis_label as axis_label
 from .panels import describe_plot as describe_plot
 from .panels import draw_plot as draw_plot
 from .panels import legend_height_in as legend_height_in
+from .panels import mark_simulated as mark_simulated
 from .panels import new_figure as new_figure
 from .panels import threshold_line as threshold_line
 from .run_picture import draw_run as draw_run

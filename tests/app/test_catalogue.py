@@ -21,7 +21,8 @@ import pytest
 from app.archive import annotate_runs, copy_runs_into, move_to_trash, restore_from_trash
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import read_tags, write_notes
-from app.archive.run_filter import RunFilter, read_since
+from app.archive.run_filter import RunFilter
+from app.archive.run_search import read_since
 from app.archive.run_summary import RunState, RunSummary, read_run_summary
 from app.cli.main import main
 from app.common import Progress
@@ -541,6 +542,44 @@ def test_hidden_folders_are_left_alone(catalogue: Catalogue, folder: Path) -> No
 )
 def test_filters(expected: RunFilter, found: set[str], catalogue: Catalogue) -> None:
     assert {e.specimen for e in expected.apply(catalogue.entries())} == found
+
+
+@pytest.mark.parametrize(
+    ("search", "found"),
+    [
+        ("t", {"T7", "T8"}),
+        ("7", set()),
+        ("laser", set()),
+        ("sensor:las", {"T7", "T8"}),
+        ("specimen:t7", {"T7"}),
+        ("specimen:T", set()),
+        ("specimen:T*", {"T7", "T8"}),
+        ("protocol:dwell frequency", {"T7", "T8"}),
+        ('tag:"second try"', {"T8"}),
+        ("file:T8", {"T8"}),
+        ("after:2999", set()),
+        ("before:2999 checked:nobody state:comp result:158", {"T7", "T8"}),
+        ("specimen:", {"T7", "T8"}),
+    ],
+)
+def test_words_are_found_by_their_beginnings_and_fields_by_their_names(
+    search: str, found: set[str], catalogue: Catalogue, folder: Path
+) -> None:
+    write_notes(folder / named(catalogue)["T8"].path, tags=("second try",), note="not as T7")
+    catalogue.scan()
+    assert {e.specimen for e in RunFilter(search).apply(catalogue.entries())} == found
+
+
+def test_runs_with_the_word_in_specimen_or_tags_come_first(catalogue: Catalogue, folder: Path) -> None:
+    write_notes(folder / named(catalogue)["T8"].path, tags=(), note="not as T7")
+    catalogue.scan()
+    assert [e.specimen for e in RunFilter("T7").apply(catalogue.entries())] == ["T7", "T8"]
+
+
+@pytest.mark.parametrize(("search", "says"), [("colour:red", "no field 'colour'"), ("after:soon", "not a date")])
+def test_a_field_that_does_not_exist_is_named(search: str, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        RunFilter(search).apply([])
 
 
 @pytest.mark.parametrize("text", ["2026-11-21", "2026-11", "today", "7d", "12 h"])

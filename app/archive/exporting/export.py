@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from app.archive.exporting.matlab import mat73_writer, mat_writer
-from app.archive.exporting.parts import PARTS, ExportError, Part, part_tables
+from app.archive.exporting.parts import PARTS, ExportedRun, ExportError, Part, part_tables
 from app.archive.exporting.table_files import json_writer, write_csv, write_parquet, xlsx_writer
 from app.archive.exporting.universal_file import uff_writer
 from app.common import NO_PROGRESS, OperationCancelled, Progress, Table
 from protocols.base import replacing, visible_text
-from protocols.runfile import Run, translate_read_errors
+from protocols.runfile import translate_read_errors
 
 Format = Literal["csv", "json", "mat", "mat73", "parquet", "xlsx", "uff"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -29,7 +29,7 @@ FORMAT_NAMES: dict[Format, str] = {
 }
 
 FileWriter = Callable[[Path, Progress], None]
-WRITERS: dict[Format, Callable[[Run, Sequence[Part]], FileWriter]] = {
+WRITERS: dict[Format, Callable[[ExportedRun, Sequence[Part]], FileWriter]] = {
     "json": json_writer, "mat": mat_writer, "mat73": mat73_writer, "xlsx": xlsx_writer, "uff": uff_writer,
 }  # fmt: skip
 """Of the formats with one file for all parts."""
@@ -38,7 +38,7 @@ MAX_SCANS: dict[Format, int] = {"json": 20_000_000, "mat": 20_000_000, "mat73": 
 """Limit of raw scans of formats that are held in memory whole, and of a worksheet's rows."""
 
 
-def raw_left_out(run: Run, kind: Format) -> str:
+def raw_left_out(run: ExportedRun, kind: Format) -> str:
     """Return why an export without a choice of parts leaves out the raw samples of a run; empty if it has them."""
     limit, scans = MAX_SCANS.get(kind), run.trace.sample_count
     return (
@@ -49,7 +49,7 @@ def raw_left_out(run: Run, kind: Format) -> str:
 
 
 def export_run(
-    run: Run,
+    run: ExportedRun,
     folder: Path,
     kind: Format = "csv",
     parts: Sequence[Part] | None = None,
@@ -99,7 +99,7 @@ def export_run(
     return written
 
 
-def _files(run: Run, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str, FileWriter]]:
+def _files(run: ExportedRun, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str, FileWriter]]:
     """Yield the name of each file and the function that writes it, with everything read but the raw samples."""
     stem = run.path.stem + ("_SIMULATED" if run.record.simulated else "")
     if kind in ("csv", "parquet"):

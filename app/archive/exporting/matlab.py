@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.archive.exporting.parts import (
+    ExportedRun,
     Part,
     about_rows,
     event_records,
@@ -21,23 +22,22 @@ from app.archive.exporting.parts import (
 )
 from app.common import Progress
 from protocols.base import Series
-from protocols.runfile import Run
 
 MAX_COMPRESSED_SCANS = 1_000_000
 """Most raw scans that are compressed in version 5: the library holds them in memory for that, twice."""
 
 
-def mat_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+def mat_writer(run: ExportedRun, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
     """Return the function that writes a MAT file of version 5, which every version of MATLAB and Octave reads."""
     return partial(_write_mat, run, _record(run, parts), "raw" in parts)
 
 
-def mat73_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+def mat73_writer(run: ExportedRun, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
     """Return the function that writes a MAT file of version 7.3, which has no limit of 2 GB for a variable."""
     return partial(_write_mat73, run, _record(run, parts), "raw" in parts)
 
 
-def _write_mat(run: Run, record: dict[str, Any], with_raw: bool, path: Path, progress: Progress) -> None:
+def _write_mat(run: ExportedRun, record: dict[str, Any], with_raw: bool, path: Path, progress: Progress) -> None:
     from scipy.io import savemat
 
     with _with_raw(run, record, with_raw, progress) as whole:
@@ -51,7 +51,7 @@ def _write_mat(run: Run, record: dict[str, Any], with_raw: bool, path: Path, pro
         )
 
 
-def _write_mat73(run: Run, record: dict[str, Any], with_raw: bool, path: Path, progress: Progress) -> None:
+def _write_mat73(run: ExportedRun, record: dict[str, Any], with_raw: bool, path: Path, progress: Progress) -> None:
     import hdf5storage
 
     with _with_raw(run, record, with_raw, progress) as whole:
@@ -75,7 +75,7 @@ def _upright(value: Any) -> Any:
     return value
 
 
-def _record(run: Run, parts: Sequence[Part]) -> dict[str, Any]:
+def _record(run: ExportedRun, parts: Sequence[Part]) -> dict[str, Any]:
     """Return structures `about`, `points`, `series`, `estimates`, `events`, each of columns with a `units` of its fields."""
     record: dict[str, Any] = {}
     if "about" in parts:
@@ -117,7 +117,7 @@ def _legal(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def _with_raw(run: Run, record: dict[str, Any], with_raw: bool, progress: Progress) -> Iterator[dict[str, Any]]:
+def _with_raw(run: ExportedRun, record: dict[str, Any], with_raw: bool, progress: Progress) -> Iterator[dict[str, Any]]:
     """Yield the record with a structure `raw`.
 
     The raw samples are in a temporary file, which is mapped into memory: both libraries copy one column at a time.

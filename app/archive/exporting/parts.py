@@ -3,15 +3,16 @@
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Any, Literal, Protocol, get_args
 from unicodedata import normalize
 
 import numpy as np
 
 from app.common import Column, Progress, Table
 from model import Array
-from protocols.base import Quality, Series, SeriesAxis, usable_mask
-from protocols.runfile import RESPONSE_COLUMNS, Run
+from protocols.base import Quality, Series, SeriesAxis, SpecimenMounted, usable_mask
+from protocols.runfile import RESPONSE_COLUMNS, LoggedEvent, RunRecord, RunTrace
 
 Part = Literal["about", "points", "series", "estimates", "events", "raw"]
 PARTS: tuple[Part, ...] = get_args(Part)
@@ -65,16 +66,34 @@ RAW_COLUMNS = (("time", "s"), ("drive", "V"), ("displacement", "m"))
 """Raw columns that every run has; further channels follow."""
 
 
+class ExportedRun(Protocol):
+    """What the exporters take of a run; a comparison of runs is exported in the same way."""
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def record(self) -> RunRecord: ...
+    @property
+    def trace(self) -> RunTrace: ...
+    @property
+    def mountings(self) -> tuple[SpecimenMounted, ...]: ...
+    def points(self) -> dict[str, Array]: ...
+    def units(self) -> dict[str, str]: ...
+    def series(self) -> tuple[Series, ...]: ...
+    def events(self) -> Iterator[LoggedEvent]: ...
+    def earlier_runs(self) -> list[Path]: ...
+
+
 class ExportError(Exception):
     """A run cannot be exported; the message gives reason and remedy."""
 
 
-def raw_columns(run: Run) -> tuple[tuple[str, str], ...]:
+def raw_columns(run: ExportedRun) -> tuple[tuple[str, str], ...]:
     """Return names and units of the raw columns."""
     return (*RAW_COLUMNS, *run.trace.further_channels.items())
 
 
-def raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, ...]]:
+def raw_chunks(run: ExportedRun, progress: Progress) -> Iterator[tuple[Array, ...]]:
     """Yield time, drive, displacement and further channels of each chunk of scans.
 
     Raises:
@@ -89,7 +108,7 @@ def raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, ...]]:
         progress.update(stop / samples)
 
 
-def part_tables(run: Run, part: Part) -> Iterator[Table]:
+def part_tables(run: ExportedRun, part: Part) -> Iterator[Table]:
     """Yield a part other than the raw data as a table; the series are a table for each kind of them."""
     match part:
         case "points":
@@ -136,7 +155,7 @@ def _series_tables(series: Sequence[Series]) -> Iterator[Table]:
         yield Table(name, title, (Column("entry", None, entries), Column("label", None, labels), *axes))
 
 
-def points_series(run: Run) -> Series:
+def points_series(run: ExportedRun) -> Series:
     """Return the usable points over the axes of their protocol; sines with a phase as displacement over drive."""
     points, units = run.points(), run.units()
     x, y = run.record.axes
@@ -190,7 +209,7 @@ def distinct(names: Iterable[str], longest: int) -> list[str]:
     return list(taken)
 
 
-def _point_columns(run: Run) -> Iterator[Column]:
+def _point_columns(run: ExportedRun) -> Iterator[Column]:
     """Yield the columns of the points; one of several orders is several columns."""
     points, units = run.points(), run.units()
     leading = {name: at for at, name in enumerate(LEADING_COLUMNS)}
@@ -204,7 +223,7 @@ def _point_columns(run: Run) -> Iterator[Column]:
         yield Column("quality in words", None, descriptions)
 
 
-def about_rows(run: Run) -> Iterator[tuple[str, Any]]:
+def about_rows(run: ExportedRun) -> Iterator[tuple[str, Any]]:
     """Yield names and values of the run's metadata, parameters one by one."""
     yield "file", run.path.name
     for name in ("protocol", "specimen", "state", "reason", "start_time"):
@@ -219,7 +238,7 @@ def about_rows(run: Run) -> Iterator[tuple[str, Any]]:
         yield f"software_{name}".replace("-", "_"), value
 
 
-def event_records(run: Run) -> Iterator[Mapping[str, Any]]:
+def event_records(run: ExportedRun) -> Iterator[Mapping[str, Any]]:
     """Yield time, row, kind and fields of each event."""
     for event in run.events():
         yield {"time": event.time_s, "row": event.row, "kind": event.kind, "fields": event.fields}

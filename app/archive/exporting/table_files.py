@@ -13,14 +13,21 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from app.archive.description import run_record
-from app.archive.exporting.parts import Part, event_records, part_tables, raw_chunks, raw_columns, series_record
+from app.archive.exporting.parts import (
+    ExportedRun,
+    Part,
+    event_records,
+    part_tables,
+    raw_chunks,
+    raw_columns,
+    series_record,
+)
 from app.common import Column, Progress, Table
 from model import Array
 from protocols.base import to_jsonable
-from protocols.runfile import Run
 
 
-def write_csv(run: Run, table: Table | None, path: Path, progress: Progress) -> None:
+def write_csv(run: ExportedRun, table: Table | None, path: Path, progress: Progress) -> None:
     """Write a table of a run; without one, the raw samples.
 
     Raises:
@@ -50,7 +57,7 @@ def _plain_rows(file: BinaryIO, columns: Sequence[Array]) -> None:
     file.write("".join(",".join(map(repr, scan)) + "\n" for scan in rows).encode())
 
 
-def json_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+def json_writer(run: ExportedRun, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
     """Return the function that writes the parts of a run as one object; it raises OperationCancelled."""
     whole = run_record(run)
     about = {k: v for k, v in whole.items() if k not in ("points", "units", "estimates")}
@@ -66,7 +73,7 @@ def json_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], N
     return partial(_write_json, run, to_jsonable(record), "raw" in parts)
 
 
-def _write_json(run: Run, record: Any, with_raw: bool, path: Path, progress: Progress) -> None:
+def _write_json(run: ExportedRun, record: Any, with_raw: bool, path: Path, progress: Progress) -> None:
     with path.open("w", encoding="utf-8", errors="backslashreplace") as file:
         text = json.dumps(record, ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
@@ -87,7 +94,7 @@ def _write_json(run: Run, record: Any, with_raw: bool, path: Path, progress: Pro
 COMPRESSION = "zstd"
 
 
-def write_parquet(run: Run, table: Table | None, path: Path, progress: Progress) -> None:
+def write_parquet(run: ExportedRun, table: Table | None, path: Path, progress: Progress) -> None:
     """Write a table of a run; without one, the raw samples, which are streamed.
 
     Raises:
@@ -118,7 +125,7 @@ def _plain(values: Iterable[Any]) -> Any:
     return array if array.dtype.kind in "fiub" else [str(value) for value in values]
 
 
-def _file_metadata(run: Run) -> dict[str, str]:
+def _file_metadata(run: ExportedRun) -> dict[str, str]:
     return {
         "run": run.path.name,
         "protocol": run.record.protocol,
@@ -140,7 +147,7 @@ WORKBOOK_OPTIONS = {
 }
 
 
-def xlsx_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+def xlsx_writer(run: ExportedRun, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
     """Return the function that writes the parts of a run as sheets, with names and units in a first row that stays in view.
 
     It raises OperationCancelled.
@@ -149,7 +156,7 @@ def xlsx_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], N
     return partial(_write_xlsx, run, tables)
 
 
-def _write_xlsx(run: Run, tables: Sequence[Table | None], path: Path, progress: Progress) -> None:
+def _write_xlsx(run: ExportedRun, tables: Sequence[Table | None], path: Path, progress: Progress) -> None:
     import xlsxwriter
 
     with xlsxwriter.Workbook(str(path), {**WORKBOOK_OPTIONS, "constant_memory": True}) as book:

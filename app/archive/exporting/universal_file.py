@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from app.archive.exporting.parts import POINTS, ExportError, Part, points_series
+from app.archive.exporting.parts import POINTS, ExportedRun, ExportError, Part, points_series
 from app.common import Progress
 from drivers.watchdog import version
 from model import Array
 from protocols.base import Series, SeriesAxis, visible_text
-from protocols.runfile import ENTRY_COLUMN, Run
+from protocols.runfile import ENTRY_COLUMN
 
 ID_CHARACTERS = 80
 """Length of each of the five lines that identify a function."""
@@ -38,7 +38,7 @@ RESPONSE_NODE, DRIVE_NODE = 1, 2
 NORMAL_DIRECTION, SCALAR_DIRECTION = 3, 0
 
 
-def uff_writer(run: Run, _parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+def uff_writer(run: ExportedRun, _parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
     """Return the function that writes the series of a run and its points over their axis; it raises OperationCancelled.
 
     Raises:
@@ -46,7 +46,8 @@ def uff_writer(run: Run, _parts: Sequence[Part]) -> Callable[[Path, Progress], N
     """
     sets = [_header(run), _units()]
     number = 0
-    for series in (points_series(run), *run.series()):
+    points = (points_series(run),) if run.points() else ()
+    for series in (*points, *run.series()):
         finite = series.at(np.isfinite(series.x) & np.isfinite(series.y))
         if finite.x.size >= MIN_VALUES:
             number += 1
@@ -68,7 +69,7 @@ def _write_sets(sets: Sequence[dict[str, Any]], path: Path, progress: Progress) 
         progress.update((number + 1) / len(sets))
 
 
-def _header(run: Run) -> dict[str, Any]:
+def _header(run: ExportedRun) -> dict[str, Any]:
     date, time = _date_and_time(run.record.start_time)
     return {
         "type": 151,
@@ -95,7 +96,7 @@ def _units() -> dict[str, Any]:
     }
 
 
-def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, Any]]:
+def _function_sets(run: ExportedRun, series: Series, number: int) -> Iterator[dict[str, Any]]:
     """Yield a series, its uncertainties, fit and coherence, each as a function of the finite values."""
     x, y, axis = series.x, series.y_axis, series.x_axis
     response = "Frequency response: displacement of the centre / amplifier input voltage"
@@ -177,7 +178,7 @@ def _ordinate(axis: SeriesAxis) -> dict[str, Any]:
     return moved | (over_drive if axis.unit == "m/V" else {"orddenom_spec_data_type": UNKNOWN_QUANTITY})
 
 
-def _drive_line(run: Run, series: Series) -> str:
+def _drive_line(run: ExportedRun, series: Series) -> str:
     """Return the reference of the phase of a response, and the amplitude of its drive where the points have it."""
     if not series.is_complex:
         return "NONE"
@@ -196,7 +197,7 @@ def _evenly_spaced(values: Array) -> bool:
     return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=SPACING_TOLERANCE, atol=0))
 
 
-def _mark(run: Run) -> str:
+def _mark(run: ExportedRun) -> str:
     return "SIMULATED " if run.record.simulated else ""
 
 

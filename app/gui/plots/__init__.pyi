@@ -15,9 +15,11 @@ from .picture import Region as Region
 from .picture import Rule as Rule
 from .picture import Spot as Spot
 from .picture import axis_title as axis_title
+from .picture import color_of as color_of
 from .picture import curve_symbol as curve_symbol
 from .picture import curve_tone as curve_tone
 from .picture import layer as layer
+from .picture import number_text as number_text
 from .response import DISPLACEMENT as DISPLACEMENT
 from .response import FREQUENCY as FREQUENCY
 from .response import Threshold as Threshold

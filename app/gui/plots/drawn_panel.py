@@ -374,6 +374,10 @@ class DrawnPanel:
             return
         label = self._add(Label(self.box))
         size = label.show_text(layer.label, layer.tone if layer.width >= MODEL_WIDTH or layer.tone != "ink" else "text")
+        if layer.label_at is not None:
+            x, y = pixels[inside][min(int(layer.label_at * inside.sum()), int(inside.sum()) - 1)]
+            label.setPos(x - size.width() / 2, y - size.height() / 2)
+            return
         wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
         # Points are compared with points and lines with lines, because a model's line runs through its points.
         alike = [e for e in self.layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]

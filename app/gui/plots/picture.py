@@ -91,6 +91,7 @@ class Layer:
         chosen: (N,), whether each point is selected.
         texts: of the points, for the pointer: strings, or functions that return one.
         label: written beside the line or points.
+        label_at: share of the points at which the label stands on the line itself; None: beside it, where there is space.
         group: chip above the plot that hides the layer; empty for no chip.
         panel: index of the panel.
         copied: whether the table of the plot has the series.
@@ -107,6 +108,7 @@ class Layer:
     chosen: Mask | None = None
     texts: Sequence[Any] = ()
     label: str = ""
+    label_at: float | None = None
     group: str = ""
     panel: int = 0
     copied: bool = True

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QMarginsF, QObject, QPointF, QRectF, Qt
+from PySide6.QtCore import QEvent, QMarginsF, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QGuiApplication, QPageSize, QPainter, QPdfWriter, QPen, QPixmap
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
@@ -36,6 +36,11 @@ BUTTONS = (("zoom", "plot.whole"), ("cursor", "plot.peak"), ("copy", "plot.copy-
 
 class PlotTools(QObject):
     """Tools of one plot: a click sets the cursor, a click with Shift the second one; a click on a point picks it."""
+
+    places_changed = Signal(list)
+    """Places of the cursors of a plot that `follows` the pointer, in the unit of its horizontal axis."""
+    follows = False
+    """Whether a cursor follows the pointer until one is set, and values are shown elsewhere, by `places_changed`."""
 
     def __init__(self, chart: Chart) -> None:
         super().__init__(chart)
@@ -93,6 +98,11 @@ class PlotTools(QObject):
         if not second:
             self._chart.cursor_moved.emit(x)
 
+    @property
+    def places(self) -> list[float]:
+        """Places of the cursors, or of the pointer where the cursor follows it."""
+        return self.cursors or ([self._at] if self.follows and self._at is not None else [])
+
     def keep_cursor(self) -> None:
         """Leave the second cursor where the cursor is, to read differences from there."""
         if self.cursors:
@@ -137,7 +147,7 @@ class PlotTools(QObject):
             if line.scene() is not None:
                 line.scene().removeItem(line)
         self._lines = []
-        for number, x in enumerate(self.cursors):
+        for number, x in enumerate(self.places):
             for panel in self._chart.panels:
                 across = panel.to_pixels(x, 1.0)[0][0]
                 if 0 <= across <= panel.box.width():
@@ -152,7 +162,9 @@ class PlotTools(QObject):
         self._draw_lines()
         at = self.cursors[0] if self.cursors else self._at
         text = self._pointed
-        if not text and at is not None and self._chart.panels:
+        if self.follows:
+            self.places_changed.emit(self.places)
+        elif not text and at is not None and self._chart.panels:
             text = "\n".join(self._rows(at))
             if len(self.cursors) > 1:
                 text += "\n" + "\n".join(self._differences(*self.cursors))

@@ -1,7 +1,6 @@
 """Details of the selected runs: plot, results, tags, note, export."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,12 +8,12 @@ from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QFocusEvent
 from PySide6.QtWidgets import QLabel, QPlainTextEdit, QWidget
 
-from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
+from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, RunSummary
 from app.common import typeset
+from app.comparison import Comparison
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
-from app.gui.runs.compare_plot import ComparePlot
-from app.gui.runs.differences import DifferencesPane, letters_of
+from app.gui.runs.compare import ComparisonPlot, DifferencesPane
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
@@ -37,6 +36,8 @@ from protocols.base import RunEnded, RunStatus
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
 MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT = 320, 160
+MAX_SIDE_BY_SIDE = 3
+"""Runs whose differences fit beside the list; more are in the comparison."""
 MAX_REASON_LENGTH = 280
 """Characters of the reasons of a run's verdict that are shown next to the list."""
 
@@ -48,7 +49,7 @@ class _Low:
         return QSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
 
 
-class _LowComparePlot(_Low, ComparePlot): ...
+class _LowComparisonPlot(_Low, ComparisonPlot): ...
 
 
 class _LowResultPlots(_Low, ResultPlots): ...
@@ -78,9 +79,9 @@ class RunDetailsPane(QWidget):
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.card = ResultCard("runs.card", ("next", "report"))
         """Of a single selected run."""
-        self.differences = DifferencesPane()
+        self.differences = DifferencesPane(MAX_SIDE_BY_SIDE)
         self.progress_row = ProgressRow()
-        self.plot = configure(_LowComparePlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
+        self.plot = configure(_LowComparisonPlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText="good, second try")
         self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
@@ -168,6 +169,7 @@ class RunDetailsPane(QWidget):
         readable = any(e.readable for e in selected)
         for widget in (self.open_button, self.explore_button, self.export_button):
             widget.setEnabled(readable)
+        self.open_button.setText("Open" if len(selected) < 2 else "Compare")
         self.tags_edit.setEnabled(bool(selected))
         self.note_edit.setEnabled(one is not None)
         if one is not None:
@@ -189,21 +191,18 @@ class RunDetailsPane(QWidget):
                 self.tags_edit.setText(texts[0])
             self.note_edit.setPlainText(texts[1])
         if not selected:
-            self.show_runs((), 0)
+            self.show_runs(None, 0)
 
-    def show_runs(self, runs: Sequence[MeasuredResponse], selected_count: int) -> None:
-        """Plot the points of the selected runs."""
-        if len(runs) == selected_count and (letters := letters_of(selected_count)):
-            runs = [replace(run, label=f"{letter}  {run.label}") for letter, run in zip(letters, runs, strict=True)]
-        self.plot.show_runs(
-            runs, f"{len(runs)} of {selected_count} are shown" if 0 < len(runs) < selected_count else ""
+    def show_runs(self, comparison: Comparison | None, selected_count: int) -> None:
+        """Plot the selected runs; None: they have no curve."""
+        count = 0 if comparison is None else len(comparison.runs)
+        self.plot.show_comparison(
+            comparison, f"{count} of {selected_count} are shown" if 0 < count < selected_count else ""
         )
-        self.plot.setVisible(bool(runs))
+        self.plot.setVisible(count > 0)
         self.result_plots.hide()
-        self.empty_label.setVisible(not runs)
-        self.empty_label.setText(
-            "No response over frequency to compare.\nEnter opens the run." if selected_count else EMPTY_TEXT
-        )
+        self.empty_label.setVisible(not count)
+        self.empty_label.setText("No curve to compare.\nEnter opens the run." if selected_count else EMPTY_TEXT)
 
     def show_result(self, run: LoadedRun) -> None:
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""

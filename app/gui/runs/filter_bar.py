@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
-from app.archive import RunFilter, RunSummary, ScanResult, read_since
+from app.archive import FIELDS, RunFilter, RunSummary, ScanResult, read_since
 from app.gui.widgets import configure, fill_combo, make_button, make_combo, make_label, row
 from app.session import protocol_title
 
@@ -39,8 +39,9 @@ class RunFilterBar(QWidget):
         self.search_edit = configure(
             _Search(),
             "runs.search",
-            placeholderText="Search: words in names, people, serial numbers, results, notes",
+            placeholderText="Words, or specimen:T2  tag:reference  after:2026-10  sensor:LK",
             accessibleName="search",
+            toolTip=f"Beginnings of words in specimen, tags, results and notes; or fields: {', '.join(FIELDS)}",
             clearButtonEnabled=True,
         )
         self.specimen, self.protocol, self.verdict = (
@@ -79,6 +80,11 @@ class RunFilterBar(QWidget):
             verdict=self.verdict.currentData(),
         )
 
+    def show_mistake(self, text: str) -> None:
+        """Show what is wrong with the search; the list stays as it was."""
+        self.count_label.setText(text.partition(";")[0])
+        self.count_label.setToolTip(text)
+
     def clear(self) -> bool:
         """Clear the filter and return whether there was one."""
         if self.selected_filter == RunFilter():
@@ -105,6 +111,7 @@ class RunFilterBar(QWidget):
         self._count_text = f"{some}{total:,} runs".replace(",", " ")
         if not self.stop_button.isVisible():
             self.count_label.setText(self._count_text)
+            self.count_label.setToolTip("")
 
     def show_scan_result(self, result: ScanResult) -> None:
         """Show the result of a folder scan."""

@@ -9,8 +9,8 @@ from PySide6.QtGui import QDesktopServices, QGuiApplication
 from PySide6.QtWidgets import QWidget
 
 from app.archive import RunSummary
+from app.comparison import LETTERS, MAX_RUNS
 from app.gui.runs.details import RunDetailsPane
-from app.gui.runs.differences import letters_of
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
 from app.gui.runs.run_table import RunTableModel, RunTableView
@@ -31,7 +31,7 @@ class RunListPane(QWidget):
         self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()
         columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
         self.details.setMinimumWidth(340)  # now: at first the details have the width that their buttons need
-        column(self.filter_bar, (columns, 1), parent=self, spacing=6)
+        column(self.filter_bar, (columns, 1), parent=self, margins=(0, 0, 8, 0), spacing=6)
         self.filter_bar.changed.connect(self._update_table)
         self.filter_bar.stop_pressed.connect(self.folder_model.cancel)
         self.filter_bar.list_requested.connect(self.table.setFocus)
@@ -74,7 +74,7 @@ class RunListPane(QWidget):
         """Return the context menu of the selected runs, with the actions of a page."""
         menu = Menu(self.table)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        menu.addAction("Open\tEnter", self.open_requested.emit)
+        menu.addAction(f"{self.details.open_button.text()}\tEnter", self.open_requested.emit)
         one = self.selected[0] if len(self.selected) == 1 else None
         if one is not None and one.readable and one.specimen:
             menu.addAction(
@@ -99,8 +99,13 @@ class RunListPane(QWidget):
 
     def _update_table(self) -> None:
         chosen = [entry.path for entry in self.selected]
-        summaries = self.filter_bar.selected_filter.apply(self.folder_model.summaries)
-        self.model.set_summaries(self.folder_model.path, summaries)
+        try:
+            first, others = self.filter_bar.selected_filter.split(self.folder_model.summaries)
+        except ValueError as error:
+            self.filter_bar.show_mistake(str(error))
+            return
+        summaries = [*first, *others]
+        self.model.set_summaries(self.folder_model.path, first, others)
         self.select_paths(chosen)
         if not self.selected and summaries:
             self.table.setCurrentIndex(self.model.index(0, 0))
@@ -110,6 +115,6 @@ class RunListPane(QWidget):
     def _on_selection_changed(self) -> None:
         chosen = self.selected
         rows = [row for row in self._selected_rows if self.model.summaries[row].readable]
-        self.model.show_letters(dict(zip(rows, letters_of(len(rows)), strict=False)))
+        self.model.show_letters(dict(zip(rows, LETTERS, strict=False)) if 1 < len(rows) <= MAX_RUNS else {})
         self.details.show_selection(chosen)
         self.selection_changed.emit()

@@ -1,6 +1,7 @@
 """Runs page: search, open, compare, annotate, export and import the runs of a folder."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -9,15 +10,22 @@ from PySide6.QtWidgets import QStackedWidget
 from app.archive import (
     Format,
     LoadedRun,
-    MeasuredResponse,
     RunState,
     RunSummary,
     TraceWindow,
     load_run,
     load_trace_window,
-    measured_responses,
+)
+from app.comparison import (
+    MAX_RUNS,
+    ComparedRun,
+    Comparison,
+    ComparisonView,
+    model_in,
+    model_request,
 )
 from app.config import AmplifierTable
+from app.gui.runs.compare import ComparisonWorkspace
 from app.gui.runs.list_pane import RunListPane
 from app.gui.runs.transfers import RunTransfers
 from app.gui.runs.viewer import RunViewer
@@ -33,12 +41,14 @@ from app.gui.widgets import (
 )
 from app.live import CurveRequest, Overlay, elongations_of
 from app.session import WindowState
+from protocols.runfile import RunReadError
 
-MAX_COMPARED = 24
+FELT = "peak to peak over frequency"
+"""Quantity that is plotted of a single run; others have the plot of their protocol."""
 
 
 class RunsPage(QStackedWidget):
-    """The list of runs, or in its place an opened run.
+    """The list of runs, or in its place an opened run or a comparison.
 
     Args:
         folder: function that returns the folder of the runs.
@@ -67,8 +77,10 @@ class RunsPage(QStackedWidget):
         self.list, self.viewer = RunListPane(folder, index), RunViewer()
         self.details = self.list.details
         self.transfers = RunTransfers(self.details.progress_row, folder, specimen, amplifier, self)
+        self.workspace = ComparisonWorkspace()
         self.addWidget(self.list)
         self.addWidget(self.viewer)
+        self.addWidget(self.workspace)
         self._state: WindowState | None = None
         self._connect_signals()
 
@@ -86,13 +98,23 @@ class RunsPage(QStackedWidget):
 
     def activate(self) -> None:
         """Take the keyboard focus."""
-        (self.viewer.back_button if self.currentWidget() is self.viewer else self.list.table).setFocus()
+        shown = self.currentWidget()
+        widgets = {self.viewer: self.viewer.back_button, self.workspace: self.workspace.layers}
+        (
+            widgets.get(shown, self.list.table)
+            if isinstance(shown, RunViewer | ComparisonWorkspace)
+            else self.list.table
+        ).setFocus()
 
     def tick(self) -> None:
         """Refresh values that change between events; called at every tick while the page is visible."""
         self.list.folder_model.refresh_if_changed()
-        if self.currentWidget() is self.viewer and (curve := self._overlay.result()) is not None:
+        if self.currentWidget() is self.list or (curve := self._overlay.result()) is None:
+            return
+        if self.currentWidget() is self.viewer:
             self.viewer.plots.show_model_curve(curve)
+        elif (shown := self.workspace.comparison) is not None and shown.view.model and not shown.model:
+            self.workspace.show_model(model_in(curve, curve.request.amplitude_v))
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -100,14 +122,18 @@ class RunsPage(QStackedWidget):
         self.list.folder_model.shutdown()
         self.list.model.thumbnails.shutdown()
         self._worker.close()
+        self.workspace.shutdown()
         self._overlay.close()
 
     # -- commands -------------------------------------------------------------------------------------------
 
     def open_selected(self) -> None:
-        """Open the selected run."""
+        """Open the selected run, or compare several."""
         chosen = self.list.selected
-        if chosen and chosen[0].readable:
+        if len(readable := [self.list.path_of(each) for each in chosen if each.readable]) > 1:
+            self.details.show_message("opening …")
+            self.workspace.open_runs(readable)
+        elif chosen and chosen[0].readable:
             self.open_run(self.list.path_of(chosen[0]))
         elif chosen:
             self.details.show_message(chosen[0].record.reason, is_error=True)
@@ -118,10 +144,10 @@ class RunsPage(QStackedWidget):
         self._worker.submit(lambda: load_run(path), self._on_run_loaded, self._on_error)
 
     def go_back(self) -> bool:
-        """Return from an opened run to the list, or clear the filter; return whether either was done."""
-        if self.currentWidget() is not self.viewer and self.list.filter_bar.clear():
+        """Return from an opened run or comparison to the list, or clear the filter; return whether either was done."""
+        if self.currentWidget() is self.list and self.list.filter_bar.clear():
             return True
-        opened = self.currentWidget() is self.viewer
+        opened = self.currentWidget() is not self.list
         self.setCurrentIndex(0)
         self.list.table.setFocus()
         return opened
@@ -147,7 +173,7 @@ class RunsPage(QStackedWidget):
 
     def move_selected_to_trash(self) -> None:
         """Move the selected runs to the trash, except a run being written."""
-        if self.currentWidget() is self.viewer:
+        if self.currentWidget() is not self.list:
             return
         if paths := [self.list.path_of(e) for e in self.list.selected if e.state != RunState.RUNNING]:
             self.transfers.move_to_trash(paths)
@@ -166,13 +192,18 @@ class RunsPage(QStackedWidget):
     def _on_selection_changed(self) -> None:
         self._update_continue()
         chosen = self.list.selected
-        paths = [self.list.path_of(e) for e in chosen if e.readable][:MAX_COMPARED]
+        paths = [self.list.path_of(e) for e in chosen if e.readable][:MAX_RUNS]
 
-        def read() -> tuple[Sequence[MeasuredResponse], LoadedRun | None]:
-            runs = measured_responses(paths)
-            return runs, load_run(paths[0], with_traces=False) if len(paths) == 1 else None
+        def read() -> tuple[Comparison | None, LoadedRun | None]:
+            runs = []
+            for path in paths:
+                with suppress(RunReadError):
+                    runs.append(ComparedRun.read(path))
+            runs = [run for run in runs if run.curves and (len(paths) > 1 or run.curves[0].quantity == FELT)]
+            one = load_run(paths[0], with_traces=False) if len(paths) == 1 else None
+            return Comparison(runs, ComparisonView()) if runs else None, one
 
-        def show(loaded: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
+        def show(loaded: tuple[Comparison | None, LoadedRun | None]) -> None:
             self.details.show_runs(loaded[0], len(chosen))
             if loaded[1] is not None:
                 self.details.show_result(loaded[1])
@@ -205,6 +236,11 @@ class RunsPage(QStackedWidget):
             self, "Import run files and tables", self.import_files, f"Runs and tables ({kinds})", str(self._folder()),
             Mode.ExistingFiles,
         )  # fmt: skip
+
+    def _on_comparison_opened(self) -> None:
+        self.details.show_message("")
+        self.setCurrentWidget(self.workspace)
+        self.workspace.layers.setFocus()
 
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
@@ -240,7 +276,7 @@ class RunsPage(QStackedWidget):
             )  # fmt: skip
 
     def _focus_search(self) -> None:
-        if self.currentWidget() is not self.viewer:
+        if self.currentWidget() is self.list:
             self.list.filter_bar.search_edit.setFocus()
             self.list.filter_bar.search_edit.selectAll()
 
@@ -261,6 +297,10 @@ class RunsPage(QStackedWidget):
         self.details.export_pressed.connect(self._choose_export_folder)
         self.viewer.trace_plot.range_viewed.connect(self._load_trace_window)
         self.viewer.back_button.clicked.connect(self.go_back)
+        self.workspace.back_button.clicked.connect(self.go_back)
+        self.workspace.opened.connect(self._on_comparison_opened)
+        self.workspace.failed.connect(self._on_error)
+        self.workspace.model_asked.connect(lambda comparison: self._overlay.submit(model_request(comparison)))
         self.viewer.explore_button.clicked.connect(self.explore_selected)
         add_actions(
             self,

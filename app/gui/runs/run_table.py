@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from datetime import date
-from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QMimeData, QModelIndex, QPersistentModelIndex, QRectF, Qt, QUrl, Signal
-from PySide6.QtGui import QColor, QKeyEvent, QPainter
+from PySide6.QtGui import QColor, QKeyEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
@@ -17,9 +16,10 @@ from PySide6.QtWidgets import (
     QTableView,
 )
 
-from app.archive import RunSummary
-from app.common import pluralize, typeset
+from app.archive import LARGEST_FIGURES, RunSummary
+from app.common import pluralize, round_figure, typeset
 from app.gui.face import LABEL_PX, SEMIBOLD, px, text_font, tokens
+from app.gui.plots import color_of, curve_tone
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure
 from app.session import protocol_title
@@ -27,10 +27,7 @@ from model import format_with_uncertainty, shown_unit
 from protocols.base import Outcome, RunFigure
 
 Index = QModelIndex | QPersistentModelIndex
-FIGURES = {
-    "natural fr., Hz": ("natural_frequency",),
-    "largest, µm": ("amplitude_at_resonance", "square_wave_amplitude"),
-}
+FIGURES = {"natural fr., Hz": ("natural_frequency",), "largest, µm": LARGEST_FIGURES}
 """Names of the figures of a run that have a column."""
 
 RIGHT_ALIGNED = ("points", *FIGURES)
@@ -40,23 +37,25 @@ def _figure(summary: RunSummary, column: str) -> RunFigure | None:
     return next((each for each in summary.figures if each.name in FIGURES[column]), None)
 
 
-def _sort_value(column: str, summary: RunSummary) -> float:
-    figure = _figure(summary, column)
-    return -1.0 if figure is None else figure.value
-
-
 SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
     "protocol": lambda e: protocol_title(e.protocol),
     "verdict": lambda e: e.verdict_text,
-    **{column: partial(_sort_value, column) for column in FIGURES},
+    "natural fr., Hz": lambda e: e.natural_hz,
+    "largest, µm": lambda e: e.largest_m,
     "points": lambda e: e.points,
     "found": lambda e: e.estimates_text,
     "tags": lambda e: e.tags.casefold(),
 }
 COLUMNS = tuple(SORT_KEYS)
 THUMBNAIL_COLUMN = COLUMNS.index("begun")
+WIDTHS = (16, 8, 15, 20, 13, 13, 7, 20, 12)
+"""Of the columns, in characters; the thumbnail comes in addition."""
+TIME_CHARACTERS = 7
+ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)
+OPTIONAL = (("tags", 12), ("points", 7), ("found", 20))
+"""Columns that are left out where they do not fit, the most important first, with their least widths."""
 ROW_HEIGHT, DAY_HEIGHT, BADGE_PX = 40, 28, 18
 """Height of a row, of the band above the first one of a day, diameter of the letter of a compared run."""
 
@@ -74,20 +73,28 @@ class RunTableModel(QAbstractTableModel):
         """Heading of each day by its first row; empty unless the runs are sorted by time."""
         self.letters: dict[int, str] = {}
         """Letters of the compared runs by their rows."""
+        self._others: Sequence[RunSummary] = ()
         self._sort_column, self._descending = 0, True
 
-    def set_summaries(self, folder: Path, summaries: Sequence[RunSummary]) -> None:
-        """Show these runs."""
+    def set_summaries(self, folder: Path, summaries: Sequence[RunSummary], others: Sequence[RunSummary] = ()) -> None:
+        """Show these runs, sorted, and below them others, which a search found elsewhere than in specimen and tags."""
         self.beginResetModel()
         self.folder = folder
-        self.summaries = sorted(summaries, key=SORT_KEYS[COLUMNS[self._sort_column]], reverse=self._descending)
+        key, self._others = SORT_KEYS[COLUMNS[self._sort_column]], others
+        self.summaries = [
+            run for part in (summaries, others) for run in sorted(part, key=key, reverse=self._descending)
+        ]
         self.days, self.letters = {}, {}
         if COLUMNS[self._sort_column] == "begun":
             at, today = 0, date.today()
-            for day, runs in groupby(self.summaries, lambda e: e.started_at.date() if e.started_at else None):
-                count = sum(1 for _ in runs)
-                self.days[at] = f"{_day_text(day, today)}   {pluralize(count, 'run')}"
-                at += count
+            for part, where in ((summaries, ""), (others, "Found in results and notes: " if summaries else "")):
+                part_end = at + len(part)
+                for day, runs in groupby(
+                    self.summaries[at:part_end], lambda e: e.started_at.date() if e.started_at else None
+                ):
+                    count = sum(1 for _ in runs)
+                    self.days[at] = f"{where}{_day_text(day, today)}   {pluralize(count, 'run')}"
+                    at += count
         self.endResetModel()
 
     def show_letters(self, letters: dict[int, str]) -> None:
@@ -133,7 +140,8 @@ class RunTableModel(QAbstractTableModel):
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
         self._sort_column, self._descending = column, order is Qt.SortOrder.DescendingOrder
-        self.set_summaries(self.folder, self.summaries)
+        kept = len(self.summaries) - len(self._others)
+        self.set_summaries(self.folder, self.summaries[:kept], self.summaries[kept:])
 
     def flags(self, index: Index) -> Qt.ItemFlag:
         return super().flags(index) | Qt.ItemFlag.ItemIsDragEnabled
@@ -166,10 +174,12 @@ def _cell_text(summary: RunSummary, column: str) -> str:
 
 
 def _figure_text(figure: RunFigure | None) -> str:
-    """Return a figure with its total uncertainty in the unit of its column; empty without one."""
+    """Return a figure in the unit of its column, with its total uncertainty where that is known; rounded to its noise elsewhere."""
     if figure is None:
         return ""
     factor, _ = shown_unit(figure.unit, figure.name)
+    if figure.total <= figure.statistical:
+        return typeset(round_figure(factor * figure.value, factor * figure.total))
     return typeset(format_with_uncertainty(factor * figure.value, factor * figure.total))
 
 
@@ -201,7 +211,7 @@ class RunDelegate(QStyledItemDelegate):
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             disc = QRectF(option.rect.x() + px(3), option.rect.y() + px(2), px(BADGE_PX), px(BADGE_PX))
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(colors.layers[ord(letter) - ord("A")]))
+            painter.setBrush(color_of(curve_tone(ord(letter) - ord("A"))))
             painter.drawEllipse(disc)
             painter.setFont(text_font(LABEL_PX, SEMIBOLD))
             painter.setPen(QColor(colors.surface))
@@ -240,9 +250,26 @@ class RunTableView(QTableView):
         header = self.horizontalHeader()
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
-        for at, count in enumerate((16, 9, 17, 21, 15, 13, 7, 20, 9)):
-            self.setColumnWidth(at, count * wide + (px(SIZE.width()) if at == THUMBNAIL_COLUMN else 0))
+        for at, count in enumerate(WIDTHS):
+            self.setColumnWidth(at, count * wide)
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit_columns()
+
+    def _fit_columns(self) -> None:
+        """Give the time the width of what it shows, and leave out columns that the width cannot hold: the details have their values."""
+        wide, model = self.fontMetrics().averageCharWidth(), self.model()
+        begun = TIME_CHARACTERS if isinstance(model, RunTableModel) and model.days else WIDTHS[THUMBNAIL_COLUMN]
+        self.setColumnWidth(THUMBNAIL_COLUMN, begun * wide + px(SIZE.width()))
+        left = self.viewport().width()
+        for column in ESSENTIAL:
+            left -= self.columnWidth(COLUMNS.index(column))
+        for column, characters in OPTIONAL:
+            fits = left >= characters * wide
+            self.setColumnHidden(COLUMNS.index(column), not fits)
+            left -= characters * wide if fits else 0
 
     def _make_place_for_days(self) -> None:
         model: Any = self.model()
@@ -251,6 +278,7 @@ class RunTableView(QTableView):
         for row in model.days:
             self.setRowHeight(row, px(ROW_HEIGHT + DAY_HEIGHT))
         self._tall_rows = set(model.days)
+        self._fit_columns()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from typing import Literal
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
@@ -62,11 +62,14 @@ def fill_table(
         right_aligned: columns of numbers.
     """
     table.setRowCount(len(rows))
-    for at, texts in enumerate(rows):
-        for place, text in enumerate(texts):
-            item = QTableWidgetItem(text)
-            if place in right_aligned:
-                item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-            if name := color(at, place):
-                item.setForeground(QColor(name))
-            table.setItem(at, place, item)
+    # Columns as wide as their contents would be measured again for every item.
+    with QSignalBlocker(table.model()):
+        for at, texts in enumerate(rows):
+            for place, text in enumerate(texts):
+                item = QTableWidgetItem(text)
+                if place in right_aligned:
+                    item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+                if name := color(at, place):
+                    item.setForeground(QColor(name))
+                table.setItem(at, place, item)
+    table.model().layoutChanged.emit()

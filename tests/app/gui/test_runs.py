@@ -387,7 +387,10 @@ def test_ten_thousand_are_listed_filtered_and_sorted(page: RunsPage, folder: Pat
     catalogue = Catalogue(folder)
     catalogue.scan()
     one = catalogue.entries()[0]
-    made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", search_text=f"t{i % 50} ") for i in range(10_000)]
+    made = [
+        one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", search_text=f" t{i % 50}\n t{i % 50}")
+        for i in range(10_000)
+    ]
     page.list.folder_model._on_listed(made)
     assert page.list.model.rowCount() == 10_000
     assert "10 000 runs" in find(page, "runs.count").text()

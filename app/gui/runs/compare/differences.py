@@ -7,23 +7,18 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHeaderView, QWidget
 
 from app.archive import RunSummary, compare_runs
-from app.gui.face import follow_tokens, tokens
+from app.comparison import LETTERS, MAX_RUNS
+from app.gui.face import follow_tokens
+from app.gui.plots import color_of, curve_tone
 from app.gui.widgets import STRETCH, Segments, column, fill_table, make_label, make_read_only_table, row
-
-LETTERS = "ABC"
-"""Letters of compared runs, in the order of the list; more runs do not fit side by side."""
-
-
-def letters_of(count: int) -> str:
-    """Return the letters of so many selected runs; empty if they are not compared."""
-    return LETTERS[:count] if 1 < count <= len(LETTERS) else ""
 
 
 class DifferencesPane(QWidget):
-    """Table of two or three runs side by side, hidden for other selections."""
+    """Table of runs side by side, hidden for one run and for more than `most`."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MAX_RUNS) -> None:
         super().__init__()
+        self._most = most
         self._runs: tuple[RunSummary, ...] = ()
         self.segments = Segments("runs.differences", "rows", (("Differences", False), ("All", True)))
         self.segments.select(False)
@@ -38,7 +33,7 @@ class DifferencesPane(QWidget):
 
     def show_runs(self, runs: Sequence[RunSummary]) -> None:
         """Compare runs, in the order of the list."""
-        self.setVisible(bool(letters_of(len(runs))))
+        self.setVisible(1 < len(runs) <= self._most)
         if tuple(runs) != self._runs:
             self._runs = tuple(runs)
             self._fill()
@@ -67,7 +62,7 @@ class DifferencesPane(QWidget):
         self.table.setColumnCount(len(titles))
         self.table.setHorizontalHeaderLabels(titles)
         self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
-        colors = ["", *tokens().layers[: len(letters)], ""]
+        colors = ["", *(color_of(curve_tone(at)).name() for at in range(len(letters))), ""]
         fill_table(
             self.table,
             [(each.name, *each.values, *([each.difference] if last else ())) for each in shown],

@@ -1,0 +1,169 @@
+"""Table of the layers of a comparison: eye, letter, run, and the values at the cursors with their difference."""
+
+import math
+from collections.abc import Sequence
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
+
+from app.common import typeset
+from app.comparison import Comparison, ComparisonLayer
+from app.gui.face import follow_tokens
+from app.gui.plots import color_of, curve_tone, number_text
+from app.gui.runs.compare.plot import ComparisonPlot, run_index
+from app.gui.widgets import configure
+from model import format_with_uncertainty
+
+EYE, LETTER, RUN, FIRST, SECOND, CHANGE, RATIO = range(7)
+NARROW_CHARACTERS = 60
+"""Width of the table below which the ratio is left out, so that the runs keep their names."""
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+
+
+class LayerTable(QTableWidget):
+    """A row for each layer. Space hides or shows it, Alt+Up and Alt+Down move its run, R makes it the reference."""
+
+    toggled = Signal(str)
+    """File name of a run to hide or show."""
+    moved = Signal(str, int)
+    """File name of a run, and by how many places."""
+    reference_chosen = Signal(str)
+    """File name of a run."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 7)
+        configure(
+            self, "compare.layers", accessibleName="layers of the comparison", showGrid=False, tabKeyNavigation=False, wordWrap=False,
+            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers, selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+            selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
+        )  # fmt: skip
+        self.verticalHeader().hide()
+        header = self.horizontalHeader()
+        wide = self.fontMetrics().averageCharWidth()
+        # Columns as wide as their contents would be measured again at every move of the cursor.
+        for at, characters in ((EYE, 4), (LETTER, 4), (FIRST, 15), (SECOND, 9), (CHANGE, 10), (RATIO, 8)):
+            self.setColumnWidth(at, characters * wide)
+        header.setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
+        header.setMinimumSectionSize(3 * wide)
+        self._layers: Sequence[ComparisonLayer] = ()
+        self._reference, self._places, self._x_unit = "", [0.0][:0], ""
+        self._factors: list[tuple[tuple[float, str], tuple[float, str]]] = []
+        self.itemChanged.connect(self._on_changed)
+        follow_tokens(self, lambda _: self._paint_letters())
+
+    def show_layers(self, comparison: Comparison) -> None:
+        """Show the layers of a comparison; the current row stays at its run."""
+        current = self.current_run
+        self.blockSignals(True)
+        self._layers = comparison.layers
+        relation = comparison.view.relation
+        self._reference = comparison.reference.path.name if relation.has_reference else ""
+        self._x_unit = ComparisonPlot.units(self._layers[0].series)[0][1] if self._layers else ""
+        self._factors = [ComparisonPlot.units(each.series) for each in self._layers]
+        self.setRowCount(len(self._layers))
+        for row, each in enumerate(self._layers):
+            eye = QTableWidgetItem()
+            eye.setFlags(Qt.ItemFlag.ItemIsUserCheckable | Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable)
+            eye.setCheckState(Qt.CheckState.Unchecked if each.hidden else Qt.CheckState.Checked)
+            is_reference = each.run is not None and each.run.path.name == self._reference
+            title = each.title.removeprefix(each.name).strip() + (", reference" if is_reference else "")
+            setting = (
+                f", {comparison.view.over} {each.setting:.4g}"
+                if math.isfinite(each.setting) and comparison.view.over not in ("", "time")
+                else ""
+            )
+            for at, text in (
+                (LETTER, "" if each.run is None else each.name),
+                (RUN, title + setting),
+                (FIRST, ""),
+                (SECOND, ""),
+                (CHANGE, ""),
+                (RATIO, ""),
+            ):
+                item = QTableWidgetItem(text)
+                if at == RUN and each.run is not None:
+                    item.setToolTip(str(each.run.path))
+                if at >= FIRST:
+                    item.setTextAlignment(RIGHT)
+                self.setItem(row, at, item)
+            self.setItem(row, EYE, eye)
+        self.blockSignals(False)
+        self._paint_letters()
+        rows = [row for row, each in enumerate(self._layers) if each.run is not None and each.run.path.name == current]
+        self.setCurrentCell(rows[0] if rows else 0, RUN)
+        self.show_values(self._places)
+
+    def show_values(self, places: Sequence[float]) -> None:
+        """Show the values at the cursors, which are places in the unit of the plot: none, one or two."""
+        self._places = list(places)
+        both, unit = len(self._places) > 1, f" {self._x_unit}".rstrip()
+        unit_of_y = f", {typeset(self._factors[0][1][1])}".removesuffix(", ") if self._factors else ""
+        first, second = (*(f"{number_text(x)}{unit}" for x in self._places), "", "")[:2]
+        self.setHorizontalHeaderLabels(["", "", "Run", first if both else f"at {first}{unit_of_y}" if first else "at the cursor", second, f"Δ{unit_of_y}", "ratio"])  # fmt: skip
+        self.setColumnWidth(FIRST, (9 if both else 16) * self.fontMetrics().averageCharWidth())
+        is_narrow = self.viewport().width() < NARROW_CHARACTERS * self.fontMetrics().averageCharWidth()
+        for at in (SECOND, CHANGE, RATIO):
+            self.setColumnHidden(at, not both or (at == RATIO and is_narrow))
+        for row, each in enumerate(self._layers):
+            (over, _), (factor, _) = self._factors[row]
+            found = [[factor * part for part in each.value_at(x / over)] for x in self._places]
+            texts = [_value_text(value, 0.0 if both else error) for value, error in found]
+            if both:
+                (a, _), (b, _) = found
+                texts += [_value_text(a - b, 0.0), _value_text(a / b if b else math.nan, 0.0)]
+            for at, text in zip((FIRST, SECOND, CHANGE, RATIO), [*texts, "", "", "", ""], strict=False):
+                self._cell(row, at).setText(text)
+
+    @property
+    def current_run(self) -> str:
+        """File name of the run of the current row; empty without one."""
+        row = self.currentRow()
+        run = self._layers[row].run if 0 <= row < len(self._layers) else None
+        return "" if run is None else run.path.name
+
+    def perform(self, what: str) -> None:
+        """Do with the run of the current row: `hide`, `up`, `down` or `reference`."""
+        if not (name := self.current_run):
+            return
+        if what == "hide":
+            self.toggled.emit(name)
+        elif what == "reference":
+            self.reference_chosen.emit(name)
+        else:
+            self.moved.emit(name, -1 if what == "up" else 1)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        alt = event.modifiers() == Qt.KeyboardModifier.AltModifier
+        keys = {
+            (Qt.Key.Key_Space, False): "hide",
+            (Qt.Key.Key_R, False): "reference",
+            (Qt.Key.Key_Up, True): "up",
+            (Qt.Key.Key_Down, True): "down",
+        }
+        what = keys.get((Qt.Key(event.key()), alt))
+        if what is None:
+            super().keyPressEvent(event)
+        else:
+            self.perform(what)
+
+    def _on_changed(self, item: QTableWidgetItem) -> None:
+        run = self._layers[item.row()].run
+        if item.column() == EYE and run is not None:
+            self.toggled.emit(run.path.name)
+
+    def _cell(self, row: int, column: int) -> QTableWidgetItem:
+        item = self.item(row, column)
+        assert item is not None
+        return item
+
+    def _paint_letters(self) -> None:
+        for row, each in enumerate(self._layers):
+            tone = "model" if each.run is None else curve_tone(run_index(each))
+            self._cell(row, LETTER).setForeground(QColor(color_of(tone)))
+
+
+def _value_text(value: float, error: float) -> str:
+    return (
+        typeset(format_with_uncertainty(value, error)) if error > 0 and math.isfinite(value) else number_text(value, 4)
+    )

@@ -1,0 +1,296 @@
+"""Comparison workspace: plot of up to 20 runs, their layers with cursor values, peaks, what differs, views and exports."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QPushButton, QStackedWidget, QWidget
+
+from app.archive import FORMAT_NAMES, FORMATS, Format
+from app.comparison import (
+    ORDERS,
+    VIEW_SUFFIX,
+    Comparison,
+    ComparisonError,
+    ComparisonView,
+    export_comparison,
+    open_comparison,
+    read_view,
+    save_view,
+    views_in,
+)
+from app.gui.runs.compare.differences import DifferencesPane
+from app.gui.runs.compare.layer_table import LayerTable
+from app.gui.runs.compare.plot import ComparisonPlot
+from app.gui.widgets import (
+    STRETCH,
+    BackgroundWorker,
+    Menu,
+    Mode,
+    Segments,
+    choose_files,
+    column,
+    configure,
+    fill_combo,
+    fill_table,
+    make_button,
+    make_choice,
+    make_combo,
+    make_label,
+    make_pane,
+    make_read_only_table,
+    make_scroll_area,
+    make_splitter,
+    row,
+    show_key,
+)
+from model import Relation, Series
+
+RELATIONS = (
+    ("Values", Relation.VALUES),
+    ("Normalised", Relation.NORMALISED),
+    ("Difference", Relation.DIFFERENCE),
+    ("Ratio", Relation.RATIO),
+)
+LAYER_KEYS = (
+    ("Hide", "hide", "Space"),
+    ("Up", "up", "Alt+↑"),
+    ("Down", "down", "Alt+↓"),
+    ("Reference", "reference", "R"),
+)
+TABLES = (("Peaks", 0), ("What differs", 1))
+LAYERS_WIDTH = 430
+
+
+class ComparisonWorkspace(QWidget):
+    """Shows a comparison; every change makes another view of the same runs.
+
+    Attributes:
+        comparison: what is shown; None before the first one.
+    """
+
+    opened = Signal()
+    """Runs or a saved view have been read and are shown."""
+    failed = Signal(object)
+    """An exception with a message."""
+    model_asked = Signal(object)
+    """The comparison that wants the model's curve and does not have it yet."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.comparison: Comparison | None = None
+        self._folder = Path()
+        self._worker = BackgroundWorker("comparison", self)
+        self.plot, self.layers, self.differences = ComparisonPlot(), LayerTable(), DifferencesPane()
+        self.plot.tools.follows = True
+        self.plot.tools.places_changed.connect(self.layers.show_values)
+        self.heading = make_label(kind="heading", wrap=False, name="compare.heading")
+        self.note_label = make_label(kind="note", name="compare.note", visible=False)
+        self.back_button = configure(QPushButton("Back"), "compare.back")
+        show_key(self.back_button, "Esc")
+        self.views_button = configure(make_choice("Views", "Saved views of this folder"), "compare.views")
+        self.export_button = configure(make_choice("Export", "Picture, or data in every format"), "compare.export")
+        self.quantity = make_combo("compare.quantity", "quantity", [("", "")])
+        self.relation = Segments("compare.relation", "shown as", RELATIONS)
+        self.over = make_combo(
+            "compare.over",
+            "waterfall over",
+            [(f"waterfall over {each}" if each else "on one axis", each) for each in ORDERS],
+        )
+        self.model = configure(make_choice("Model", "The model's curve with its band", checkable=True), "compare.model")
+        self.tables = Segments("compare.tables", "table", TABLES)
+        self.tables.select(0)
+        self.peaks = make_read_only_table((), "compare.peaks", "peaks", stretched="none")
+        self._build()
+        self._connect()
+
+    def _build(self) -> None:
+        for button, fill in ((self.views_button, self._fill_views), (self.export_button, self._fill_exports)):
+            menu = Menu(button)
+            menu.aboutToShow.connect(partial(fill, menu))
+            button.setMenu(menu)
+        keys = [
+            make_button(text, partial(self.layers.perform, what), "choice", name=f"compare.{what}")
+            for text, what, _ in LAYER_KEYS
+        ]
+        for button, (_, _, key) in zip(keys, LAYER_KEYS, strict=True):
+            button.setToolTip(key)
+        left = make_pane(column((self.layers, 1), row(*keys, STRETCH, spacing=4), spacing=4))
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self.peaks)
+        self.stack.addWidget(make_scroll_area(self.differences, focusPolicy=Qt.FocusPolicy.NoFocus))
+        lower = make_pane(column(row(self.tables, STRETCH), (self.stack, 1), spacing=4))
+        right = make_splitter(
+            "compare/rows", (self.plot, 3), (lower, 2), orientation=Qt.Orientation.Vertical, sizes=[480, 200]
+        )
+        self.plot.setMinimumSize(320, 160)
+        lower.setMinimumHeight(80)
+        columns = make_splitter("compare/columns", (left, 1), (right, 2), sizes=[LAYERS_WIDTH, 900])
+        left.setMinimumWidth(300)
+        head = row(self.back_button, (self.heading, 1), self.views_button, self.export_button)
+        controls = row(self.quantity, self.relation, self.over, self.model, STRETCH, spacing=8)
+        column(head, controls, self.note_label, (columns, 1), parent=self, margins=(0, 2, 8, 0), spacing=4)
+
+    def _connect(self) -> None:
+        self.quantity.currentIndexChanged.connect(lambda _: self._change(quantity=self.quantity.currentData() or ""))
+        self.over.currentIndexChanged.connect(lambda _: self._change(over=self.over.currentData()))
+        self.relation.chosen.connect(lambda relation: self._change(relation=relation))
+        self.model.toggled.connect(lambda on: self._change(model=on))
+        self.tables.chosen.connect(lambda at: self.stack.setCurrentIndex(int(str(at))))
+        self.layers.toggled.connect(self._toggle)
+        self.layers.moved.connect(self._move)
+        self.layers.reference_chosen.connect(lambda name: self._change(reference=name))
+
+    def open_runs(self, paths: Sequence[Path], view: ComparisonView | None = None) -> None:
+        """Read runs in the background and show them."""
+        self._read(lambda: open_comparison(paths, view), paths[0].parent)
+
+    def open_view(self, path: Path) -> None:
+        """Read a saved view and its runs in the background and show them."""
+
+        def read() -> Comparison:
+            view = read_view(path)
+            return open_comparison([path.parent / name for name in view.runs], view)
+
+        self._read(read, path.parent)
+
+    def _read(self, read: Callable[[], Comparison], folder: Path) -> None:
+        def show(comparison: Comparison) -> None:
+            self.show_comparison(comparison, folder)
+            self.opened.emit()
+
+        self._worker.submit(read, show, self._on_error, latest_only="comparison")
+
+    def export(self, folder: Path, kind: Format) -> None:
+        """Write the shown values in a format, in the background."""
+        if self.comparison is not None:
+            write = partial(export_comparison, self.comparison, folder, kind)
+            self._worker.submit(
+                write, lambda files: self.show_note(f"{len(files)} files written to {folder}"), self._on_error
+            )
+
+    def _on_error(self, error: Exception) -> None:
+        self.show_note(str(error))
+        self.failed.emit(error)
+
+    def shutdown(self) -> None:
+        """Stop the background thread."""
+        self._worker.close()
+
+    def show_comparison(self, comparison: Comparison, folder: Path) -> None:
+        """Show a comparison; views are saved in the folder."""
+        self._folder = folder
+        self._show(comparison)
+        self.plot.set_cursors(comparison.view.cursors)
+
+    def show_model(self, model: dict[str, Series]) -> None:
+        """Add the model's curves, by quantity."""
+        if self.comparison is not None:
+            self._show(Comparison(self.comparison.runs, self.comparison.view, model))
+
+    def show_note(self, text: str) -> None:
+        """Show a message; empty: none."""
+        self.note_label.setText(text)
+        self.note_label.setVisible(bool(text))
+
+    @property
+    def view(self) -> ComparisonView:
+        """What is shown, with the cursors."""
+        assert self.comparison is not None
+        return self.comparison.view.model_copy(update={"cursors": tuple(self.plot.tools.cursors)})
+
+    def save(self, paths: list[Path]) -> None:
+        """Save the view."""
+        path = paths[0].with_name(paths[0].name.removesuffix(VIEW_SUFFIX) + VIEW_SUFFIX)
+        try:
+            save_view(self.view, path)
+        except ComparisonError as error:
+            self.show_note(str(error))
+        else:
+            self.show_note(f"The view is saved as {path.name}.")
+
+    def _change(self, **changes: Any) -> None:
+        if self.comparison is None or all(
+            getattr(self.comparison.view, name) == value for name, value in changes.items()
+        ):
+            return
+        self._show(self.comparison.with_view(self.comparison.view.model_copy(update=changes)))
+
+    def _toggle(self, name: str) -> None:
+        if self.comparison is not None:
+            hidden = dict.fromkeys(self.comparison.view.hidden)
+            kept = tuple(each for each in hidden if each != name)
+            self._change(hidden=kept if name in hidden else (*kept, name))
+
+    def _move(self, name: str, places: int) -> None:
+        if self.comparison is None:
+            return
+        names = [run.path.name for run in self.comparison.runs]
+        at = names.index(name)
+        to = min(max(at + places, 0), len(names) - 1)
+        names.insert(to, names.pop(at))
+        self._change(runs=tuple(names))
+
+    def _show(self, comparison: Comparison) -> None:
+        previous, self.comparison = self.comparison, comparison
+        view = comparison.view
+        for combo, value in ((self.quantity, comparison.quantity), (self.over, view.over)):
+            combo.blockSignals(True)
+            if combo is self.quantity:
+                fill_combo(combo, [(each.capitalize(), each) for each in comparison.quantities])
+            combo.setCurrentIndex(max(combo.findData(value), 0))
+            combo.blockSignals(False)
+        self.relation.select(view.relation)
+        self.model.blockSignals(True)
+        self.model.setChecked(view.model)
+        self.model.blockSignals(False)
+        self.heading.setText(f"{len(comparison.runs)} runs compared" if len(comparison.runs) > 1 else "1 run")
+        self.show_note("; ".join(comparison.left_out))
+        self.plot.show_comparison(comparison)
+        self.layers.show_layers(comparison)
+        if previous is None or not _same_runs(previous, comparison) or previous.quantity != comparison.quantity:
+            self._fill_peaks(comparison)
+            self.differences.show_runs([run.summary for run in comparison.runs])
+        if view.model and not comparison.model:
+            self.model_asked.emit(comparison)
+
+    def _fill_peaks(self, comparison: Comparison) -> None:
+        columns = [each for each in comparison.peaks.columns if each.displayed]
+        self.peaks.setColumnCount(len(columns))
+        titles = [
+            f"{each.displayed_name}{f', {each.displayed_unit}' if each.displayed_unit.strip('1') else ''}"
+            for each in columns
+        ]
+        self.peaks.setHorizontalHeaderLabels(titles)
+        texts = [[each.format_value(cell) for cell in each.cells] for each in columns]
+        fill_table(self.peaks, list(zip(*texts, strict=True)), right_aligned=range(2, len(columns)))
+
+    # -- menus -------------------------------------------------------------------------------------------------------
+
+    def _fill_views(self, menu: Menu) -> None:
+        menu.clear()
+        for name in views_in(self._folder):
+            menu.addAction(name, partial(self.open_view, self._folder / f"{name}{VIEW_SUFFIX}"))
+        menu.addSeparator()
+        ask = partial(
+            choose_files, self, "Save the view", self.save, f"Views (*{VIEW_SUFFIX})", str(self._folder / f"comparison{VIEW_SUFFIX}"), Mode.AnyFile
+        )  # fmt: skip
+        menu.addAction("Save the view …", ask)
+
+    def _fill_exports(self, menu: Menu) -> None:
+        menu.clear()
+        menu.addAction("Picture (PNG, SVG, PDF) …", self.plot.tools.files.choose_picture)
+        menu.addSeparator()
+        for kind in FORMATS:
+            menu.addAction(FORMAT_NAMES[kind], partial(self._choose_folder, kind))
+
+    def _choose_folder(self, kind: Format) -> None:
+        choose_files(
+            self, "Folder for the exported data", lambda paths: self.export(paths[0], kind), start=str(self._folder), mode=Mode.Directory
+        )  # fmt: skip
+
+
+def _same_runs(a: Comparison, b: Comparison) -> bool:
+    return [run.path for run in a.runs] == [run.path for run in b.runs]
