@@ -38,7 +38,7 @@ Required of every run, from the volts at the simulated amplifier's input, the fa
 - where the program says *rest*, the input is constant at rest; where the input is not at rest at the end with high voltage on, the run is *unsafe*, and the warning came within
   {WARNED_S:g} s of the failure; the warning names volts that stood at the input; a source that is live before the end of arming is reported within {WARNED_S:g} s;
 - every point that was shown is in a run file with its values, after the repair of the next start;
-- no verdict is *good* if another hand, or a fault of the sensor or amplifier, changed more than {100 * TOUCHED_SHARE:g} % of a recording whose point is used
+- no verdict is *good* if another hand, or a fault of the sensor, changed more than {100 * TOUCHED_SHARE:g} % of a recording whose point is used
   ({100 * TOUCHED_DRIVE_SHARE:g} % of its drive, if that began afterwards), or if high voltage was never on;
 - the second run completes, at most after the bench was opened anew;
 - the run ends within {STOPPED_S:g} s of Stop, never {TOO_LONG_S:g} s of real time without an event or work of the process, without an error of the program in its log.
@@ -143,10 +143,13 @@ FOUND = """## Found and mended
 | 1276 | a source that played 10 mV was confirmed at rest, since its mean was rest | noise above 5 mV rms is not rest |
 | 366 | the message of another program that a 33511B had refused failed the next run | the errors of the source are cleared when it is found at rest |
 
-Corrected in the requirements: a live source is timed from when it was live, not from the begin of the acquisition (417); the limited amplifier
-counts only where the drive is faster than it (481); a setting that the program sets again before its drive does not count (650); a recording that
+Not seen: an amplifier at its current limit on a bench without a voltage monitor (481, 2144, 2351, 3226). The drive at its input is right, and the
+specimen moves as one with another gain would; a voltage monitor at the amplifier's output shows it (abort levels, `[[channels]]` of the bench file).
+
+Corrected in the requirements: a live source is timed from when it was live, not from the begin of the acquisition (417); a setting that the program sets again before its drive does not count (650); a recording that
 the program itself has flagged gives no good point (1352); a failure is seen when the reply is overdue, not when it was asked for (1637); a person
-sets the sensor again after a run that has set it for a membrane (366).
+sets the sensor again after a run that has set it for a membrane (366); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
+the ramp to a level is not part of it (2865).
 """
 
 
