@@ -28,14 +28,14 @@ class Paragraph:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class Photograph:
     """A photograph, PNG or JPEG, right of the table behind it."""
 
     data: bytes
     description: str
 
 
-Block = Paragraph | Table | ReportPlot | Picture
+Block = Paragraph | Table | ReportPlot | Photograph
 
 
 @dataclass(frozen=True, slots=True)

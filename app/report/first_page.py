@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from app.common import Column, Table, pluralize
 from app.identification import SpecimenSheet
-from app.report.document import Block, LimitOutcome, Paragraph, Picture, Report, Verdict
+from app.report.document import Block, LimitOutcome, Paragraph, Photograph, Report, Verdict
 from app.report.figures_of_merit import MODEL_SOURCE, SpecimenSummary
 from app.report.limits import Limits
 from app.report.report_tables import format_flags
@@ -26,7 +26,7 @@ VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot 
 def identity_blocks(sheet: SpecimenSheet, runs: Sequence[ReportRun], photograph: bytes) -> Iterator[Block]:
     """Yield what was measured, by whom, when and in which air, with the photograph of the specimen; and the instruments."""
     if photograph:
-        yield Picture(photograph, f"Photograph of specimen {sheet.specimen}")
+        yield Photograph(photograph, f"Photograph of specimen {sheet.specimen}")
     facts = {
         "specimen": "; ".join(
             filter(None, (sheet.serial and f"serial {sheet.serial}", sheet.batch and f"batch {sheet.batch}", sheet.description))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.common import Table
 from app.plotting import ReportPlot, VectorDrawing
-from app.report.document import Block, Paragraph, Picture, Report
+from app.report.document import Block, Paragraph, Photograph, Report
 from app.report.drawings import Drawings
 from protocols.base import write_atomic
 
@@ -91,7 +91,7 @@ def _html_blocks(
                 caption = f"<figcaption>{escape(block.caption)}</figcaption>" if block.caption else ""
                 svg = "".join(drawing.svg for drawing in next(plots))
                 yield f"<figure><{heading}>{escape(block.title)}</{heading}>{svg}{caption}</figure>"
-            case Picture():
+            case Photograph():
                 kind = "png" if block.data.startswith(b"\x89PNG") else "jpeg"
                 source = f"data:image/{kind};base64,{b64encode(block.data).decode()}"
                 yield f"<img class='photograph' alt='{escape(block.description, quote=True)}' src='{source}'>"

@@ -31,7 +31,7 @@ from reportlab.platypus import Table as Grid
 
 from app.common import Table
 from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in
-from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Picture, Report
+from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Photograph, Report
 from app.report.drawings import Drawings
 from protocols.base import replacing
 
@@ -143,7 +143,7 @@ class _Picture(Flowable):  # type: ignore[misc]
 
 def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
     right = PAGE[0] - LEFT
-    photographs = (block.data for block in report.first_page if isinstance(block, Picture))
+    photographs = (block.data for block in report.first_page if isinstance(block, Photograph))
     for data in filter(None, (report.logo, *photographs)):
         picture = ImageReader(BytesIO(data))
         width, height = picture.getSize()
@@ -240,7 +240,7 @@ def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]], titled: bool 
                 *map(_Picture, others),
                 *caption,
             ]
-        case Picture():
+        case Photograph():
             return []  # beside the heading of the page
         case Table() if block.vertical:
             rows = zip(block.headings, block.text_rows[0], strict=True)

@@ -119,7 +119,7 @@ def test_a_rigol_found_in_dc_is_read_where_it_tells_the_truth() -> None:
     assert not source.is_at_rest(2.5, 0.0, 5.0)
 
 
-@pytest.mark.parametrize(("dwell_s", "rise_s", "packets"), [(0.5, 0.5, 1), (1.0, 0.005, 6), (3.0, 0.005, 5)])
+@pytest.mark.parametrize(("dwell_s", "rise_s", "packets"), [(0.5, 0.5, 1), (1.0, 0.005, 6), (3.0, 0.005, 16)])
 def test_a_rigol_plays_at_the_rate_it_was_told_whatever_the_size_of_a_waveform(
     dwell_s: float, rise_s: float, packets: int
 ) -> None:

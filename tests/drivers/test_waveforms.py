@@ -124,7 +124,7 @@ def test_a_drive_survives_a_file(drive: Drive) -> None:
 
 @pytest.mark.parametrize("drive", EVERY)
 def test_a_quantity_of_zero_is_no_drive(drive: Drive) -> None:
-    levels = {"level_v", "levels_v", "start_v", "stop_v", "offset_v"}
+    levels = {"level_v", "levels_v", "start_v", "stop_v", "offset_v", "fade_s"}
     for name in as_record(drive).keys() - levels - {"kind"}:
         with pytest.raises(ValueError, match=f"{drive.kind}: {name} must be positive, not 0"):
             from_record(as_record(drive) | {name: 0.0})

@@ -1,6 +1,7 @@
 """Aspects of protocols: where a built-in protocol, a laboratory's and an unknown one have theirs."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ class Mine(Base):
 @pytest.mark.parametrize("name", BUILT_IN_PROTOCOLS)
 def test_aspects_of_a_built_in_protocol_are_in_its_module(name: str) -> None:
     module = PROTOCOLS[name].__module__.rpartition(".")[2]
-    assert type(aspects_of(name)).__module__ == f"protocols.aspects.{module}"
+    assert aspects_of(name) is import_module(f"protocols.aspects.{module}").ASPECTS
     assert PROTOCOLS[name].aspects is aspects_of(name)
 
 

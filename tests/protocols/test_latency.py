@@ -127,8 +127,7 @@ def test_a_response_that_stays_below_the_threshold_has_no_latency_and_a_warning(
     assert "does not reach 50 µm under a step" in protocol.warnings(ran.points)[0]
     assert protocol.promised_estimates(ran.points) == ()
     assert ran.verdict.outcome == "doubtful"
-    (failed,) = (check for check in ran.verdict.checks if not check.passed)
-    assert (failed.value, failed.low) == (0.0, 2.0)
+    assert (0.0, 2.0) in [(check.value, check.low) for check in ran.verdict.checks if not check.passed]
 
 
 def test_an_amplifier_at_its_current_limit_gives_no_good_latency(tmp_path: Path) -> None:

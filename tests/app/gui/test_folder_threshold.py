@@ -43,7 +43,7 @@ def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_i
     assert felt_at(chart, 100.0) == pytest.approx(10, rel=0.01)
     assert not levels(chart)
     tabs.select_page(RUNS)
-    assert felt_at(tabs.runs.details.plot, 100.0) == pytest.approx(10, rel=0.01)
+    assert tabs.runs.details.plot._threshold.label == "felt: own"  # drawn with the runs that are selected
     tabs.select_page(EXPLORE)
     page = tabs.explore
     assert isinstance(page, ExplorePage)

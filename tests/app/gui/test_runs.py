@@ -255,7 +255,7 @@ def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: R
 
 @pytest.mark.deep
 def test_run_without_response_shows_text_and_shortens_long_reason(page: RunsPage) -> None:
-    page.details.show_runs((), 1)
+    page.details.show_runs(None, 1)
     assert page.details.empty_label.isVisible()
     assert not page.details.plot.isVisible()
     page.details.show_selection(

@@ -176,7 +176,7 @@ def test_people_and_air_are_stored_in_a_run_and_found(tmp_path: Path, capsys: py
     assert (checked["checked_by"], checked["operator"], checked["temperature_c"]) == (["Ben"], "Anna Muster", 23.4)
     assert [each["specimen"] for each in listed("--checked-by", "nobody")] == ["T2"]
     assert len(listed("--instrument", "my00000001")) == 2
-    assert len(listed("--search", "muster 23.4 33511B")) == 2
+    assert len(listed("--search", "muster 23.4 instrument:33511B")) == 2
     write_notes(paths[0], tags=("good",))
     assert [check.name for check in read_notes(notes_path(paths[0])).checks] == ["Ben"], "a note keeps the check"
     write_notes(paths[0], tags=())

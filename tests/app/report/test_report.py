@@ -243,7 +243,7 @@ def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> Non
     (dots,) = next(p for p in blocks_of(report, ReportPlot) if "Fig. 9" in p.title).panels[0].points
     assert dots.usable.tolist() == [True, True, True, True, False]
     mu = next(m for m in report.record["merits"] if m["name"] == "mu")  # type: ignore[attr-defined]
-    assert mu["value"] == pytest.approx(TRUTH.mu, rel=0.01)
+    assert mu["value"] == pytest.approx(TRUTH.mu, rel=0.05)
     # Steps and a dwell determine the ratio of moment and stiffness: the wide prior of the stiffness is in the error.
     assert 0.05 < mu["standard_error"] / abs(TRUTH.mu) < 0.15
 
@@ -343,7 +343,7 @@ def test_what_cannot_be_identified_is_said_and_nothing_is_claimed_of_it(copy: Pa
     assert "No statement on threshold and latency" in messages
     assert not known.identifies_free_response
     # The run's own estimates stand, which were stored with it; none is of a model.
-    stored = {"natural_frequency", "damped_frequency", "damping_ratio", "quality_factor"}
+    stored = {"natural_frequency", "damped_frequency", "damping_ratio", "quality_factor", "peak_frequency"}
     assert {merit["name"] for merit in report.record["merits"]} == stored
 
 

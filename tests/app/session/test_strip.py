@@ -397,7 +397,7 @@ def test_a_card_that_could_not_be_read_is_suspect_at_once() -> None:
         ((OPENED, RunRequested("Sine dwell")), "Sine dwell", "begins"),
         ((OPENED, RunRequested("Sine dwell"), STARTED), "Sine dwell", "0 of 18 points, 27 s left"),
         ((*LIVE, ProgressUpdated(1, 18, 25.5, "50 Hz")), "Sine dwell · 50 Hz", "1 of 18 points, 26 s left"),
-        ((*LIVE, AT_REST, COMPLETED), "NOT JUDGED", "Sine dwell, 0 of 18 points"),
+        ((*LIVE, AT_REST, COMPLETED), "Sine dwell", "– not judged, 0 of 18 points"),
     ],
 )
 def test_the_run_is_told_in_two_lines(events: tuple[WindowEvent, ...], title: str, note: str) -> None:
