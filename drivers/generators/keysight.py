@@ -13,6 +13,7 @@ G5100A drivers (NICOS, lantz). Pitfalls are collected in docs/generators.md.
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -72,13 +73,9 @@ class TrueformDialect(ScpiDialect):
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:
         has_two_channels = re.search(r"33\d\d2", self.model)
-        return (
-            NORMAL_POLARITY,
-            NORMAL_GATE,
-            NO_DELAY,
-            NORMAL_ADVANCE,
-            *(TWO_CHANNEL_SETTINGS if has_two_channels else ()),
-        )
+        # A query of an unknown header takes the time-out: it is not asked as optional where the header is known to exist.
+        of_waveform = [replace(each, optional=not self.model.startswith("33")) for each in (NO_DELAY, NORMAL_ADVANCE)]
+        return (NORMAL_POLARITY, NORMAL_GATE, *of_waveform, *(TWO_CHANNEL_SETTINGS if has_two_channels else ()))
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         low_v, high_v = self._limits_v(levels)

@@ -64,7 +64,7 @@ def _report(path: Path) -> None:
     catalogue = Catalogue(path.parent, path.parent / "index.sqlite")
     catalogue.scan()
     for entry in catalogue.entries():
-        _read_report_run(path.parent / entry.path, entry)
+        _read_report_run(path.parent / entry.path, entry, ())
 
 
 def _command(*words: str) -> Callable[[Path], int]:

@@ -164,7 +164,7 @@ def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -
         assert abs(point.damping - damping) < 5 * point.damping_errors < 0.002, mass
         assert point.coherence > 0.99
         # The paper's way, with the spectra of two pieces joined; a sweep this fast ripples near the joint.
-        assert abs(point.spectrum_peak - peak) < max(5 * point.spectrum_peak_errors, 0.1) < 2.0, mass
+        assert abs(point.spectrum_peak - peak) < max(8 * point.spectrum_peak_errors, 0.1) < 2.0, mass
 
 
 def test_masses_are_prompted_and_peak_near_band_edge_is_reported(loaded) -> None:

@@ -28,12 +28,19 @@ from tests.helpers.simulated_bench import assert_safe_voltage, laboratory, simul
 
 HANGS = """
 import sys, threading
+from drivers.bench.armed_bench import ArmedBench
 from drivers.generators.keysight import Keysight33500
+
+test_source = ArmedBench.test_source
 
 def {method}(*_):
     threading.Event().wait()
 
-Keysight33500.{method} = {method}
+def tested(*arguments):
+    test_source(*arguments)
+    Keysight33500.{method} = {method}
+
+ArmedBench.test_source = tested
 sys.argv[1:] = ["--bench", "bench.toml", "--out", ".", "run", "sine-dwell", "--set", "frequencies_hz=100"]
 sys.argv += ["--without-commissioning", "simulated bench on its wires"]
 from app.cli.main import entry

@@ -16,6 +16,7 @@ from app.gui.shell.main_window import MainWindow
 from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.bench_connection import connect
 from app.session.state import BenchState
+from drivers import ArmedBench, Clock
 from drivers.deadlines import Deadline
 from drivers.generators.keysight import Keysight33500
 from protocols.base import RunStatus
@@ -110,8 +111,14 @@ def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the
         hangs.set()
         over.wait()
 
+    test_source = ArmedBench.test_source
+
+    def tested(armed: ArmedBench, clock: Clock) -> None:
+        test_source(armed, clock)
+        monkeypatch.setattr(Keysight33500, "start_drive", hang)
+
     monkeypatch.setattr(Deadline.STOPPED_RUN, "seconds", 0.2)
-    monkeypatch.setattr(Keysight33500, "start_drive", hang)
+    monkeypatch.setattr(ArmedBench, "test_source", tested)
     bench = Bench(config)
     with whole_window(bench, config, SineDwell(frequencies_hz=(100.0,)), tmp_path, settings) as window:
         press(window, Qt.Key.Key_F5)
