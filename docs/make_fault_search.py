@@ -143,6 +143,10 @@ FOUND = """## Found and mended
 | 1276 | a source that played 10 mV was confirmed at rest, since its mean was rest | noise above 5 mV rms is not rest |
 | 366 | the message of another program that a 33511B had refused failed the next run | the errors of the source are cleared when it is found at rest |
 
+Open: a warning that came 2.0 s after another model had answered in the place of a DG1032Z (4473); a latency that a hand at the front panel had
+changed, and that was good (4511); a second run with the sensor as it was set for a membrane, which the person of the search does not set
+back there (4188, 4244, 4435, 4481).
+
 Not seen: an amplifier at its current limit on a bench without a voltage monitor (481, 2144, 2351, 3226). The drive at its input is right, and the
 specimen moves as one with another gain would; a voltage monitor at the amplifier's output shows it (abort levels, `[[channels]]` of the bench file).
 
