@@ -26,7 +26,7 @@ class RunFilter:
     """Part of the identity of an instrument, such as a serial number."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
-        """Return the selected entries, see `split`, those of the first kind first."""
+        """Return the selected entries in the two groups of `split`, the first group first."""
         first, others = self.split(entries)
         return first + others
 

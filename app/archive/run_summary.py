@@ -96,10 +96,10 @@ class RunSummary(NamedTuple):
     checked_by: str = ""
     """Second persons who checked it."""
     search_text: str = ""
-    """Words that are searched, see `search_words`: those of specimen and tags, and in a second line the others."""
+    """Searched words (see `search_words`): words of specimen and tags on the first line, other words on the second."""
     natural_hz: float = -1.0
     largest_m: float = -1.0
-    """Figures by which lists are sorted; -1 where there is none."""
+    """Figures by which lists are sorted; -1 for a missing figure."""
     modified_ns: int = 0
     size: int = 0
     notes_ns: int = 0

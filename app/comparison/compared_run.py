@@ -128,7 +128,7 @@ def _split(run: Run, whole: Series, points: Mapping[str, Array]) -> Iterator[Run
 
 
 def _settings(run: Run, points: Mapping[str, Array], entry: int | None = None) -> dict[str, float]:
-    """Return the settings of some points, or of those of an entry."""
+    """Return the settings of these points, or of the points of one entry."""
     rows = slice(None) if entry is None or ENTRY_COLUMN not in points else points[ENTRY_COLUMN] == entry
     amplitude = run.record.parameters.get("peak_to_peak_v")
     found = {"time": datetime.fromisoformat(run.record.start_time).timestamp()} if run.record.start_time else {}

@@ -135,7 +135,7 @@ class Comparison:
 
     @cached_property
     def layers(self) -> tuple[ComparisonLayer, ...]:
-        """The curves of all runs in the relation, in their order or in that of the waterfall; the model last."""
+        """Curves of all runs in the relation, in the order of the runs or of the waterfall; the model is last."""
         bases = {each.series.label: each.series for each in self._curves_of(self.reference)}
         hidden = {Path(name).name for name in self.view.hidden}
         layers = []

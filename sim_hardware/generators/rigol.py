@@ -231,7 +231,7 @@ class SimulatedRigolDg800(SimulatedRigolDg):
     def _range_commands(self) -> list[wires.ScpiCommand]:
         levels = self._levels
         if not self._is_dg4000:
-            return [*levels.limit_commands("OUTPut[1]:VOLLimit", "[:STATe]", self.format_switch)]
+            return levels.limit_commands("OUTPut[1]:VOLLimit", "[:STATe]", self.format_switch)
         noise = self._choice("OUTPut[1]:NOISe[:STATe]", "added_v", {"OFF": 0.0, "ON": OTHER_CHANNEL_NOISE_V})
         return [
             wires.ScpiCommand("OUTPut[1]:LOAD", levels.set_load, lambda _: self._format_load()),

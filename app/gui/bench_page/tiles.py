@@ -176,7 +176,7 @@ class Tile(QFrame):
             self.use(devices[0])
 
     def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
-        """Return the live value of this instrument, what it is, and as a number for its trace."""
+        """Return the live value of this instrument as text, its meaning, and the value as a number for the trace."""
         return f"{reading.drive_v:z.3f} V", "its output, as the card sees it", reading.drive_v
 
     def _show_tables(self) -> None:

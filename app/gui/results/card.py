@@ -249,7 +249,7 @@ class ResultCard(QFrame):
         return self.summary is not None and Path(self.summary.path).name in self._acceptable
 
     def offer_next(self, title: str) -> None:
-        """Name the next measurement of the campaign on the button that leads to it; empty: there is none."""
+        """Show the name of the next measurement of the campaign on its button; an empty name means that there is none."""
         self.buttons["next"].setText(f"Next: {title.lower()}" if title else "Next")
         self._fit()
 

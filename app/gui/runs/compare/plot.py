@@ -23,7 +23,7 @@ from app.gui.plots import (
 from model import Relation, Role, Series, shown_unit
 
 FEW_RUNS = 3
-"""So many runs are told apart by shapes, too; more by their letters."""
+"""Largest number of runs that are distinguished by symbols as well; more are distinguished by their letters."""
 MAX_SYMBOLS = 120
 """Curves of more points have no symbols."""
 FELT_QUANTITY = "peak to peak over frequency"
