@@ -66,7 +66,7 @@ FINE_GRID_HZ = 500e3
 """Time grid of the plant for fast responses; with the default grid of 10 µs a response at 500 Hz is 2e-4 too small."""
 BLOCK_S = 0.2
 SLOW = ("membrane sag", "hysteresis", "voltage steps", "static loading")
-FAST = ("sweep", "sine dwell", "square dwell")
+FAST = ("sweep", "sine dwell", "square dwell", "latency")
 SAME, DRAWN = "same", "drawn"
 BENCHES = (SAME, DRAWN)
 SEED = 7

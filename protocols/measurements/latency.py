@@ -8,7 +8,7 @@ begin at its onset. The sensor's delay is removed. The amplifier is part of the 
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Interval, Len, Unit
@@ -34,19 +34,20 @@ from protocols.measurements.fields import DriveVpp, QualityFlags, RepeatNumber, 
 from protocols.measurements.result_checks import (
     CABLE_REMEDY,
     group_values,
+    mean_with_error,
     repeatability_check,
     signal_to_noise_check,
     usable_points,
 )
 from protocols.signals import (
-    EDGE_FLOOR,
-    Crossing,
-    edge_average,
+    LEAST_EDGE_SHARE,
+    Edge,
     find_edge,
-    first_crossing,
+    first_crossings,
     fit_frequency,
     fit_sine,
-    last_crossing,
+    last_crossings,
+    remove_edge,
     smooth,
 )
 
@@ -68,12 +69,21 @@ FINAL_SHARE = 0.2
 HARMONICS = 8
 """Harmonics of the steady response to a sine; the amplifier's two slopes generate even ones."""
 
-SETTLED_NOISE = 1.5
-"""Uncertainty of a deviation from the fitted steady state, divided by the uncertainty of a sample."""
+REALISATIONS, SEED = 24, 0
+"""Number of responses with noise added: their scatter has a standard uncertainty of 15 %; the seed makes points repeat exactly."""
+
+EDGE_RESOLUTION = 0.0075
+"""Smallest uncertainty of a time as a share of the edge's duration: ringing faster than the edge is not resolved."""
 
 RISE_LOW, RISE_HIGH = 0.1, 0.9
 EDGE_LIMIT = 1.3
 """Largest recorded duration of an edge over the commanded one: a staircase of 5 µs adds 2 %."""
+
+MAXIMA_BIAS = 1.7
+"""Bias of the largest of many equal maxima over its shift by as much noise again: it grows with the noise to the power 4/3."""
+
+RINGING_S = 1e-3
+"""Width of the polynomial that smooths the deviation from the steady state: only the first mode rings that long."""
 
 LEAST_SIGMAS = 5.0
 """Smallest response in standard uncertainties of a sample."""
@@ -94,7 +104,11 @@ class LatencyPoint:
     threshold_speed: Annotated[float, Unit("m/s"), "speed of the displacement at the threshold"]
     rise: Annotated[float, Unit("s"), "step: 10 % to 90 % of the final value; sine: from its begin to 90 % of its peak"]
     rise_errors: Annotated[float, Unit("s"), "standard uncertainty of the rise"]
-    overshoot: Annotated[float, Unit("1"), "largest excess over the final value, or over the steady peak, as a share"]
+    overshoot: Annotated[
+        float,
+        Unit("1"),
+        "largest excess over the final value, or over the steady peak, as a share; noise can make it negative",
+    ]
     overshoot_errors: Annotated[float, Unit("1"), "standard uncertainty of the overshoot"]
     settling: Annotated[
         float, Unit("s"), "time from the onset until the response stays within the band of its steady state"
@@ -115,7 +129,7 @@ class LatencyPoint:
             felt = "below the threshold"
         return (
             f"{drive}, repeat {self.repeat:g}: {felt}, rise {format_quantity(self.rise, self.rise_errors, 's')}, overshoot "
-            f"{100 * self.overshoot:.1f} %, settled after {1e3 * self.settling:.3g} ms"
+            f"{100 * max(self.overshoot, 0.0):.1f} %, settled after {1e3 * self.settling:.3g} ms"
         )
 
 
@@ -198,31 +212,27 @@ class OnsetLatency(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LatencyPoint:
         recording, kind, repeat = recordings[-1], str(key[0]), float(key[2])
         onset = _step_onset(recording) if kind == STEP else _sine_onset(recording)
-        felt = onset.first(self.threshold_m)
-        low, high = (onset.first(share * onset.final) for share in (RISE_LOW, RISE_HIGH))
-        begin_s = 0.0 if kind == SINE else low.time_s
-        band = self.tolerance * onset.final
-        settled = last_crossing(onset.time_s, np.abs(onset.deviation), band, SETTLED_NOISE * onset.noise)
-        peak = float(onset.moved.max()) / onset.final - 1
+        value, error = onset.times(self.threshold_m, self.tolerance)
+        unsettled = onset.final_drift > self.tolerance * value.final
         return LatencyPoint(
             frequency=float(key[1]) if kind == SINE else 0.0,
             level=recording.drive.high_v if kind == SINE else float(key[1]),
             repeat=repeat,
-            latency=felt.time_s,
-            latency_errors=felt.standard_error,
-            driven_latency=felt.time_s + onset.since_begin_s,
-            threshold_speed=felt.slope_per_s,
-            rise=high.time_s - begin_s,
-            rise_errors=math.hypot(high.standard_error, low.standard_error if kind == STEP else 0.0),
-            overshoot=max(peak, 0.0),
-            overshoot_errors=2 * math.hypot(onset.noise, onset.final_error) / onset.final,
-            settling=settled.time_s,
-            settling_errors=settled.standard_error,
-            final=onset.final,
-            final_errors=onset.final_error,
+            latency=value.latency,
+            latency_errors=error.latency,
+            driven_latency=value.latency + onset.since_begin_s,
+            threshold_speed=value.speed,
+            rise=value.rise,
+            rise_errors=error.rise,
+            overshoot=value.overshoot,
+            overshoot_errors=error.overshoot,
+            settling=value.settling,
+            settling_errors=error.settling,
+            final=value.final,
+            final_errors=error.final,
             drive_step=onset.drive_v,
             edge_time=onset.edge_s,
-            quality=point_quality((recording,), simulated, {Quality.UNSETTLED: onset.final_drift > band}),
+            quality=point_quality((recording,), simulated, {Quality.UNSETTLED: unsettled}),
         )
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
@@ -234,7 +244,7 @@ class OnsetLatency(Protocol):
         return (
             Series(
                 onset.time_s[shown],
-                onset.signed[shown],
+                onset.responses[0, shown],
                 x_axis=SeriesAxis("time", "s", "time since the onset, the sensor's delay removed"),
                 y_axis=SeriesAxis("displacement", "m", "displacement against rest, smoothed"),
                 name=self.default_plot,
@@ -259,7 +269,7 @@ class OnsetLatency(Protocol):
             ("settling", "settling_time"),
             ("threshold_speed", f"threshold_speed, {1e6 * self.threshold_m:g} µm"),
         ):
-            if (mean := _mean_with_error(group, column)) is not None:
+            if (mean := _mean_of_repeats(group, column)) is not None:
                 yield EstimatedQuantity.listed(f"{name}, {onset}", *mean, SOURCE)
 
     @property
@@ -293,59 +303,125 @@ class OnsetLatency(Protocol):
         return (*checks, *repeatability_check("latency", groups, remedy))
 
 
+class _Times(NamedTuple):
+    """Properties of one response, or of several, (M,): times in s, the speed at the threshold in m/s, the final value in m."""
+
+    latency: Any
+    speed: Any
+    rise: Any
+    overshoot: Any
+    settling: Any
+    final: Any
+
+
 @dataclass(frozen=True, slots=True)
 class _Onset:
-    """A smoothed response from its onset.
+    """Smoothed responses from an onset: the measured one, and the same with noise added as it is at rest.
 
     Attributes:
         time_s: time since the onset, sensor's delay removed, (N,).
-        signed, moved: displacement against rest, and its component in the direction of the final value or its modulus, (N,).
-        deviation: deviation from the steady state, (N,); 0 before the onset.
-        noise: standard uncertainty of a smoothed sample.
+        responses: displacement against rest, (1 + M, N); the first is the measured one.
+        steady: columns of the steady state, (N, K): a constant after a step, harmonics of a sine.
+        steady_from: index from which the steady state is fitted.
         final_drift: change of a step's response within the time of its final value, whose mean is final only if it has settled.
-        averaged: `moved` averaged over the edge once more; the change bounds the remaining effect of the edge. None for a sine.
-        since_begin_s: time from the begin of the drive's edge to the onset.
+        edge: edge of the drive; None for a sine.
     """
 
     time_s: Array
-    signed: Array
-    moved: Array
-    deviation: Array
-    noise: float
-    final: float
-    final_error: float
+    responses: Array
+    steady: Array
+    steady_from: int
+    rate_hz: float
     drive_v: float
-    commanded_v: float
     final_drift: float = 0.0
-    edge_s: float = 0.0
-    edge_spread_s: float = 0.0
-    since_begin_s: float = 0.0
-    averaged: Array | None = None
+    edge: Edge | None = None
 
-    def first(self, level: float) -> Crossing:
-        """Return the first crossing of a level, with the remaining effect of the edge."""
-        crossing = first_crossing(self.time_s, self.moved, level, self.noise)
-        if self.averaged is None or not math.isfinite(crossing.time_s):
-            return crossing
-        again = first_crossing(self.time_s, self.averaged, level, self.noise)
-        left = again.time_s - crossing.time_s if math.isfinite(again.time_s) else self.edge_spread_s
-        error = math.hypot(crossing.standard_error, left, EDGE_FLOOR * self.edge_spread_s)
-        return Crossing(crossing.time_s, error, crossing.slope_per_s)
+    @property
+    def edge_s(self) -> float:
+        """Duration of the drive's edge; 0 for a sine."""
+        return self.edge.duration_s if self.edge else 0.0
+
+    @property
+    def since_begin_s(self) -> float:
+        """Time from the begin of the drive's edge to the onset."""
+        return self.edge.centroid_s - self.edge.begin_s if self.edge else 0.0
+
+    def times(self, threshold_m: float, tolerance: float) -> tuple[_Times, _Times]:
+        """Return the properties for an ideal onset, and their standard uncertainties.
+
+        The scatter over the responses with added noise is the uncertainty, and their mean shift, by which noise makes a first crossing
+        early, a last one late and a maximum large, is removed. A step adds the change by a coarser removal of its edge.
+        """
+        responses, left = self.responses, 0.0
+        if self.edge is not None:
+            responses = remove_edge(responses, self.edge, self.rate_hz)
+        found = np.array(self._properties(responses, threshold_m, tolerance))
+        if self.edge is not None:
+            smoother = remove_edge(self.responses[:1], self.edge, self.rate_hz, 2 * LEAST_EDGE_SHARE)
+            left = np.abs(found[:, 0] - np.array(self._properties(smoother, threshold_m, tolerance))[:, 0])
+        value = found[:, 0]
+        shifted = found[:, 1:] - value[:, None]
+        missing = np.isnan(shifted).any(1)
+        bias = np.where(missing, 0.0, shifted.mean(1))
+        if self.edge is None:
+            bias[_Times._fields.index("overshoot")] *= MAXIMA_BIAS
+        scatter = np.where(missing, np.inf, shifted.std(1, ddof=1))
+        error = np.hypot(scatter, np.where(np.isnan(left), np.inf, left))
+        error = np.where(np.isnan(value), np.nan, np.hypot(error, EDGE_RESOLUTION * self.edge_s * _IS_TIME))
+        return _Times(*map(float, value - bias)), _Times(*map(float, error))
+
+    def _properties(self, responses: Array, threshold_m: float, tolerance: float) -> _Times:
+        """Return the properties of responses, (M, N); each (M,)."""
+        late = slice(self.steady_from, None)
+        steady = np.linalg.lstsq(self.steady[late], responses[:, late].T, rcond=None)[0].T @ self.steady.T
+        final = np.abs(steady).max(1)
+        after = self.time_s > 0
+        is_sine = self.edge is None
+        moved = np.where(after, np.abs(responses), 0.0) if is_sine else np.sign(steady[:, :1]) * responses
+        felt = first_crossings(self.time_s, moved, threshold_m)
+        high = first_crossings(self.time_s, moved, RISE_HIGH * final)
+        low = 0.0 if is_sine else first_crossings(self.time_s, moved, RISE_LOW * final)
+        deviation = np.where(after, np.abs(smooth(responses - steady, self.rate_hz, RINGING_S)), 0.0)
+        at = np.clip(np.searchsorted(self.time_s, felt), 1, self.time_s.size - 1)
+        rows = np.arange(len(responses))
+        speed = np.where(np.isnan(felt), np.nan, (moved[rows, at] - moved[rows, at - 1]) * self.rate_hz)
+        return _Times(
+            felt,
+            speed,
+            high - low,
+            moved.max(1) / final - 1,
+            last_crossings(self.time_s, deviation, tolerance * final),
+            final,
+        )
 
 
-def _rest(recording: Recording, begin: int) -> tuple[float, float, float]:
-    """Return displacement at rest before the onset, its standard uncertainty including hum, and the noise of a sample."""
-    quiet = recording.displacement_m[max(begin // 4, 0) : max(begin - 5, 8)]
-    hum = math.sqrt(sum(line.amplitude_m**2 / 2 for line in recording.interference if line.significant))
-    noise = float(np.std(np.diff(quiet))) / math.sqrt(2)
-    return float(quiet.mean()), math.hypot(noise / math.sqrt(quiet.size), hum), noise
+_TIMES = "latency", "rise", "settling"
+_IS_TIME = np.array([name in _TIMES for name in _Times._fields], float)
 
 
-def _check_follows(drive: str, final_m: float, error_m: float) -> None:
-    if final_m <= LEAST_SIGMAS * error_m:
+def _with_noise(recording: Recording, begin: int) -> Array:
+    """Return the smoothed displacement against rest, and the same with noise and hum as at rest added; (1 + M, N)."""
+    rest = slice(max(begin // 4, 0), max(begin - 5, 8))
+    samples, rate = recording.displacement_m, recording.rate_hz
+    noise = float(np.std(np.diff(samples[rest]))) / math.sqrt(2)
+    random = np.random.default_rng(SEED)
+    added = noise * random.standard_normal((REALISATIONS, samples.size))
+    for line in recording.interference:
+        if line.significant:
+            phases = random.uniform(0, 2 * math.pi, (REALISATIONS, 1))
+            turned = np.exp(2j * np.pi * line.frequency_hz / rate * np.arange(samples.size))
+            added += line.amplitude_m * (np.exp(1j * phases) * turned).imag
+    responses = np.vstack([samples, samples + added])
+    return smooth(responses - responses[:, rest].mean(1)[:, None], rate)
+
+
+def _check_follows(drive: str, onset: _Onset) -> _Onset:
+    late = onset.responses[:, onset.steady_from :]
+    if np.abs(late[0]).max() <= LEAST_SIGMAS * float(np.std(late[1:] - late[0])):
         raise ValueError(
             f"the displacement does not follow the {drive}: check that high voltage is on and the laser meets the tactor"
         )
+    return onset
 
 
 def _step_onset(recording: Recording) -> _Onset:
@@ -353,34 +429,15 @@ def _step_onset(recording: Recording) -> _Onset:
     if not isinstance(drive, Steps):
         raise ValueError("the recording is not one under a step")
     edge = find_edge(recording.drive_v, rate, drive.rise_s, drive.dwell_s)
-    begin = int(edge.begin_s * rate)
-    rest_m, rest_error, noise = _rest(recording, begin)
-    smoothed, left = smooth(recording.displacement_m - rest_m, rate)
-    time = np.arange(smoothed.size) / rate - edge.centroid_s - recording.sensor_delay_s
+    responses = _with_noise(recording, int(edge.begin_s * rate))
+    time = np.arange(responses.shape[1]) / rate - edge.centroid_s - recording.sensor_delay_s
     held = (time > -0.5 * drive.dwell_s) & (time < drive.dwell_s - drive.rise_s)
-    time, smoothed = time[held], smoothed[held]
-    end = smoothed[time > (1 - FINAL_SHARE) * time[-1]]
-    sign = math.copysign(1.0, float(end.mean()))
-    final = abs(float(end.mean()))
-    sample_error = math.hypot(noise * left, rest_error)
-    _check_follows("step", final, sample_error)
-    moved = sign * smoothed
-    return _Onset(
-        time,
-        smoothed,
-        moved,
-        np.where(time > 0, moved - final, 0.0),
-        sample_error,
-        final,
-        math.hypot(rest_error, noise / math.sqrt(end.size)),
-        edge.step_v,
-        drive.levels_v[1] - drive.levels_v[0],
-        abs(float(np.diff([half.mean() for half in np.array_split(end, 2)])[0])),
-        edge.duration_s,
-        edge.spread_s,
-        edge.centroid_s - edge.begin_s,
-        edge_average(moved, edge, rate),
-    )
+    time, responses = time[held], responses[:, held]
+    steady_from = int(np.searchsorted(time, (1 - FINAL_SHARE) * time[-1]))
+    halves = np.array_split(responses[0, steady_from:], 2)
+    drift = abs(float(halves[1].mean() - halves[0].mean()))
+    onset = _Onset(time, responses, np.ones((time.size, 1)), steady_from, rate, edge.step_v, drift, edge)
+    return _check_follows("step", onset)
 
 
 def _sine_onset(recording: Recording) -> _Onset:
@@ -397,38 +454,23 @@ def _sine_onset(recording: Recording) -> _Onset:
     # The sine rises through its offset at whole turns of its phase: the last one before it is seen away from the offset.
     phase = float(np.angle(driven.fundamental)) / (2 * math.pi)
     begin_s = first / rate - (phase % 1.0) / frequency
-    rest_m, rest_error, noise = _rest(recording, int(begin_s * rate))
-    smoothed, left = smooth(recording.displacement_m - rest_m, rate)
-    time = np.arange(smoothed.size) / rate - begin_s - recording.sensor_delay_s
+    responses = _with_noise(recording, int(begin_s * rate))
+    time = np.arange(responses.shape[1]) / rate - begin_s - recording.sensor_delay_s
     kept = (time > -0.05) & (time < drive.duration_s - 2e-3)
-    time, smoothed = time[kept], smoothed[kept]
+    time, responses = time[kept], responses[:, kept]
+    turns = np.exp(2j * np.pi * frequency * np.outer(time, np.arange(1, HARMONICS + 1)))
+    steady = np.hstack([np.ones((time.size, 1)), turns.real, turns.imag])
     steady_from = int(np.searchsorted(time, 0.5 * drive.duration_s))
-    steady = fit_sine(smoothed[steady_from:], rate, frequency, HARMONICS)
-    orders = np.arange(1, len(steady.components) + 1)
-    turns = np.exp(2j * np.pi * frequency * np.outer(time - time[steady_from], orders))
-    waveform = (turns @ steady.components).imag + steady.offset
-    final = float(np.abs(waveform).max())
-    sample_error = math.hypot(noise * left, rest_error)
-    _check_follows("sine", final, sample_error)
-    return _Onset(
-        time,
-        smoothed,
-        np.where(time > 0, np.abs(smoothed), 0.0),
-        np.where(time > 0, smoothed - waveform, 0.0),
-        sample_error,
-        final,
-        math.hypot(rest_error, steady.standard_error),
-        abs(driven.fundamental),
-        drive.amplitude_v,
-    )
+    onset = _Onset(time, responses, steady, steady_from, rate, abs(driven.fundamental))
+    return _check_follows("sine", onset)
 
 
-def _mean_with_error(group: Sequence[Any], column: str) -> tuple[float, float] | None:
-    """Return the mean of the finite values and its uncertainty: their common uncertainty, and the scatter of the mean."""
+def _mean_of_repeats(group: Sequence[Any], column: str) -> tuple[float, float] | None:
+    """Return the mean of the finite values and its uncertainty; the edge's resolution is common to the repeats."""
     pairs = [(getattr(p, column), getattr(p, f"{column}_errors", 0.0)) for p in group]
-    finite = np.array([(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)])
-    if not finite.size:
+    finite = [(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)]
+    if not finite:
         return None
-    values, errors = finite.T
-    scatter = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size > 1 else 0.0
-    return float(values.mean()), math.hypot(scatter, float(np.median(errors)))
+    mean, error = mean_with_error(finite)
+    common = EDGE_RESOLUTION * float(np.median([p.edge_time for p in group])) if column in _TIMES else 0.0
+    return mean, math.hypot(error, common)

@@ -106,7 +106,7 @@ def labelled_weight_checks(
     for mass, sides in groups.items():
         for side, repeats in sides.items():
             if repeats:
-                by_side.setdefault(side, {})[mass] = _mean_with_error(repeats)
+                by_side.setdefault(side, {})[mass] = mean_with_error(repeats)
     ratios: dict[float, list[tuple[float, float]]] = {}
     for means in by_side.values():
         for mass, (value, error) in means.items():
@@ -170,7 +170,8 @@ def _line(x: Array, y: Array) -> tuple[float, float, float]:
     return slope, start, float(np.sum((y - start - slope * x) ** 2))
 
 
-def _mean_with_error(repeats: Sequence[tuple[float, float]]) -> tuple[float, float]:
+def mean_with_error(repeats: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the mean of values with standard uncertainties, and its own: of theirs, at least of the scatter of `MIN_REPEATS` or more."""
     values = np.array([value for value, _ in repeats])
     own = math.sqrt(sum(error**2 for _, error in repeats)) / len(repeats)
     scatter = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size >= MIN_REPEATS else 0.0

@@ -16,7 +16,7 @@ the reason.
     step_detection  WeightStepDetector                a weight placed on the tactor, online
     creep      fit_creep                              logarithmic creep per decade
     loop       fold, measure_loops                    width, area, asymmetry of hysteresis loops
-    onset      find_edge, first_crossing              crossing of a level after a step or a sine's onset
+    onset      find_edge, first_crossings             crossing of a level after a step or a sine's onset
     decay      fit_decay                              frequency and damping of a free decay
 
 `checks` and `spectral_blocks` are shared by several of them. Each name is imported when it is first used.

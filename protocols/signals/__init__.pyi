@@ -24,12 +24,12 @@ from .loop import measure_loops as measure_loops
 from .loop import subtract_mean_line as subtract_mean_line
 from .modal_fit import ModalFit as ModalFit
 from .modal_fit import fit_sdof as fit_sdof
-from .onset import EDGE_FLOOR as EDGE_FLOOR
-from .onset import Crossing as Crossing
-from .onset import edge_average as edge_average
+from .onset import LEAST_EDGE_SHARE as LEAST_EDGE_SHARE
+from .onset import Edge as Edge
 from .onset import find_edge as find_edge
-from .onset import first_crossing as first_crossing
-from .onset import last_crossing as last_crossing
+from .onset import first_crossings as first_crossings
+from .onset import last_crossings as last_crossings
+from .onset import remove_edge as remove_edge
 from .onset import smooth as smooth
 from .peak import dwell_peak as dwell_peak
 from .peak import joined_spectrum_peak as joined_spectrum_peak

@@ -1,17 +1,15 @@
 """Latency of a sampled response: first and last crossing of a level, and the edge of the drive.
 
-A drive cannot jump: its edge has a duration. The response to an edge is the response to an ideal step, averaged over the edge's
-slope; to first order it is the response to the step, delayed by the edge's centroid in time. `Edge` gives the centroid from the
-recorded drive, and the change by a second, equal average bounds the error of the first order.
+A drive cannot jump: its edge has a duration. The response to an edge is the response to an ideal step at the edge's centroid,
+averaged over the edge. `find_edge` gives the centroid from the recorded drive, `remove_edge` undoes the average.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from model import Array, Mask
+from model import Array
 
 SMOOTHING_S = 1e-4
 """Width of the polynomial that smooths the response: a quarter of a period of the second mode, at 2.3 kHz."""
@@ -19,8 +17,8 @@ SMOOTHING_S = 1e-4
 POLYNOMIAL_ORDER = 3
 MIN_SMOOTHING_SAMPLES = 5
 
-EDGE_FLOOR = 0.1
-"""Smallest uncertainty as a share of the edge's standard deviation in time: ringing faster than the edge is not resolved."""
+LEAST_EDGE_SHARE = 0.2
+"""Share of a component that the average over an edge must leave for its restoration: the noise there grows two and a half times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +29,11 @@ class Edge:
         centroid_s: time of the centroid of its slope, after the first sample.
         spread_s: standard deviation of its slope in time; a straight edge of T has T / sqrt(12).
         step_v: level after minus level before.
-        kernel: the slope as recorded, one weight per sample, sum 1, (K,).
     """
 
     centroid_s: float
     spread_s: float
     step_v: float
-    kernel: Array
 
     @property
     def duration_s(self) -> float:
@@ -77,80 +73,60 @@ def find_edge(drive_v: Array, rate_hz: float, nominal_s: float, dwell_s: float) 
     time = (at - half + 0.5 + np.arange(kernel.size)) / rate_hz
     centroid = float(kernel @ time)
     spread = math.sqrt(max(float(kernel @ (time - centroid) ** 2), (0.3 / rate_hz) ** 2))
-    return Edge(centroid, spread, after - before, kernel)
+    return Edge(centroid, spread, after - before)
 
 
-def edge_average(samples: Array, edge: Edge, rate_hz: float) -> Array:
-    """Return the samples averaged again over the edge, about the same time; (N,)."""
-    half = max(round(edge.duration_s * rate_hz / 2), 1)
-    padded = np.pad(samples, half, mode="edge")
-    return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"))
+def remove_edge(responses: Array, edge: Edge, rate_hz: float, least_share: float = LEAST_EDGE_SHARE) -> Array:
+    """Return the responses to an ideal step at the edge's centroid: the average over a straight edge, undone (Wiener); (..., N).
 
-
-def smooth(samples: Array, rate_hz: float) -> tuple[Array, float]:
-    """Return the samples smoothed by a local polynomial, (N,), and the remaining share of white noise's standard deviation."""
-    from scipy.signal import savgol_coeffs, savgol_filter
-
-    width = max(round(SMOOTHING_S * rate_hz), MIN_SMOOTHING_SAMPLES) | 1
-    left = float(np.sqrt(np.sum(savgol_coeffs(width, POLYNOMIAL_ORDER) ** 2)))
-    return np.asarray(savgol_filter(samples, width, POLYNOMIAL_ORDER)), left
-
-
-LEVEL_SIGMAS = 1.5
-"""Shift of a level, in standard uncertainties of a sample, for the uncertainty of its crossing: noise makes a first crossing
-early and a last one late, by up to about one of them."""
-
-
-@dataclass(frozen=True, slots=True)
-class Crossing:
-    """Crossing of a level by a response; NaN without one.
-
-    Attributes:
-        time_s: time of the crossing.
-        standard_error: half of its shift between levels moved by `LEVEL_SIGMAS` uncertainties of the response to both sides; more
-            than the noise over the slope if the response barely reaches the level.
-        slope_per_s: slope of the response at the crossing, in its unit per second.
+    Components of which the edge leaves less than `least_share` are not restored; a response to an edge of 0.28 ms lacks those near 3.6 kHz.
     """
+    from scipy.fft import irfft, next_fast_len, rfft
 
-    time_s: float
-    standard_error: float
-    slope_per_s: float
-
-
-def first_crossing(time_s: Array, response: Array, level: float, noise: float) -> Crossing:
-    """Return the time at which `response`, (N,), first reaches `level`; `noise` is its standard uncertainty at a sample."""
-    return _crossing(time_s, response, level, noise, lambda at: _first(time_s, response >= at, response, at))
-
-
-def last_crossing(time_s: Array, response: Array, level: float, noise: float) -> Crossing:
-    """Return the time after which `response`, (N,), stays below `level`; NaN if it does not until its end."""
-    return _crossing(time_s, response, level, noise, lambda at: _last(time_s, response > at, response, at))
+    size = responses.shape[-1]
+    whole = next_fast_len(size + 20 * math.ceil(edge.duration_s * rate_hz), real=True)
+    # The record repeats in the transform: it returns smoothly from its end to its begin.
+    back = 0.5 - 0.5 * np.cos(np.linspace(0, math.pi, whole - size))
+    ends = responses[..., -1:] + (responses[..., :1] - responses[..., -1:]) * back
+    share = np.sinc(np.fft.rfftfreq(whole, 1 / rate_hz) * edge.duration_s)
+    gain = (1 + least_share**2) * share / (share**2 + least_share**2)
+    return np.asarray(irfft(rfft(np.concatenate([responses, ends], axis=-1)) * gain, whole)[..., :size])
 
 
-def _crossing(time_s: Array, response: Array, level: float, noise: float, find: Callable[[float], float]) -> Crossing:
-    at, early, late = (find(value) for value in (level, level - LEVEL_SIGMAS * noise, level + LEVEL_SIGMAS * noise))
-    if not math.isfinite(at):
-        return Crossing(math.nan, math.nan, math.nan)
-    spread = 0.5 * abs(late - early) if math.isfinite(late - early) else math.inf
-    i = min(max(int(np.searchsorted(time_s, at)), 1), time_s.size - 1)
-    slope = float((response[i] - response[i - 1]) / (time_s[i] - time_s[i - 1]))
-    return Crossing(at, spread, slope)
+def smooth(samples: Array, rate_hz: float, width_s: float = SMOOTHING_S) -> Array:
+    """Return the samples smoothed by a local polynomial; (..., N)."""
+    from scipy.signal import savgol_filter
+
+    width = max(round(width_s * rate_hz), MIN_SMOOTHING_SAMPLES) | 1
+    return np.asarray(savgol_filter(samples, width, POLYNOMIAL_ORDER))
 
 
-def _first(time_s: Array, reached: Mask, response: Array, level: float) -> float:
-    indices = np.flatnonzero(reached)
-    return math.nan if not indices.size else _interpolated(time_s, response, int(indices[0]), level)
+def first_crossings(time_s: Array, responses: Array, levels: Array | float) -> Array:
+    """Return the time at which each response first reaches its level; NaN where it does not.
+
+    Args:
+        time_s: (N,).
+        responses: (M, N).
+        levels: (M,), or one for all.
+
+    Returns:
+        (M,), interpolated between samples.
+    """
+    reached = responses >= np.broadcast_to(levels, len(responses))[:, None]
+    return np.where(reached.any(1), _interpolated(time_s, responses, levels, reached.argmax(1)), np.nan)
 
 
-def _last(time_s: Array, outside: Mask, response: Array, level: float) -> float:
-    indices = np.flatnonzero(outside)
-    if not indices.size:
-        return float(time_s[0])
-    return math.nan if indices[-1] == time_s.size - 1 else _interpolated(time_s, response, int(indices[-1]) + 1, level)
+def last_crossings(time_s: Array, responses: Array, levels: Array | float) -> Array:
+    """Return the time after which each response stays below its level, (M,); NaN where it does not until its end."""
+    outside = responses > np.broadcast_to(levels, len(responses))[:, None]
+    after = outside.shape[1] - outside[:, ::-1].argmax(1)  # the first index inside
+    found = _interpolated(time_s, responses, levels, np.minimum(after, outside.shape[1] - 1))
+    return np.where(outside.any(1), np.where(outside[:, -1], np.nan, found), time_s[0])
 
 
-def _interpolated(time_s: Array, response: Array, i: int, level: float) -> float:
-    if i == 0 or response[i] == response[i - 1]:
-        return float(time_s[i])
-    share = (level - response[i - 1]) / (response[i] - response[i - 1])
-    return float(time_s[i - 1] + share * (time_s[i] - time_s[i - 1]))
+def _interpolated(time_s: Array, responses: Array, levels: Array | float, at: Array) -> Array:
+    rows, before = np.arange(len(responses)), np.maximum(at - 1, 0)
+    low, high = responses[rows, before], responses[rows, at]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(high == low, 1.0, (levels - low) / (high - low))
+    return np.asarray(time_s[before] + share * (time_s[at] - time_s[before]))

@@ -39,6 +39,7 @@ def true_step(
         history.append(first_s + i * SPACING_S + SPAN_S, ConstantSegment(rest_v))
     begin_s = first_s + before * SPACING_S
     time, moved = _motion(plant, begin_s, SPAN_S - 1e-3)
+    time = time + 0.5 / GRID_HZ  # the plant's step on the grid is half a grid step early
     final = float(moved[time > 0.8 * SPAN_S].mean())
     moved = moved * np.sign(final)
     final = abs(final)
@@ -57,11 +58,13 @@ def true_sine(parameters: SimulationParameters, frequency_hz: float, amplitude_v
         history.append(at_s, PeriodicSegment(at_s, frequency_hz, amplitude_v, rest_v, 0.0, rest_v, cycles))
         history.append(at_s + span_s, ConstantSegment(rest_v))
     time, moved = _motion(plant, begin_s, span_s)
-    period = round(GRID_HZ / frequency_hz)
-    steady = moved[-3 * period : -2 * period]
+    # A period is no whole number of grid steps: the steady state is a Fourier series, fitted to the last fifth.
+    turns = np.exp(2j * np.pi * frequency_hz * np.outer(time, np.arange(1, 21)))
+    series = np.hstack([np.ones((time.size, 1)), turns.real, turns.imag])
+    late = slice(-time.size // 5, None)
+    steady = series @ np.linalg.lstsq(series[late], moved[late], rcond=None)[0]
     final = float(np.abs(steady).max())
-    since = np.arange(moved.size) - (moved.size - 3 * period)
-    deviation = np.abs(moved - steady[since % period])
+    deviation = np.abs(moved - steady)
     deviation[time <= 0] = 0.0
     moved = np.abs(moved)
     return TrueLatency(
@@ -83,17 +86,20 @@ def _plant(parameters: SimulationParameters) -> tuple[VoltageHistory, Plant]:
 
 
 def _motion(plant: Plant, begin_s: float, span_s: float) -> tuple[Array, Array]:
-    """Return times since the begin, and the motion against rest; a step on the grid is half a grid step early."""
+    """Return times since the begin, and the motion against rest."""
     for watched_s in np.arange(0.4, begin_s - 0.02, 0.01):  # the plant skips what is not observed, with its hysteresis
         plant.displacement(np.array([watched_s]))
     time = np.arange(round(-0.01 * GRID_HZ), round(span_s * GRID_HZ)) / GRID_HZ
     moved = np.concatenate([plant.displacement(begin_s + part) for part in np.array_split(time, 8)])
-    return time + 0.5 / GRID_HZ, moved - moved[: round(0.009 * GRID_HZ)].mean()
+    return time, moved - moved[: round(0.009 * GRID_HZ)].mean()
 
 
 def _first(time: Array, moved: Array, level: float) -> float:
     above = np.flatnonzero(moved >= level)
-    return float(time[above[0]]) if above.size else float("nan")
+    if not above.size:
+        return float("nan")
+    around = slice(above[0] - 1, above[0] + 1)
+    return float(np.interp(level, moved[around], time[around]))
 
 
 def _last(time: Array, deviation: Array, level: float) -> float:

@@ -18,7 +18,7 @@ from model.response import PUBLISHED_LATENCIES, step_latency
 from protocols.base import Outcome, Quality, RunStatus
 from protocols.measurements.latency import SINE, STEP, OnsetLatency
 from protocols.runfile.reader import Run
-from protocols.signals.onset import edge_average, find_edge, first_crossing, last_crossing, smooth
+from protocols.signals.onset import Edge, find_edge, first_crossings, last_crossings, remove_edge, smooth
 from tests.helpers.latency_truth import TrueLatency, true_sine, true_step
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
@@ -154,17 +154,46 @@ def test_the_edge_of_a_staircase_and_crossings_of_a_noisy_line() -> None:
     assert edge.centroid_s == pytest.approx(0.030125, abs=2e-7)
     assert edge.duration_s == pytest.approx(2.5e-4, rel=0.01)
     assert edge.step_v == pytest.approx(2.5)
-    bent = edge_average(time**2, edge, rate)[3000] - time[3000] ** 2
-    assert bent == pytest.approx(2.5e-4**2 / 12, rel=0.15)
     with pytest.raises(ValueError, match="the recorded drive shows no step: check the cable"):
         find_edge(np.full(6000, 2.5), rate, 2.5e-4, 0.02)
-    noise = np.random.default_rng(1).normal(0, 0.01, time.size)
-    line, left = smooth(time * 100 - 3 + noise, rate)
-    found = first_crossing(time, line, 1.0, 0.01 * left)
-    assert abs(found.time_s - 0.04) < 3 * found.standard_error < 3e-4
-    assert last_crossing(time, line, 100.0, 0.01).time_s == 0.0
-    assert np.isnan(last_crossing(time, line, 0.0, 0.01).time_s)
-    assert np.isnan(first_crossing(time, line, 100.0, 0.01).time_s)
+    noise = np.random.default_rng(1).normal(0, 0.01, (50, time.size))
+    lines = smooth(time * 100 - 3 + noise, rate)
+    for found in (
+        first_crossings(time, lines, 1.0),
+        last_crossings(time, -lines, np.full(50, -1.0)),
+    ):
+        assert np.abs(found - 0.04).max() < 3e-4
+        assert np.abs(found.mean() - 0.04) < 5e-5
+    nowhere = np.array([100.0])
+    assert last_crossings(time, lines[:1], nowhere) == 0.0
+    assert np.isnan(last_crossings(time, lines[:1], -nowhere))
+    assert np.isnan(first_crossings(time, lines[:1], nowhere))
+
+
+@pytest.mark.parametrize("edge_s", [1e-4, 2.8e-4])
+def test_a_response_to_a_straight_edge_becomes_the_response_to_a_step(edge_s: float) -> None:
+    rate, lead_s = 1e5, 0.02
+    time = np.arange(0, 0.1, 1 / rate)
+
+    def ramped(since: np.ndarray, hz: float) -> np.ndarray:
+        """The integral of 1 - exp(-z w t) cos(w t) from 0 to t."""
+        root = (0.03 - 1j) * 2 * np.pi * hz
+        return np.where(since > 0, since - ((1 - np.exp(-root * np.maximum(since, 0))) / root).real, 0.0)
+
+    def response(since: np.ndarray, width_s: float) -> np.ndarray:
+        modes = {150.0: 1.0, 2300.0: 0.02}
+        return sum(
+            share * (ramped(since + width_s / 2, hz) - ramped(since - width_s / 2, hz)) / width_s
+            for hz, share in modes.items()
+        )
+
+    ideal, driven = response(time - lead_s, 1e-9), response(time - lead_s, edge_s)
+    restored = remove_edge(driven[None], Edge(lead_s, edge_s / np.sqrt(12), 2.5), rate)[0]
+    ringing = slice(int((lead_s + edge_s) * rate), None)
+    left, effect = (float(np.abs(each - ideal)[ringing].max()) for each in (restored, driven))
+    assert left < 0.3 * effect, (left, effect)
+    assert np.abs(restored - ideal)[-100:].max() < 1e-3
+    assert np.abs(restored[: int((lead_s - 2 * edge_s) * rate)]).max() < 0.3 * np.abs(driven - ideal).max()
 
 
 @pytest.mark.deep
