@@ -69,6 +69,12 @@ FINAL_SHARE = 0.2
 HARMONICS = 8
 """Harmonics of the steady response to a sine; the amplifier's two slopes generate even ones."""
 
+LEAD_S = 0.02
+"""Time before the onset in which a response is evaluated."""
+
+LONGEST_SINE_S = 0.6
+"""Time after the onset of a sine in which it is evaluated; the second half is its steady state."""
+
 REALISATIONS, SEED = 24, 0
 """Number of responses with noise added: their scatter has a standard uncertainty of 15 %; the seed makes points repeat exactly."""
 
@@ -399,25 +405,35 @@ _TIMES = "latency", "rise", "settling"
 _IS_TIME = np.array([name in _TIMES for name in _Times._fields], float)
 
 
-def _with_noise(recording: Recording, begin: int) -> Array:
-    """Return the smoothed displacement against rest, and the same with noise and hum as at rest added; (1 + M, N)."""
-    rest = slice(max(begin // 4, 0), max(begin - 5, 8))
-    samples, rate = recording.displacement_m, recording.rate_hz
-    noise = float(np.std(np.diff(samples[rest]))) / math.sqrt(2)
+def _with_noise(recording: Recording, onset_s: float, begin: int, until_s: float) -> tuple[Array, Array]:
+    """Return the times since an onset, (N,), and the smoothed displacement against rest, alone and with noise added, (1 + M, N).
+
+    Args:
+        recording: under a step or a sine that begins in it.
+        onset_s: time of the onset in the recording.
+        begin: index of the first sample that is not at rest.
+        until_s: end, after the onset.
+
+    The added noise is that at rest: white noise, and significant lines with random phases.
+    """
+    rate, rest = recording.rate_hz, recording.displacement_m[max(begin // 4, 0) : max(begin - 5, 8)]
+    time = np.arange(recording.displacement_m.size) / rate - onset_s - recording.sensor_delay_s
+    kept = (time > -LEAD_S) & (time < until_s)
+    time, moved = time[kept], recording.displacement_m[kept] - rest.mean()
+    noise = float(np.std(np.diff(rest))) / math.sqrt(2)
     random = np.random.default_rng(SEED)
-    added = noise * random.standard_normal((REALISATIONS, samples.size))
+    added = noise * random.standard_normal((REALISATIONS, time.size))
+    added += noise / math.sqrt(rest.size) * random.standard_normal((REALISATIONS, 1))
     for line in recording.interference:
         if line.significant:
-            phases = random.uniform(0, 2 * math.pi, (REALISATIONS, 1))
-            turned = np.exp(2j * np.pi * line.frequency_hz / rate * np.arange(samples.size))
-            added += line.amplitude_m * (np.exp(1j * phases) * turned).imag
-    responses = np.vstack([samples, samples + added])
-    return smooth(responses - responses[:, rest].mean(1)[:, None], rate)
+            phases = np.exp(2j * np.pi * random.uniform(size=(REALISATIONS, 1)))
+            added += line.amplitude_m * (phases * np.exp(2j * np.pi * line.frequency_hz * time)).imag
+    return time, smooth(np.vstack([moved, moved + added]), rate)
 
 
 def _check_follows(drive: str, onset: _Onset) -> _Onset:
-    late = onset.responses[:, onset.steady_from :]
-    if np.abs(late[0]).max() <= LEAST_SIGMAS * float(np.std(late[1:] - late[0])):
+    measured, *noisy = onset.responses[:, onset.steady_from :]
+    if math.sqrt(np.mean(measured**2)) <= LEAST_SIGMAS * float(np.std(noisy - measured)):
         raise ValueError(
             f"the displacement does not follow the {drive}: check that high voltage is on and the laser meets the tactor"
         )
@@ -429,14 +445,13 @@ def _step_onset(recording: Recording) -> _Onset:
     if not isinstance(drive, Steps):
         raise ValueError("the recording is not one under a step")
     edge = find_edge(recording.drive_v, rate, drive.rise_s, drive.dwell_s)
-    responses = _with_noise(recording, int(edge.begin_s * rate))
-    time = np.arange(responses.shape[1]) / rate - edge.centroid_s - recording.sensor_delay_s
-    held = (time > -0.5 * drive.dwell_s) & (time < drive.dwell_s - drive.rise_s)
-    time, responses = time[held], responses[:, held]
+    begin = int(edge.begin_s * rate)
+    time, responses = _with_noise(recording, edge.centroid_s, begin, drive.dwell_s - drive.rise_s)
     steady_from = int(np.searchsorted(time, (1 - FINAL_SHARE) * time[-1]))
-    halves = np.array_split(responses[0, steady_from:], 2)
-    drift = abs(float(halves[1].mean() - halves[0].mean()))
-    onset = _Onset(time, responses, np.ones((time.size, 1)), steady_from, rate, edge.step_v, drift, edge)
+    first, second = (half.mean() for half in np.array_split(responses[0, steady_from:], 2))
+    onset = _Onset(
+        time, responses, np.ones((time.size, 1)), steady_from, rate, edge.step_v, abs(float(second - first)), edge
+    )
     return _check_follows("step", onset)
 
 
@@ -454,13 +469,11 @@ def _sine_onset(recording: Recording) -> _Onset:
     # The sine rises through its offset at whole turns of its phase: the last one before it is seen away from the offset.
     phase = float(np.angle(driven.fundamental)) / (2 * math.pi)
     begin_s = first / rate - (phase % 1.0) / frequency
-    responses = _with_noise(recording, int(begin_s * rate))
-    time = np.arange(responses.shape[1]) / rate - begin_s - recording.sensor_delay_s
-    kept = (time > -0.05) & (time < drive.duration_s - 2e-3)
-    time, responses = time[kept], responses[:, kept]
+    until_s = min(drive.duration_s - 2e-3, LONGEST_SINE_S)
+    time, responses = _with_noise(recording, begin_s, int(begin_s * rate), until_s)
     turns = np.exp(2j * np.pi * frequency * np.outer(time, np.arange(1, HARMONICS + 1)))
     steady = np.hstack([np.ones((time.size, 1)), turns.real, turns.imag])
-    steady_from = int(np.searchsorted(time, 0.5 * drive.duration_s))
+    steady_from = int(np.searchsorted(time, 0.5 * until_s))
     onset = _Onset(time, responses, steady, steady_from, rate, abs(driven.fundamental))
     return _check_follows("sine", onset)
 
