@@ -45,8 +45,10 @@ from protocols.signals import (
     find_edge,
     first_crossings,
     fit_frequency,
+    fit_lines,
     fit_sine,
     last_crossings,
+    line_samples,
     remove_edge,
     smooth,
 )
@@ -414,20 +416,34 @@ def _with_noise(recording: Recording, onset_s: float, begin: int, until_s: float
         begin: index of the first sample that is not at rest.
         until_s: end, after the onset.
 
-    The added noise is that at rest: white noise, and significant lines with random phases.
+    Lines of the interference are fitted at rest before the onset, and removed. The added noise is that at rest: white noise, and
+    what remains of each line, with a random phase.
     """
-    rate, rest = recording.rate_hz, recording.displacement_m[max(begin // 4, 0) : max(begin - 5, 8)]
-    time = np.arange(recording.displacement_m.size) / rate - onset_s - recording.sensor_delay_s
+    rate, since = recording.rate_hz, max(begin // 4, 0)
+    rest = slice(since, max(begin - 5, 8))
+    lines = [
+        line for line in recording.interference if line.significant and line.frequency_hz > 2 * rate / (begin - since)
+    ]
+    moved, frequencies = (
+        recording.displacement_m - recording.displacement_m[rest].mean(),
+        np.array([line.frequency_hz for line in lines]),
+    )
+    if lines:
+        components = fit_lines(moved[rest], rate, frequencies).components
+        moved[since:] -= line_samples(components, frequencies, moved.size - since, rate)
+    noise = float(np.std(np.diff(moved[rest]))) / math.sqrt(2)
+    time = np.arange(moved.size) / rate - onset_s - recording.sensor_delay_s
     kept = (time > -LEAD_S) & (time < until_s)
-    time, moved = time[kept], recording.displacement_m[kept] - rest.mean()
-    noise = float(np.std(np.diff(rest))) / math.sqrt(2)
+    time, moved = time[kept], moved[kept]
     random = np.random.default_rng(SEED)
     added = noise * random.standard_normal((REALISATIONS, time.size))
-    added += noise / math.sqrt(rest.size) * random.standard_normal((REALISATIONS, 1))
-    for line in recording.interference:
-        if line.significant:
-            phases = np.exp(2j * np.pi * random.uniform(size=(REALISATIONS, 1)))
-            added += line.amplitude_m * (phases * np.exp(2j * np.pi * line.frequency_hz * time)).imag
+    fitted = noise * math.sqrt(2 / (begin - since))
+    added += fitted * random.standard_normal((REALISATIONS, 1))
+    for line in lines:
+        apart_s = until_s / 2 + (begin - since) / (2 * rate)
+        left = math.hypot(fitted, 2 * math.pi * line.frequency_error_hz * apart_s * line.amplitude_m)
+        phases = np.exp(2j * np.pi * random.uniform(size=(REALISATIONS, 1)))
+        added += left * (phases * np.exp(2j * np.pi * line.frequency_hz * time)).imag
     return time, smooth(np.vstack([moved, moved + added]), rate)
 
 

@@ -44,7 +44,9 @@ from .response import concatenate_responses as concatenate_responses
 from .settling import SettlingDetector as SettlingDetector
 from .sine import SineFit as SineFit
 from .sine import fit_frequency as fit_frequency
+from .sine import fit_lines as fit_lines
 from .sine import fit_sine as fit_sine
+from .sine import line_samples as line_samples
 from .step_detection import WeightStepDetector as WeightStepDetector
 from .swept_response import MIN_BINS_PER_LINE as MIN_BINS_PER_LINE
 from .swept_response import estimate_swept_response as estimate_swept_response
