@@ -245,7 +245,7 @@ Written by `python benchmarks/coverage/error_bars.py --page docs/error-bars.md` 
   seed has alike: the misfit of a line or of one mode by hysteresis, a zero that has not crept back, distortions that repeat with a sweep. It decides for numbers without a closed form.
 - **band**: 0.9 to 1.1, widened by the 99.7 % band of chi-square of the seeds. *wide*, *narrow*: below, above it; *biased*: mean error beyond its limit.
 
-*point* and *line* are columns of points and lines of a response, pooled. The simulated plant has a time grid of 2 µs for sweep and dwells, 50 µs for slow protocols, and 10 µs, that of `--bench sim`, otherwise.
+*point* and *line* are columns of points and lines of a response, pooled. The simulated plant has a time grid of 2 µs for sweep, dwells and latency, 50 µs for slow protocols, and 10 µs, that of `--bench sim`, otherwise.
 
 """
 
@@ -253,9 +253,8 @@ Written by `python benchmarks/coverage/error_bars.py --page docs/error-bars.md` 
 NOTES = """
 ## Causes of rows that deviate
 
-- **latency**: the uncertainty of a crossing is its shift by 1.5 standard uncertainties of a sample, and the hum at rest counts in full, although the mean over the rest averages it; the edge of a step
-  leaves up to 14 µs in the rise, which its second average states as an uncertainty; the overshoot of a sine is the largest of many noisy samples; the settling of a sine jumps by half a period
-  where its last swing only grazes the band.
+- **latency**: an edge of 0.28 ms hides what rings faster; the times after a step state 0.75 % of the edge for that, which the modes of this plant do not use up. Where the last swing of a sine
+  only grazes the band, its settling time jumps by half a period with the noise.
 - **linear_young_modulus, sag, E_m**: the stated error has the reference and the geometry, which are the same at every seed of one specimen.
 - **mass resonance**: a piece longer than an octave has the amplifier's second harmonic in the upper part of its spectrum, and `spectrum_peak` moves by up to 0.2 Hz; the pieces of the protocol's
   default and of these settings are shorter.
