@@ -15,6 +15,7 @@ from model.beam import matrices, modal_form, receptance
 from model.identification import nonidealities
 from model.identification import observations as observed
 from model.identification import parameters as fit_parameters
+from model.identification.conditions import conditions_of
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
@@ -161,6 +162,10 @@ class Prediction(NamedTuple):
     values: Any
     derivatives: Any
 
+    def take(self, points: Any) -> "Prediction":
+        """The points `points`, which may be repeated."""
+        return Prediction(self.values[points], self.derivatives[:, points])
+
 
 class ForwardModel:
     """Predictions for one campaign as functions of the parameters `names`.
@@ -189,12 +194,11 @@ class ForwardModel:
             [fit_parameters.typical_size(name, fit_parameters.start_value(name, self._fixed)) for name in self.names]
         )
         self.nonideal = nonidealities.NonidealResponse(observations, amplifier)
-        self._responses = observations.of_type(observed.FrequencyResponseObservation)
-        self._drives = {
-            r.label: 1j * nonidealities.specimen_harmonic(r, amplifier)
-            for r in self._responses
-            if r.fundamental_m is not None
-        }
+        effects = [
+            name for name in ("stiffening", "gain_drift") if name in names or name in tied or self._fixed.get(name)
+        ]
+        self._conditions = conditions_of(observations, effects)
+        self._drives = [1j * nonidealities.specimen_harmonic(each.run, amplifier) for each in self._conditions]
 
     def values(self, theta: Array) -> dict[str, float | None]:
         """Every parameter by name at `theta`."""
@@ -205,12 +209,11 @@ class ForwardModel:
         at = FiniteDifferences(
             theta, self._scale if slopes else self._scale[:0], self._all_values, self.observations.reference_c
         )
-        same_clamp: dict[tuple[str, ...], list[observed.FrequencyResponseObservation]] = {}
-        for run in self._responses:
-            if run.fundamental_m is not None:
-                own = tuple(e.name for e in run.shared_errors if e.acts_on == "clamp")
-                same_clamp.setdefault(own, []).append(run)
-        fundamentals = {label: p for runs in same_clamp.values() for label, p in self._fundamentals(runs, at).items()}
+        same_clamp: dict[tuple[str, ...], list[int]] = {}
+        for i, condition in enumerate(self._conditions):
+            own = tuple(e.name for e in condition.run.shared_errors if e.acts_on == "clamp")
+            same_clamp.setdefault(own, []).append(i)
+        fundamentals = {label: p for own in same_clamp.values() for label, p in self._fundamentals(own, at).items()}
         return [
             _with_reading_errors(run, fundamentals.get(run.label) or self._predict_run(run, at), at)
             for run in self.observations.runs
@@ -321,10 +324,10 @@ class ForwardModel:
         every = np.ones(int(run.usable.sum()))  # one pole, measured several times
         return _by_clock(run, differences, s * every / (2 * np.pi), d * every / (2 * np.pi))
 
-    def _fundamentals(
-        self, runs: Sequence[observed.FrequencyResponseObservation], differences: FiniteDifferences
-    ) -> dict[str, Prediction]:
-        """Return the fundamentals of runs with one clamp, by label."""
+    def _fundamentals(self, which: Sequence[int], differences: FiniteDifferences) -> dict[str, Prediction]:
+        """Return the fundamentals of the runs of these conditions, which have one clamp, by label."""
+        conditions = [self._conditions[i] for i in which]
+        runs = [each.run for each in conditions]
         values = [differences.of_run(r) for r in runs]
         v = values[0]
         stacked, slopes = differences.stack(
@@ -333,52 +336,65 @@ class ForwardModel:
                 for r, own in zip(runs, values, strict=True)
             ]
         )
-        sizes = [int(r.usable.sum()) for r in runs]
-        of = np.repeat(np.arange(len(runs)), sizes)
+        sizes = [r.frequency_hz.size for r in runs]
         errors_hz = [differences.frequency_error(r) for r in runs]
-        omega = (
-            2 * np.pi * np.concatenate([r.frequency_hz[r.usable] + e[0] for r, e in zip(runs, errors_hz, strict=True)])
-        )
+        omega = 2 * np.pi * np.concatenate([r.frequency_hz + e[0] for r, e in zip(runs, errors_hz, strict=True)])
         d_omega = 2 * np.pi * np.concatenate([differences.derivatives(e) for e in errors_hz], axis=1)  # (P, rows)
-        rows, dK = stacked.take_rows(of), slopes.K[:, of]
+        rows = stacked.take_rows(np.repeat(np.arange(len(runs)), sizes))
+        gain = np.zeros((1, omega.size))
         if np.any(v["stiffening"]):
             gain = np.concatenate([self.nonideal.stiffness_gain(r, v, differences.set_count) for r in runs], axis=1)
-            dK[:, :, 3:] *= 1 + gain[0][:, None]
-            dK[:, :, 3:] += differences.derivatives(gain)[:, :, None] * rows.K[:, 3:]
-            rows.K[:, 3:] *= 1 + gain[0][:, None]
+        bending = rows.K[:, 3:].copy()
+        rows.K[:, 3:] *= 1 + gain[0][:, None]
         neighbours = differences.geometry_derivatives(v)
         H, t, moved = ReceptanceSolver(*differences.geometry(v), self.n).response_with_ends(
             rows, omega, [ends for ends, _ in neighbours]
         )
-        z = dK - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
-        dH = -np.einsum("rj,prj->pr", t, z)
-        dH -= d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
+        dH = -d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
+        if np.any(v["stiffening"]):
+            dH -= differences.derivatives(gain) * np.einsum("rj,rj->r", t[:, 3:], bending)
         for (_, dl), difference in zip(neighbours, moved, strict=True):
             dH += np.multiply.outer(dl, difference / (2 * RELATIVE_STEP))
-        out = {}
-        for run, v, stop, size in zip(runs, values, np.cumsum(sizes), sizes, strict=True):
+        out: dict[str, Prediction] = {}
+        for i, (condition, own, stop, size) in enumerate(
+            zip(conditions, values, np.cumsum(sizes).tolist(), sizes, strict=True)
+        ):
             here = slice(stop - size, stop)
-            moment = (
-                -v["mu"]
-                / v["L"]
-                * (1 + differences.shared_error(run, "volts"))
-                * (1 + differences.shared_error(run, "displacement"))
-            )
-            late = differences.shared_error(run, "delay")
-            w = omega[here]
-            A = self._drives[run.label] * np.exp(-1j * w * late[0])
-            y = A * moment[0] * H[here]
-            dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
-            dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega[:, here]) * y
-            factor = self.nonideal.factor(run, v)
-            if np.ndim(factor):
-                factor = np.broadcast_to(factor, (differences.set_count, size))
-                dy = dy * factor[0] + y * differences.derivatives(factor)
-                y = y * factor[0]
-            out[run.label] = (
-                Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
-            )
+            w, factors = omega[here], t[here]
+            stiff = np.concatenate((factors[:, :3], factors[:, 3:] * (1 + gain[0, here, None])), axis=1)
+            dH[:, here] -= slopes.K[:, i] @ stiff.T
+            dH[:, here] += slopes.M[:, i] @ (w[:, None] ** 2 * factors).T
+            dH[:, here] -= slopes.C[:, i] @ (1j * w[:, None] * factors).T
+            drive = self._drives[which[i]]
+            slope_w = d_omega[:, here]
+            got = self._displacement(condition.run, own, differences, drive, (w, slope_w), (H[here], dH[:, here]))
+            out |= {label: got.take(at) for label, at in condition.places.items()}
         return out
+
+    def _displacement(
+        self,
+        run: observed.FrequencyResponseObservation,
+        v: Values,
+        differences: FiniteDifferences,
+        drive: Complex,
+        frequencies: tuple[Array, Array],
+        receptances: tuple[Complex, Complex],
+    ) -> Prediction:
+        """Return the fundamental of the displacement; `frequencies` omega and `receptances` H with their slopes, (F,) and (P, F)."""
+        (w, d_omega), (H, dH) = frequencies, receptances
+        volts, gain = (1 + differences.shared_error(run, on) for on in ("volts", "displacement"))
+        moment = -v["mu"] / v["L"] * volts * gain
+        late = differences.shared_error(run, "delay")
+        A = drive * np.exp(-1j * w * late[0])
+        y = A * moment[0] * H
+        dy = A * (np.multiply.outer(differences.derivatives(moment), H) + moment[0] * dH)
+        dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega) * y
+        factor = self.nonideal.factor(run, v)
+        if np.ndim(factor):
+            factor = np.broadcast_to(factor, (differences.set_count, w.size))
+            dy = dy * factor[0] + y * differences.derivatives(factor)
+            y = y * factor[0]
+        return Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
 
     def _peak_to_peak_prediction(
         self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array

@@ -245,8 +245,8 @@ class FrequencyResponseObservation(_ObservationBase):
     """Whether these are the lines of one sweep instead of single dwells."""
     loop_share: Complex | None = None
     """Addition of a hysteresis of 1 to the volts on the specimen, as a share of them, (F,); None: as under a sine."""
-    order: float | None = None
-    """Time of the measurement (any clock): the first and the last of a kind show drift."""
+    order: Array | float | None = None
+    """Time of the measurement (any clock), or of each point, (F,): the first and the last of a kind show drift."""
 
     def __post_init__(self) -> None:
         kind = "frequency response"
