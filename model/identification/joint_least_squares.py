@@ -209,7 +209,7 @@ def _starting_points(problem: LeastSquaresProblem) -> Iterator[Array]:
         options.tactor, options.membrane, options.contact_length, amplifier=options.amplifier, n=options.n
     )
     with suppress(PaperChainError, ParameterError, np.linalg.LinAlgError):
-        values = identify_by_paper_chain(problem.observations, chosen).values
+        values = identify_by_paper_chain(problem.observations, chosen, validated=False).values
         yield np.array([values.get(n, x) for n, x in zip(problem.names, table, strict=True)])
     if not np.array_equal(table, problem.start):
         yield table
