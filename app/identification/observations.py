@@ -38,7 +38,7 @@ def read_observations(
     finder = DuplicateFinder()
     for path in paths:
         with suppress(RunReadError), Run(path) as stored, translate_read_errors(path):
-            if stored.record.continues:
+            if stored.resumed_from is not None:
                 with open_run(path) as run:
                     finder.add_continuation(run)
     for path in track(paths):
@@ -90,7 +90,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
     maps = []
     for path in paths:
         with Run(path) as run:
-            maps.append(run.record.amplifier_map)
+            maps.append(run.bench_record.amplifier_map)
     if any(each != maps[0] for each in maps):
         raise ObservationError(
             "these runs were made with differently configured amplifiers: identify them by themselves"
@@ -106,9 +106,10 @@ def shape_count_of_file(path: Path) -> int:
 
 def shape_count_of_run(run: Run) -> int:
     """Return the number of shape functions for an open run."""
-    if not run.record.simulated:
+    record = run.bench_record
+    if not record.simulated:
         return DEFAULT_SHAPE_COUNT
-    return int(run.record.configuration.get("simulation", {}).get("modes", FitOptions.n))
+    return int(record.configuration.get("simulation", {}).get("modes", FitOptions.n))
 
 
 def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observation, ...]:
