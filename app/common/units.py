@@ -41,7 +41,9 @@ BASES: dict[str, tuple[int, dict[str, int]]] = {
 }
 """Power of ten and powers of base units; conversions between volts or hertz and other units are left to the unit library."""
 PREFIXED = re.compile(r"([nuµμmckMG]??)(m|g|s|N|Pa|V|Hz)")
-NUMBER_AND_UNIT = re.compile(rf"({PLAIN_NUMBER.pattern})\s*([A-Za-zµμ1].*)".replace("(\\d", "(?:\\d").replace("([eE]", "(?:[eE]"))
+NUMBER_AND_UNIT = re.compile(
+    rf"({PLAIN_NUMBER.pattern})\s*([A-Za-zµμ1].*)".replace("(\\d", "(?:\\d").replace("([eE]", "(?:[eE]")
+)
 DENOMINATOR = re.compile(r"/\(([^()/]+)\)$")
 
 

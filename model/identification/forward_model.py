@@ -15,7 +15,6 @@ from model.beam import matrices, modal_form, receptance
 from model.identification import nonidealities
 from model.identification import observations as observed
 from model.identification import parameters as fit_parameters
-from model.identification.conditions import conditions_of
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
@@ -197,7 +196,26 @@ class ForwardModel:
         effects = [
             name for name in ("stiffening", "gain_drift") if name in names or name in tied or self._fixed.get(name)
         ]
-        self._conditions = conditions_of(observations, effects)
+        self._conditions = observed.conditions_of(observations, effects)
+        self.rows = observed.ErrorRows(observations.runs)
+        places = dict(zip((run.label for run in observations.runs), self.rows.parts, strict=True))
+        self._into = [
+            (
+                np.concatenate([np.arange(places[label].start, places[label].stop) for label in each.places]),
+                np.concatenate(list(each.places.values())),
+            )
+            for each in self._conditions
+        ]
+        """Points of all runs under each condition, and the point of the condition for each of them."""
+        shared = {label for each in self._conditions for label in each.places}
+        self._others = [(run, places[run.label]) for run in observations.runs if run.label not in shared]
+        self._readings: dict[str, Any] = {}
+        """Shapes over all points of the errors of readings."""
+        for run in observations.runs:
+            for error in run.shared_errors:
+                if error.acts_on == "reading":
+                    shape = self._readings.setdefault(error.name, np.zeros(self.rows.observed.size, complex))
+                    shape[places[run.label]] = run.shapes[error.name][run.usable]
         self._drives = [1j * nonidealities.specimen_harmonic(each.run, amplifier) for each in self._conditions]
 
     def values(self, theta: Array) -> dict[str, float | None]:
@@ -206,6 +224,15 @@ class ForwardModel:
 
     def predict(self, theta: Array, slopes: bool = True) -> list[Prediction]:
         """One entry per run, in the campaign's order; several times as fast without slopes."""
+        every = self.predict_all(theta, slopes)
+        runs = zip(self.observations.runs, self.rows.parts, strict=True)
+        split = ((every.take(part), np.iscomplexobj(observed.observed_values(run)[0])) for run, part in runs)
+        return [
+            each if is_complex else Prediction(each.values.real, each.derivatives.real) for each, is_complex in split
+        ]
+
+    def predict_all(self, theta: Array, slopes: bool = True) -> Prediction:
+        """All points of all runs in one entry; the values of real observations may be complex, without an imaginary part."""
         at = FiniteDifferences(
             theta, self._scale if slopes else self._scale[:0], self._all_values, self.observations.reference_c
         )
@@ -213,11 +240,21 @@ class ForwardModel:
         for i, condition in enumerate(self._conditions):
             own = tuple(e.name for e in condition.run.shared_errors if e.acts_on == "clamp")
             same_clamp.setdefault(own, []).append(i)
-        fundamentals = {label: p for own in same_clamp.values() for label, p in self._fundamentals(own, at).items()}
-        return [
-            _with_reading_errors(run, fundamentals.get(run.label) or self._predict_run(run, at), at)
-            for run in self.observations.runs
-        ]
+        kind = complex if np.iscomplexobj(self.rows.observed) else float
+        size = self.rows.observed.size
+        y, dy = np.empty(size, kind), np.empty((at.set_count // 2, size), kind)
+        for which in same_clamp.values():
+            for i, got in zip(which, self._fundamentals(which, at), strict=True):
+                into, where = self._into[i]
+                y[into], dy[:, into] = got.take(where)
+        for run, part in self._others:
+            y[part], dy[:, part] = self._predict_run(run, at)
+        for name, shape in self._readings.items():
+            error = np.broadcast_to(at.values[name], at.set_count)
+            moved = shape if kind is complex else shape.real
+            dy = dy * (1 + error[0] * moved) + np.multiply.outer(at.derivatives(error), y * moved)
+            y = y * (1 + error[0] * moved)
+        return Prediction(y, dy)
 
     def _all_values(self, columns: Array) -> Values:
         v = nonidealities.DEFAULTS | self._fixed | dict(zip(self.names, columns, strict=True))
@@ -324,8 +361,8 @@ class ForwardModel:
         every = np.ones(int(run.usable.sum()))  # one pole, measured several times
         return _by_clock(run, differences, s * every / (2 * np.pi), d * every / (2 * np.pi))
 
-    def _fundamentals(self, which: Sequence[int], differences: FiniteDifferences) -> dict[str, Prediction]:
-        """Return the fundamentals of the runs of these conditions, which have one clamp, by label."""
+    def _fundamentals(self, which: Sequence[int], differences: FiniteDifferences) -> list[Prediction]:
+        """Return the fundamentals under these conditions, which have one clamp."""
         conditions = [self._conditions[i] for i in which]
         runs = [each.run for each in conditions]
         values = [differences.of_run(r) for r in runs]
@@ -355,7 +392,7 @@ class ForwardModel:
             dH -= differences.derivatives(gain) * np.einsum("rj,rj->r", t[:, 3:], bending)
         for (_, dl), difference in zip(neighbours, moved, strict=True):
             dH += np.multiply.outer(dl, difference / (2 * RELATIVE_STEP))
-        out: dict[str, Prediction] = {}
+        out = []
         for i, (condition, own, stop, size) in enumerate(
             zip(conditions, values, np.cumsum(sizes).tolist(), sizes, strict=True)
         ):
@@ -367,8 +404,7 @@ class ForwardModel:
             dH[:, here] -= slopes.C[:, i] @ (1j * w[:, None] * factors).T
             drive = self._drives[which[i]]
             slope_w = d_omega[:, here]
-            got = self._displacement(condition.run, own, differences, drive, (w, slope_w), (H[here], dH[:, here]))
-            out |= {label: got.take(at) for label, at in condition.places.items()}
+            out.append(self._displacement(condition.run, own, differences, drive, (w, slope_w), (H[here], dH[:, here])))
         return out
 
     def _displacement(
@@ -431,16 +467,6 @@ def _by_clock(run: observed.Observation, differences: FiniteDifferences, f: Any,
     clock = differences.shared_error(run, "clock")
     read = f / (1 + clock[0])
     return Prediction(read, (d - np.multiply.outer(differences.derivatives(clock), read)) / (1 + clock[0]))
-
-
-def _with_reading_errors(run: observed.Observation, p: Prediction, at: FiniteDifferences) -> Prediction:
-    """Return a prediction with the errors of its reading that have a shape over the points."""
-    for error in run.shared_errors:
-        if error.acts_on == "reading":
-            shape, size = run.shapes[error.name][run.usable], np.broadcast_to(at.values[error.name], at.set_count)
-            factor, own = 1 + size[0] * shape, np.multiply.outer(at.derivatives(size), p.values * shape)
-            p = Prediction(p.values * factor, p.derivatives * factor + own)
-    return p
 
 
 def modulus_prediction(y: Complex, dy: Complex) -> Prediction:

@@ -104,7 +104,7 @@ def _stamp(path: Path) -> tuple[tuple[int, int], tuple[int, int, int]] | None:
     except (OSError, ValueError):
         return None
     changed_ns = max(stat.st_mtime_ns, stat.st_ctime_ns)
-    if not stat.st_ino or not SETTLED_NS < time.time_ns() - changed_ns:
+    if not stat.st_ino or not time.time_ns() - changed_ns > SETTLED_NS:
         return None
     return (stat.st_dev, stat.st_ino), (stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
 
