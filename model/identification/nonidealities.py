@@ -202,7 +202,7 @@ class NonidealResponse:
         for name, field in (("gain_below_rest", "slope_below"), ("gain_above_rest", "slope_above")):
             if np.any(v[name]):
                 steeper = replace(nominal, **{field: getattr(nominal, field) * (1 + SLOPE_STEP)})
-                slope = self._keep(label, field, lambda at=steeper: (function(at) - at_nominal) / SLOPE_STEP)
+                slope = self._keep(label, field, partial(_slope, function, steeper, at_nominal))
                 out = out + _column(v[name]) * slope[..., None, :]
         return out
 
@@ -229,6 +229,10 @@ class NonidealResponse:
         return np.broadcast_to(
             0.75 * _column(v["stiffening"]) * (amplitude / STIFFENING_M) ** 2, (sets, int(run.usable.sum()))
         )
+
+
+def _slope(function: Callable[[AmplifierMap], Any], steeper: AmplifierMap, at_nominal: Any) -> Any:
+    return (function(steeper) - at_nominal) / SLOPE_STEP
 
 
 def _loading_decades(run: observed.StaticLoadingObservation) -> Array:

@@ -502,7 +502,9 @@ def _condition(runs: list[FrequencyResponseObservation], errors: Any, effects: S
     if first.loop_share is not None:
         stacked["loop_share"] = np.concatenate([np.asarray(run.loop_share)[run.usable] for run in runs])
     if first.order is not None:
-        stacked["order"] = np.concatenate([np.broadcast_to(run.order, run.usable.shape)[run.usable] for run in runs])  # type: ignore[arg-type]
+        stacked["order"] = np.concatenate(
+            [np.broadcast_to(np.asarray(run.order), run.usable.shape)[run.usable] for run in runs]
+        )  # type: ignore[arg-type]
     keys = [stacked[name] for name in ("frequency_hz", "drive_amplitude_v", "drive_offset_v")]
     if "loop_share" in stacked:
         keys += [stacked["loop_share"].real, stacked["loop_share"].imag]
@@ -512,9 +514,8 @@ def _condition(runs: list[FrequencyResponseObservation], errors: Any, effects: S
         keys.append(stacked["order"])
     _, at, where = np.unique(np.stack(keys, axis=-1), axis=0, return_index=True, return_inverse=True)
     ends = np.cumsum([int(run.usable.sum()) for run in runs])[:-1]
-    merged = replace(
-        first, good=None, shared_errors=errors, shapes={}, peak_to_peak_m=None, peak_to_peak_errors_m=None, harmonics_m=None,
-        harmonic_errors_m=None, phase_errors_rad=None, **{name: column[at] for name, column in stacked.items()},
-    )  # fmt: skip
+    none = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m", "phase_errors_rad")
+    changes: dict[str, Any] = dict.fromkeys(none) | {name: column[at] for name, column in stacked.items()}
+    merged = replace(first, good=None, shared_errors=errors, shapes={}, **changes)
     places = np.split(where.ravel(), ends)
     return Condition(merged, {run.label: place for run, place in zip(runs, places, strict=True)})

@@ -108,15 +108,15 @@ class Effects:
             squares[column] = POINT_ERRORS**2 * self._fit.used_rows[row]
         places = {column: i for i, column in enumerate(self._wide_at)}
         out = {}
-        for k, (which, columns) in self.columns.items():
-            grams = np.zeros((which.size, k, k))
+        for k, (causes, columns) in self.columns.items():
+            grams = np.zeros((causes.size, k, k))
             grams[:, np.arange(k), np.arange(k)] = squares[columns]
             for i, own in enumerate(columns.tolist() if k > 1 else ()):
                 if own[0] in places:  # the others are of points, each of which has its own row
                     table = self._table[[places[column] for column in own]]
                     grams[i] = table @ table.T
             own_inside = inside[columns]
-            out[k] = which, grams, own_inside @ own_inside.mT
+            out[k] = causes, grams, own_inside @ own_inside.mT
         return out
 
     @property
