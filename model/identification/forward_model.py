@@ -193,10 +193,11 @@ class ForwardModel:
             [fit_parameters.typical_size(name, fit_parameters.start_value(name, self._fixed)) for name in self.names]
         )
         self.nonideal = nonidealities.NonidealResponse(observations, amplifier)
-        effects = [
+        self.effects = [
             name for name in ("stiffening", "gain_drift") if name in names or name in tied or self._fixed.get(name)
         ]
-        self._conditions = observed.conditions_of(observations, effects)
+        """Effects that depend on the measured amplitude and time of a point."""
+        self._conditions = observed.conditions_of(observations, self.effects)
         self.rows = observed.ErrorRows(observations.runs)
         places = dict(zip((run.label for run in observations.runs), self.rows.parts, strict=True))
         self._into = [

@@ -128,7 +128,9 @@ class NonidealResponse:
     def __init__(self, observations: observed.ObservationSet, amplifier: AmplifierMap) -> None:
         self._amplifier = amplifier
         orders = [r.order for r in observations.of_type(observed.FrequencyResponseObservation) if r.order is not None]
-        self._first, self._last = (min(orders), max(orders)) if orders else (0.0, 0.0)
+        self._first, self._last = (
+            (float(np.min(np.hstack(orders))), float(np.max(np.hstack(orders)))) if orders else (0.0, 0.0)
+        )
         self._kept: dict[tuple[str, str], Any] = {}
         steps = observations.of_type(observed.VoltageStepsObservation)
         self._histories = {run.label: run.history or _usual_history(run, amplifier) for run in steps}

@@ -504,7 +504,7 @@ def _condition(runs: list[FrequencyResponseObservation], errors: Any, effects: S
     if first.order is not None:
         stacked["order"] = np.concatenate(
             [np.broadcast_to(np.asarray(run.order), run.usable.shape)[run.usable] for run in runs]
-        )  # type: ignore[arg-type]
+        )
     keys = [stacked[name] for name in ("frequency_hz", "drive_amplitude_v", "drive_offset_v")]
     if "loop_share" in stacked:
         keys += [stacked["loop_share"].real, stacked["loop_share"].imag]
@@ -519,3 +519,30 @@ def _condition(runs: list[FrequencyResponseObservation], errors: Any, effects: S
     merged = replace(first, good=None, shared_errors=errors, shapes={}, **changes)
     places = np.split(where.ravel(), ends)
     return Condition(merged, {run.label: place for run, place in zip(runs, places, strict=True)})
+
+
+def condensed(observations: ObservationSet, effects: Sequence[str]) -> tuple[ObservationSet, float]:
+    """Return runs whose least squares have the same minimum, and the root of the part of chi-square that no parameter changes.
+
+    Every point that several runs measured under one condition is replaced by its weighted mean; `effects` as in `conditions_of`.
+    """
+    runs: dict[str, Observation] = {run.label: run for run in observations.runs}
+    plain = {
+        run.label: run
+        for run in observations.of_type(FrequencyResponseObservation)
+        if run.phase_errors_rad is None and all(e.acts_on != "reading" for e in run.shared_errors)
+    }
+    constant = 0.0
+    for condition in conditions_of(ObservationSet(tuple(plain.values())), effects) if plain else ():
+        members = [plain[label] for label in condition.places]
+        at = np.concatenate(list(condition.places.values()))
+        y, error = (np.concatenate(each) for each in zip(*map(observed_values, members), strict=True))
+        weight, total = np.zeros(condition.run.frequency_hz.size), np.zeros(condition.run.frequency_hz.size, y.dtype)
+        np.add.at(weight, at, error**-2)
+        np.add.at(total, at, y / error**2)
+        mean = total / weight
+        constant += float(np.sum(np.abs((y - mean[at]) / error) ** 2))
+        runs[members[0].label] = replace(condition.run, fundamental_m=mean, errors_m=weight**-0.5)
+        for r in members[1:]:
+            del runs[r.label]
+    return ObservationSet(tuple(runs.values())), float(np.sqrt(constant))

@@ -1,12 +1,15 @@
 """Least-squares problem: residuals and Jacobian of one set of observations with given fit options."""
 
+from dataclasses import replace
+from functools import cached_property
+
 import numpy as np
 
 from model import Array
 from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
-from model.identification.observations import ObservationSet
+from model.identification.observations import ObservationSet, condensed
 from model.identification.priors import near_limit, prior_moments
 
 PRIOR_REACH = 12.0
@@ -21,8 +24,10 @@ class LeastSquaresProblem:
         IdentificationError: nothing is free.
     """
 
-    def __init__(self, observations: ObservationSet, options: FitOptions) -> None:
+    def __init__(self, observations: ObservationSet, options: FitOptions, constant: float | None = None) -> None:
+        """`constant` is a residual that no parameter changes, after the residuals of the runs."""
         self.observations, self.options = observations, options
+        self._constant = np.zeros(0) if constant is None else np.array([constant])
         own = options.free_parameters(observations)
         if not own:
             raise IdentificationError("no parameter is free: name at least one that these runs determine")
@@ -56,17 +61,35 @@ class LeastSquaresProblem:
         """Residuals (rows,) alone."""
         model = self.forward_model
         gap = model.rows.observed - model.predict_all(theta, slopes=False).values
-        return np.concatenate((model.rows.of(gap), self._prior_residuals(theta)))
+        return np.concatenate((model.rows.of(gap), self._constant, self._prior_residuals(theta)))
+
+    @cached_property
+    def condensed(self) -> "LeastSquaresProblem":
+        """A problem with the same minimum, steps and cost and as few rows as the conditions have points; or this problem."""
+        if self.options.loss != "linear" or "stiffening" in self.forward_model.effects:
+            return self
+        few, constant = condensed(self.observations, self.forward_model.effects)
+        if len(few.runs) == len(self.observations.runs) or few.reference_c != self.observations.reference_c:
+            return self
+        if tuple(few.shared_errors) != tuple(self.observations.shared_errors):
+            return self
+        own = tuple(n for n in self.names if n not in self.observations.shared_errors)
+        return LeastSquaresProblem(few, replace(self.options, free=own, also=()), constant)
+
+    @property
+    def data_count(self) -> int:
+        """Number of residuals of runs."""
+        return self.forward_model.rows.row_count
 
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""
         rows = self.forward_model.rows
         values, slopes = self.forward_model.predict_all(theta)
-        J = np.zeros((rows.row_count + self.prior_count, theta.size))
+        J = np.zeros((rows.row_count + self._constant.size + self.prior_count, theta.size))
         J[: rows.row_count] = rows.of(slopes).T
-        for row, (i, _, sigma) in enumerate(self.priors, rows.row_count):
+        for row, (i, _, sigma) in enumerate(self.priors, len(J) - self.prior_count):
             J[row, i] = 1 / sigma
-        return np.concatenate((rows.of(rows.observed - values), self._prior_residuals(theta))), J
+        return np.concatenate((rows.of(rows.observed - values), self._constant, self._prior_residuals(theta))), J
 
     def _prior_residuals(self, theta: Array) -> Array:
         return np.array([(value - theta[i]) / sigma for i, value, sigma in self.priors])

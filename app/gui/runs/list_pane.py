@@ -58,7 +58,8 @@ class RunListPane(QWidget):
         """The selected rows by their ranges: Qt's list of rows asks the model for the flags of every cell."""
         if self._rows is None:
             ranges = self.table.selectionModel().selection()
-            self._rows = sorted({row for each in ranges for row in range(each.top(), each.bottom() + 1)})
+            each_range = (ranges.at(i) for i in range(ranges.count()))
+            self._rows = sorted({row for each in each_range for row in range(each.top(), each.bottom() + 1)})
         return self._rows
 
     def _forget_rows(self) -> None:
@@ -75,9 +76,9 @@ class RunListPane(QWidget):
             chosen.select(self.model.index(together[0], 0), self.model.index(together[-1], 0))
         selection.select(chosen, flags.Select | flags.Rows)
         if rows:
-            last = next(path for path in reversed(paths) if path in {self.model.summaries[row].path for row in rows})
-            at = next(row for row in rows if self.model.summaries[row].path == last)
-            selection.setCurrentIndex(self.model.index(at, 0), flags.NoUpdate)
+            row_of = {self.model.summaries[row].path: row for row in rows}
+            last = next(row_of[path] for path in reversed(paths) if path in row_of)
+            selection.setCurrentIndex(self.model.index(last, 0), flags.NoUpdate)
 
     def path_of(self, summary: RunSummary) -> Path:
         """Return the path of a listed run."""
