@@ -65,10 +65,10 @@ def to_number(text: str, unit: str) -> float:
             return float(plain)
         except ValueError:
             continue
-    if (usual := _usual_number(text, unit)) is not None:
-        return usual
     if len(text) > MAX_TEXT_LENGTH or REPEATED_POWER.search(text):
         raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is not a number; write for example '1 {unit}' or '1'")
+    if (usual := _usual_number(text, unit)) is not None:
+        return usual
     import pint  # takes half a second, so only if another unit is written
 
     registry = _registry()
