@@ -138,11 +138,8 @@ def test_numbers_with_units(text: str, unit: str, number: float) -> None:
 
 
 def test_a_power_of_ten_is_rounded_once() -> None:
-    assert [to_number("7.73 g", "kg"), to_number("100 us", "s"), to_number("5 g cm**-3", "kg/m^3")] == [
-        7.73e-3,
-        1e-4,
-        5e3,
-    ]
+    values = [to_number("7.73 g", "kg"), to_number("100 us", "s"), to_number("5 g cm**-3", "kg/m^3")]
+    assert values == [7.73e-3, 1e-4, 5e3]
 
 
 @pytest.mark.parametrize(
