@@ -36,6 +36,8 @@ class RunFilter:
         Raises:
             ValueError: the search has an unknown field or a wrong date.
         """
+        if self == RunFilter(self.search_text):
+            return found_first(read_query(self.search_text), entries)
         chosen = (
             e
             for e in entries

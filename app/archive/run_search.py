@@ -87,14 +87,15 @@ def found_first(terms: Sequence[Term], runs: "Iterable[RunSummary]") -> "tuple[l
     """Return the runs that have all terms: those with every word in specimen or tags, and the others, each in their order."""
     if not terms:
         return list(runs), []
-    tests = [matcher(term) for term in terms]
+    found = list(runs)
+    for test in map(matcher, terms):
+        found = [run for run in found if test(run)]
     words = [search_words(term.value) for term in terms if not term.field]
     first: list[RunSummary] = []
     others: list[RunSummary] = []
-    for run in runs:
-        if all(test(run) for test in tests):
-            named = run.search_text.partition("\n")[0]
-            (first if all(word in named for word in words) else others).append(run)
+    for run in found:
+        named = run.search_text.partition("\n")[0]
+        (first if all(word in named for word in words) else others).append(run)
     return first, others
 
 

@@ -29,6 +29,24 @@ REPEATED_POWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
 """Powers of powers, which the unit library would evaluate exactly, without end."""
 
 
+PREFIXES = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
+BASES: dict[str, tuple[int, dict[str, int]]] = {
+    "m": (0, {"m": 1}),
+    "g": (-3, {"kg": 1}),
+    "s": (0, {"s": 1}),
+    "N": (0, {"kg": 1, "m": 1, "s": -2}),
+    "Pa": (0, {"kg": 1, "m": -1, "s": -2}),
+    "V": (0, {"V": 1}),
+    "Hz": (0, {"Hz": 1}),
+}
+"""Power of ten and powers of base units; conversions between volts or hertz and other units are left to the unit library."""
+PREFIXED = re.compile(r"([nuµμmckMG]??)(m|g|s|N|Pa|V|Hz)")
+NUMBER_AND_UNIT = re.compile(
+    rf"({PLAIN_NUMBER.pattern})\s*([A-Za-zµμ1].*)".replace("(\\d", "(?:\\d").replace("([eE]", "(?:[eE]")
+)
+DENOMINATOR = re.compile(r"/\(([^()/]+)\)$")
+
+
 class UnitError(ValueError):
     """A text is not a number in the required unit; the message names the text and the remedy."""
 
@@ -49,6 +67,8 @@ def to_number(text: str, unit: str) -> float:
             continue
     if len(text) > MAX_TEXT_LENGTH or REPEATED_POWER.search(text):
         raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is not a number; write for example '1 {unit}' or '1'")
+    if (usual := _usual_number(text, unit)) is not None:
+        return usual
     import pint  # takes half a second, so only if another unit is written
 
     registry = _registry()
@@ -64,6 +84,38 @@ def to_number(text: str, unit: str) -> float:
         remedy = "write a plain number" if unit == "1" else f"write it in {unit}"
         raise UnitError(f"'{text}' is not a quantity in {unit}: an angle or a count is not a pure number; {remedy}")
     return float(number * tau**cycles)
+
+
+def _usual_number(text: str, unit: str) -> float | None:
+    """Return a number in powers of ten of `unit`, such as `69 GPa` in Pa; None for other units, which need the unit library."""
+    parts = NUMBER_AND_UNIT.fullmatch(text.strip())
+    given, wanted = _powers(parts[2]) if parts else None, _powers(unit)
+    if parts is None or given is None or wanted is None or given[1] != wanted[1]:
+        return None
+    mantissa, _, exponent = parts[1].lower().partition("e")
+    return float(f"{mantissa}e{int(exponent or 0) + given[0] - wanted[0]}")  # correctly rounded
+
+
+@cache
+def _powers(unit: str) -> tuple[int, dict[str, int]] | None:
+    """Return the power of ten and the powers of base units of a unit such as `kg/m^2`; None if it has others."""
+    if group := DENOMINATOR.search(unit):
+        unit = unit[: group.start()] + "".join(f"/{each}" for each in re.split(r"[ *]+", group[1]))
+    terms = re.findall(r"(^|[ *]+|/)([^ */^]+)(?:(?:\^|\*\*)(-?\d\d?))?", unit.strip())
+    if "".join(f"{sign}{name}" for sign, name, _ in terms) != re.sub(r"(\^|\*\*)-?\d\d?", "", unit.strip()):
+        return None
+    ten, powers = 0, dict[str, int]()
+    for sign, name, exponent in terms:
+        prefixed = PREFIXED.fullmatch(name)
+        if prefixed is None and name != "1":
+            return None
+        power = int(exponent or 1) * (-1 if "/" in sign else 1)
+        if prefixed is not None:
+            size, bases = BASES[prefixed[2]]
+            ten += power * (PREFIXES[prefixed[1]] + size)
+            for base, of in bases.items():
+                powers[base] = powers.get(base, 0) + power * of
+    return ten, {base: power for base, power in powers.items() if power}
 
 
 def _cycle_exponent(given: Any, target: Any) -> int | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from model import Array, Mask
 from protocols.base import Quality
-from protocols.runfile import CHANNELS, ENTRY_COLUMN, Run
+from protocols.runfile import ENTRY_COLUMN, Run
 
 MIN_SAMPLES = 16
 """Shorter recordings, and those without any change, may be equal by chance."""
@@ -84,9 +84,8 @@ def _point_digests(run: Run, columns: dict[str, Any]) -> list[list[bytes]]:
 def _sample_digests(run: Run) -> dict[int, bytes]:
     """Return the digest of the raw samples of each entry, of its last recordings in this file."""
     parts: dict[int, bytes] = {}
-    for start, stop, entry in run.trace.recording_rows():
-        raw = [run.trace.read_raw(channel, start, stop) for channel in CHANNELS]
-        if stop - start >= MIN_SAMPLES and np.ptp(raw[-1]) > 0:
+    for entry, raw in run.trace.raw_recordings():
+        if raw[-1].size >= MIN_SAMPLES and np.ptp(raw[-1]) > 0:
             parts[entry] = hashlib.sha256(b"".join(channel.tobytes() for channel in raw)).digest()
     return parts
 

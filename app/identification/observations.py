@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from app.identification.duplicates import DuplicateFinder
 from model import AmplifierMap, Mask, ParameterError
@@ -18,6 +20,27 @@ DEFAULT_SHAPE_COUNT = 20
 
 class ObservationError(Exception):
     """Runs cannot be identified together; the message gives runs and reason."""
+
+
+class _Head(NamedTuple):
+    amplifier_map: AmplifierMap
+    shape_count: int
+    is_continuation: bool
+
+
+def _head(path: Path) -> _Head:
+    """Return what a fit needs of a run before its points; a file is opened once for it while it is unchanged."""
+    try:
+        stat = path.stat()
+    except (OSError, ValueError):
+        return _read_head(path, None)
+    return _read_head(path, (stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns))
+
+
+@lru_cache(maxsize=2000)
+def _read_head(path: Path, _state: tuple[int, ...] | None) -> _Head:
+    with Run(path) as run, translate_read_errors(path):
+        return _Head(run.bench_record.amplifier_map, shape_count_of_run(run), run.resumed_from is not None)
 
 
 def read_observations(
@@ -37,9 +60,9 @@ def read_observations(
     left_out: list[str] = []
     finder = DuplicateFinder()
     for path in paths:
-        with suppress(RunReadError), Run(path) as stored, translate_read_errors(path):
-            if stored.record.continues:
-                with open_run(path) as run:
+        with suppress(RunReadError):
+            if _head(path).is_continuation:
+                with open_run(path) as run, translate_read_errors(path):
                     finder.add_continuation(run)
     for path in track(paths):
         try:
@@ -87,10 +110,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
         RunReadError: a file is not a run.
         ObservationError: the runs were made with different maps.
     """
-    maps = []
-    for path in paths:
-        with Run(path) as run:
-            maps.append(run.record.amplifier_map)
+    maps = [_head(path).amplifier_map for path in paths]
     if any(each != maps[0] for each in maps):
         raise ObservationError(
             "these runs were made with differently configured amplifiers: identify them by themselves"
@@ -100,15 +120,15 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
 
 def shape_count_of_file(path: Path) -> int:
     """Return the number of shape functions for a run: the simulation's, or enough for a real tactor."""
-    with Run(path) as run, translate_read_errors(path):
-        return shape_count_of_run(run)
+    return _head(path).shape_count
 
 
 def shape_count_of_run(run: Run) -> int:
     """Return the number of shape functions for an open run."""
-    if not run.record.simulated:
+    record = run.bench_record
+    if not record.simulated:
         return DEFAULT_SHAPE_COUNT
-    return int(run.record.configuration.get("simulation", {}).get("modes", FitOptions.n))
+    return int(record.configuration.get("simulation", {}).get("modes", FitOptions.n))
 
 
 def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observation, ...]:

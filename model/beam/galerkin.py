@@ -74,16 +74,17 @@ def _integrate(l1: Array, l2: Array, n: int) -> Gram:
         N = shape_functions(xi, l1[..., None, None], l2[..., None, None], n, derivative)
         return np.moveaxis(N, 0, -2)  # (..., 3, n, nodes)
 
-    basis = _basis(np.moveaxis(at_nodes(0), -3, -2), np.moveaxis(at_nodes(2), -3, -2), w, n)
+    value, curvature = at_nodes(0), at_nodes(2)
+    basis = _basis(np.moveaxis(value, -3, -2), np.moveaxis(curvature, -3, -2), w, n)
 
-    def products(derivative: int) -> Array:
-        N = basis[..., None, :, :] @ at_nodes(derivative)
+    def products(N: Array) -> Array:
+        N = basis[..., None, :, :] @ N
         return np.asarray((N * w[..., None, :]) @ np.swapaxes(N, -1, -2))
 
     slope = np.moveaxis(shape_functions(l1, l1, l2, n, 1), 0, -1)
     centre = np.moveaxis(shape_functions(np.ones_like(l1), l1, l2, n), 0, -1)
     return Gram(
-        np.concatenate((products(0), products(2)), axis=-3),
+        np.concatenate((products(value), products(curvature)), axis=-3),
         _change_basis(basis, slope),
         _change_basis(basis, centre),
         basis,

@@ -164,7 +164,8 @@ def noncentral_chi_square_tail(value: float, degrees: int, noncentrality: float)
     """Return the probability of more than `value`: a Poisson mixture of central tails, without loading `scipy.stats`."""
     half = max(noncentrality, 1e-12) / 2
     largest = np.sqrt(half * max(value / 2, half))  # the order of the largest term
-    j = np.arange(np.ceil(largest + 40 * np.sqrt(largest + 1) + 40))
+    reach = 40 * np.sqrt(largest + 1) + 40
+    j = np.arange(np.floor(max(largest - reach, 0)), np.ceil(largest + reach))
     return float(np.exp(j * np.log(half) - half - gammaln(j + 1)) @ chdtrc(degrees + 2 * j, value))
 
 

@@ -68,7 +68,7 @@ def chain_differences(
 
     def without(**held: float | None) -> Mapping[str, float]:
         forward = ForwardModel(observations, (), {**known, **held}, {}, options.amplifier, fit.options.n)
-        return identify_by_paper_chain(with_predictions(observations, forward, np.zeros(0)), options).values
+        return identify_by_paper_chain(with_predictions(observations, forward, np.zeros(0)), options, False).values
 
     moved: dict[str, Mapping[str, float]] = {}
     with suppress(PaperChainError):

@@ -161,6 +161,10 @@ class Prediction(NamedTuple):
     values: Any
     derivatives: Any
 
+    def take(self, points: Any) -> "Prediction":
+        """The points `points`, which may be repeated."""
+        return Prediction(self.values[points], self.derivatives[:, points])
+
 
 class ForwardModel:
     """Predictions for one campaign as functions of the parameters `names`.
@@ -189,12 +193,31 @@ class ForwardModel:
             [fit_parameters.typical_size(name, fit_parameters.start_value(name, self._fixed)) for name in self.names]
         )
         self.nonideal = nonidealities.NonidealResponse(observations, amplifier)
-        self._responses = observations.of_type(observed.FrequencyResponseObservation)
-        self._drives = {
-            r.label: 1j * nonidealities.specimen_harmonic(r, amplifier)
-            for r in self._responses
-            if r.fundamental_m is not None
-        }
+        self.effects = [
+            name for name in ("stiffening", "gain_drift") if name in names or name in tied or self._fixed.get(name)
+        ]
+        """Effects that depend on the measured amplitude and time of a point."""
+        self._conditions = observed.conditions_of(observations, self.effects)
+        self.rows = observed.ErrorRows(observations.runs)
+        places = dict(zip((run.label for run in observations.runs), self.rows.parts, strict=True))
+        self._into = [
+            (
+                np.concatenate([np.arange(places[label].start, places[label].stop) for label in each.places]),
+                np.concatenate(list(each.places.values())),
+            )
+            for each in self._conditions
+        ]
+        """Points of all runs under each condition, and the point of the condition for each of them."""
+        shared = {label for each in self._conditions for label in each.places}
+        self._others = [(run, places[run.label]) for run in observations.runs if run.label not in shared]
+        self._readings: dict[str, Any] = {}
+        """Shapes over all points of the errors of readings."""
+        for run in observations.runs:
+            for error in run.shared_errors:
+                if error.acts_on == "reading":
+                    shape = self._readings.setdefault(error.name, np.zeros(self.rows.observed.size, complex))
+                    shape[places[run.label]] = run.shapes[error.name][run.usable]
+        self._drives = [1j * nonidealities.specimen_harmonic(each.run, amplifier) for each in self._conditions]
 
     def values(self, theta: Array) -> dict[str, float | None]:
         """Every parameter by name at `theta`."""
@@ -202,19 +225,37 @@ class ForwardModel:
 
     def predict(self, theta: Array, slopes: bool = True) -> list[Prediction]:
         """One entry per run, in the campaign's order; several times as fast without slopes."""
+        every = self.predict_all(theta, slopes)
+        runs = zip(self.observations.runs, self.rows.parts, strict=True)
+        split = ((every.take(part), np.iscomplexobj(observed.observed_values(run)[0])) for run, part in runs)
+        return [
+            each if is_complex else Prediction(each.values.real, each.derivatives.real) for each, is_complex in split
+        ]
+
+    def predict_all(self, theta: Array, slopes: bool = True) -> Prediction:
+        """All points of all runs in one entry; the values of real observations may be complex, without an imaginary part."""
         at = FiniteDifferences(
             theta, self._scale if slopes else self._scale[:0], self._all_values, self.observations.reference_c
         )
-        same_clamp: dict[tuple[str, ...], list[observed.FrequencyResponseObservation]] = {}
-        for run in self._responses:
-            if run.fundamental_m is not None:
-                own = tuple(e.name for e in run.shared_errors if e.acts_on == "clamp")
-                same_clamp.setdefault(own, []).append(run)
-        fundamentals = {label: p for runs in same_clamp.values() for label, p in self._fundamentals(runs, at).items()}
-        return [
-            _with_reading_errors(run, fundamentals.get(run.label) or self._predict_run(run, at), at)
-            for run in self.observations.runs
-        ]
+        same_clamp: dict[tuple[str, ...], list[int]] = {}
+        for i, condition in enumerate(self._conditions):
+            own = tuple(e.name for e in condition.run.shared_errors if e.acts_on == "clamp")
+            same_clamp.setdefault(own, []).append(i)
+        kind = complex if np.iscomplexobj(self.rows.observed) else float
+        size = self.rows.observed.size
+        y, dy = np.empty(size, kind), np.empty((at.set_count // 2, size), kind)
+        for which in same_clamp.values():
+            for i, got in zip(which, self._fundamentals(which, at), strict=True):
+                into, where = self._into[i]
+                y[into], dy[:, into] = got.take(where)
+        for run, part in self._others:
+            y[part], dy[:, part] = self._predict_run(run, at)
+        for name, shape in self._readings.items():
+            error = np.broadcast_to(at.values[name], at.set_count)
+            moved = shape if kind is complex else shape.real
+            dy = dy * (1 + error[0] * moved) + np.multiply.outer(at.derivatives(error), y * moved)
+            y = y * (1 + error[0] * moved)
+        return Prediction(y, dy)
 
     def _all_values(self, columns: Array) -> Values:
         v = nonidealities.DEFAULTS | self._fixed | dict(zip(self.names, columns, strict=True))
@@ -321,10 +362,10 @@ class ForwardModel:
         every = np.ones(int(run.usable.sum()))  # one pole, measured several times
         return _by_clock(run, differences, s * every / (2 * np.pi), d * every / (2 * np.pi))
 
-    def _fundamentals(
-        self, runs: Sequence[observed.FrequencyResponseObservation], differences: FiniteDifferences
-    ) -> dict[str, Prediction]:
-        """Return the fundamentals of runs with one clamp, by label."""
+    def _fundamentals(self, which: Sequence[int], differences: FiniteDifferences) -> list[Prediction]:
+        """Return the fundamentals under these conditions, which have one clamp."""
+        conditions = [self._conditions[i] for i in which]
+        runs = [each.run for each in conditions]
         values = [differences.of_run(r) for r in runs]
         v = values[0]
         stacked, slopes = differences.stack(
@@ -333,52 +374,64 @@ class ForwardModel:
                 for r, own in zip(runs, values, strict=True)
             ]
         )
-        sizes = [int(r.usable.sum()) for r in runs]
-        of = np.repeat(np.arange(len(runs)), sizes)
+        sizes = [r.frequency_hz.size for r in runs]
         errors_hz = [differences.frequency_error(r) for r in runs]
-        omega = (
-            2 * np.pi * np.concatenate([r.frequency_hz[r.usable] + e[0] for r, e in zip(runs, errors_hz, strict=True)])
-        )
+        omega = 2 * np.pi * np.concatenate([r.frequency_hz + e[0] for r, e in zip(runs, errors_hz, strict=True)])
         d_omega = 2 * np.pi * np.concatenate([differences.derivatives(e) for e in errors_hz], axis=1)  # (P, rows)
-        rows, dK = stacked.take_rows(of), slopes.K[:, of]
+        rows = stacked.take_rows(np.repeat(np.arange(len(runs)), sizes))
+        gain = np.zeros((1, omega.size))
         if np.any(v["stiffening"]):
             gain = np.concatenate([self.nonideal.stiffness_gain(r, v, differences.set_count) for r in runs], axis=1)
-            dK[:, :, 3:] *= 1 + gain[0][:, None]
-            dK[:, :, 3:] += differences.derivatives(gain)[:, :, None] * rows.K[:, 3:]
-            rows.K[:, 3:] *= 1 + gain[0][:, None]
+        bending = rows.K[:, 3:].copy()
+        rows.K[:, 3:] *= 1 + gain[0][:, None]
         neighbours = differences.geometry_derivatives(v)
         H, t, moved = ReceptanceSolver(*differences.geometry(v), self.n).response_with_ends(
             rows, omega, [ends for ends, _ in neighbours]
         )
-        z = dK - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
-        dH = -np.einsum("rj,prj->pr", t, z)
-        dH -= d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
+        dH = -d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
+        if np.any(v["stiffening"]):
+            dH -= differences.derivatives(gain) * np.einsum("rj,rj->r", t[:, 3:], bending)
         for (_, dl), difference in zip(neighbours, moved, strict=True):
             dH += np.multiply.outer(dl, difference / (2 * RELATIVE_STEP))
-        out = {}
-        for run, v, stop, size in zip(runs, values, np.cumsum(sizes), sizes, strict=True):
+        out = []
+        for i, (condition, own, stop, size) in enumerate(
+            zip(conditions, values, np.cumsum(sizes).tolist(), sizes, strict=True)
+        ):
             here = slice(stop - size, stop)
-            moment = (
-                -v["mu"]
-                / v["L"]
-                * (1 + differences.shared_error(run, "volts"))
-                * (1 + differences.shared_error(run, "displacement"))
-            )
-            late = differences.shared_error(run, "delay")
-            w = omega[here]
-            A = self._drives[run.label] * np.exp(-1j * w * late[0])
-            y = A * moment[0] * H[here]
-            dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
-            dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega[:, here]) * y
-            factor = self.nonideal.factor(run, v)
-            if np.ndim(factor):
-                factor = np.broadcast_to(factor, (differences.set_count, size))
-                dy = dy * factor[0] + y * differences.derivatives(factor)
-                y = y * factor[0]
-            out[run.label] = (
-                Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
-            )
+            w, factors = omega[here], t[here]
+            stiff = np.concatenate((factors[:, :3], factors[:, 3:] * (1 + gain[0, here, None])), axis=1)
+            dH[:, here] -= slopes.K[:, i] @ stiff.T
+            dH[:, here] += slopes.M[:, i] @ (w[:, None] ** 2 * factors).T
+            dH[:, here] -= slopes.C[:, i] @ (1j * w[:, None] * factors).T
+            drive = self._drives[which[i]]
+            slope_w = d_omega[:, here]
+            out.append(self._displacement(condition.run, own, differences, drive, (w, slope_w), (H[here], dH[:, here])))
         return out
+
+    def _displacement(
+        self,
+        run: observed.FrequencyResponseObservation,
+        v: Values,
+        differences: FiniteDifferences,
+        drive: Complex,
+        frequencies: tuple[Array, Array],
+        receptances: tuple[Complex, Complex],
+    ) -> Prediction:
+        """Return the fundamental of the displacement; `frequencies` omega and `receptances` H with their slopes, (F,) and (P, F)."""
+        (w, d_omega), (H, dH) = frequencies, receptances
+        volts, gain = (1 + differences.shared_error(run, on) for on in ("volts", "displacement"))
+        moment = -v["mu"] / v["L"] * volts * gain
+        late = differences.shared_error(run, "delay")
+        A = drive * np.exp(-1j * w * late[0])
+        y = A * moment[0] * H
+        dy = A * (np.multiply.outer(differences.derivatives(moment), H) + moment[0] * dH)
+        dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega) * y
+        factor = self.nonideal.factor(run, v)
+        if np.ndim(factor):
+            factor = np.broadcast_to(factor, (differences.set_count, w.size))
+            dy = dy * factor[0] + y * differences.derivatives(factor)
+            y = y * factor[0]
+        return Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
 
     def _peak_to_peak_prediction(
         self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array
@@ -415,16 +468,6 @@ def _by_clock(run: observed.Observation, differences: FiniteDifferences, f: Any,
     clock = differences.shared_error(run, "clock")
     read = f / (1 + clock[0])
     return Prediction(read, (d - np.multiply.outer(differences.derivatives(clock), read)) / (1 + clock[0]))
-
-
-def _with_reading_errors(run: observed.Observation, p: Prediction, at: FiniteDifferences) -> Prediction:
-    """Return a prediction with the errors of its reading that have a shape over the points."""
-    for error in run.shared_errors:
-        if error.acts_on == "reading":
-            shape, size = run.shapes[error.name][run.usable], np.broadcast_to(at.values[error.name], at.set_count)
-            factor, own = 1 + size[0] * shape, np.multiply.outer(at.derivatives(size), p.values * shape)
-            p = Prediction(p.values * factor, p.derivatives * factor + own)
-    return p
 
 
 def modulus_prediction(y: Complex, dy: Complex) -> Prediction:

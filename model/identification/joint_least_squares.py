@@ -209,7 +209,7 @@ def _starting_points(problem: LeastSquaresProblem) -> Iterator[Array]:
         options.tactor, options.membrane, options.contact_length, amplifier=options.amplifier, n=options.n
     )
     with suppress(PaperChainError, ParameterError, np.linalg.LinAlgError):
-        values = identify_by_paper_chain(problem.observations, chosen).values
+        values = identify_by_paper_chain(problem.observations, chosen, validated=False).values
         yield np.array([values.get(n, x) for n, x in zip(problem.names, table, strict=True)])
     if not np.array_equal(table, problem.start):
         yield table
@@ -259,7 +259,7 @@ class _FitMonitor:
 
         p = self.problem
         place = FitCoordinates(p, start)
-        descent = _ResidualFunction(p, place, self)
+        descent = _ResidualFunction(p.condensed, place, self, p.data_count)
         try:
             with np.errstate(all="ignore"):
                 stages = [f for f in ERROR_STAGES if descent.misfit(place.start) > f > self._enlarged]
@@ -277,7 +277,8 @@ class _FitMonitor:
         except _EvaluationLimitReached:
             if descent.best is None:
                 return None
-            theta, r, J = descent.best
+            theta = descent.best[0]
+            r, J = p.evaluate(theta)
             converged, message = False, f"stopped after {self.evaluations} evaluations; the best so far"
         else:
             theta = place.to_parameters(got.x)
@@ -320,8 +321,10 @@ class _FitMonitor:
 class _ResidualFunction:
     """Return residuals and Jacobian for the solver: each point is evaluated once, and the best point is kept."""
 
-    def __init__(self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor) -> None:
-        self._problem, self._coordinates, self._monitor = problem, coordinates, monitor
+    def __init__(
+        self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor, data_count: int
+    ) -> None:
+        self._problem, self._coordinates, self._monitor, self._data_count = problem, coordinates, monitor, data_count
         self._cached_x, self._cached = b"", (np.empty(0), np.empty((0, 0)))
         self._weight = 1.0
         self._least_cost = np.inf
@@ -335,7 +338,7 @@ class _ResidualFunction:
     def misfit(self, x: Array) -> float:
         """Root mean square of the residuals of the runs with their own errors."""
         r = self._evaluate(x)[0]
-        return float(np.sqrt(np.mean(r[: r.size - self._problem.prior_count] ** 2)))
+        return float(np.sqrt(np.sum(r[: r.size - self._problem.prior_count] ** 2) / self._data_count))
 
     def residuals(self, x: Array) -> Array:
         """Return the residuals, (rows,)."""

@@ -128,7 +128,10 @@ class NonidealResponse:
     def __init__(self, observations: observed.ObservationSet, amplifier: AmplifierMap) -> None:
         self._amplifier = amplifier
         orders = [r.order for r in observations.of_type(observed.FrequencyResponseObservation) if r.order is not None]
-        self._first, self._last = (min(orders), max(orders)) if orders else (0.0, 0.0)
+        self._first, self._last = (
+            (float(np.min(np.hstack(orders))), float(np.max(np.hstack(orders)))) if orders else (0.0, 0.0)
+        )
+        self._kept: dict[tuple[str, str], Any] = {}
         steps = observations.of_type(observed.VoltageStepsObservation)
         self._histories = {run.label: run.history or _usual_history(run, amplifier) for run in steps}
 
@@ -144,10 +147,7 @@ class NonidealResponse:
             case observed.FrequencyResponseObservation():
                 return self._dwell_factor(run, v)
             case observed.StaticLoadingObservation():
-                decades = np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
-                if run.history is not None:  # includes the creep of earlier loads
-                    loads = run.history.drive
-                    decades = (run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable]
+                decades = self._keep(run.label, "decades", lambda: _loading_decades(run))
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
             case observed.VoltageStepsObservation():
                 decades = self._histories[run.label].decades(REFERENCE_S)[run.usable]
@@ -169,7 +169,7 @@ class NonidealResponse:
             factor = factor * crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
             late: Any = run.loop_share
-            late = self._with_slopes(v, partial(_loop_share, run)) if late is None else late[run.usable]
+            late = self._with_slopes(v, run.label, partial(_loop_share, run)) if late is None else late[run.usable]
             factor = factor * (1 + _column(v["hysteresis"]) * late)
         if np.any(v["delay"]):
             factor = factor * np.exp(-2j * np.pi * f * _column(v["delay"]))
@@ -177,7 +177,7 @@ class NonidealResponse:
             factor = factor * (1 + _column(v["gain_drift"]) * (run.order - self._first) / (self._last - self._first))
         below, above = v["gain_below_rest"], v["gain_above_rest"]
         if np.any(below) or np.any(above):
-            share = _of_drives(run, partial(_share_below, self._amplifier))
+            share = self._keep(run.label, "share", lambda: _of_drives(run, partial(_share_below, self._amplifier)))
             factor = factor * (1 + _column(below) * share + _column(above) * (1 - share))
         return factor
 
@@ -191,20 +191,28 @@ class NonidealResponse:
         history = self._histories[run.label]
         creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
         decades = history.decades(REFERENCE_S)
-        loop, left, late = self._with_slopes(v, partial(_memory, history))
+        loop, left, late = self._with_slopes(v, run.label, partial(_memory, history))
         volts = volts + hysteresis * loop[..., run.usable]
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
         return np.asarray(volts)
 
-    def _with_slopes(self, v: Values, function: Callable[[AmplifierMap], Any]) -> Any:
-        """Return a function of the amplifier's map with the errors of its slopes, to first order, (..., S or 1, F)."""
+    def _with_slopes(self, v: Values, label: str, function: Callable[[AmplifierMap], Any]) -> Any:
+        """Return a function of the amplifier's map for a run with the errors of its slopes, to first order, (..., S or 1, F)."""
         nominal = self._amplifier
-        out = function(nominal)[..., None, :]
+        at_nominal = self._keep(label, "nominal", lambda: function(nominal))
+        out = at_nominal[..., None, :]
         for name, field in (("gain_below_rest", "slope_below"), ("gain_above_rest", "slope_above")):
             if np.any(v[name]):
                 steeper = replace(nominal, **{field: getattr(nominal, field) * (1 + SLOPE_STEP)})
-                out = out + _column(v[name]) * ((function(steeper) - function(nominal)) / SLOPE_STEP)[..., None, :]
+                slope = self._keep(label, field, partial(_slope, function, steeper, at_nominal))
+                out = out + _column(v[name]) * slope[..., None, :]
         return out
+
+    def _keep(self, label: str, name: str, function: Callable[[], Any]) -> Any:
+        """Return what is computed once for a run, because it does not depend on the parameters."""
+        if (label, name) not in self._kept:
+            self._kept[label, name] = function()
+        return self._kept[label, name]
 
     def loop_share(self, run: observed.VoltageStepsObservation) -> Array:
         """Return what a `hysteresis` of 1 adds to the volts of each usable point, as a share of the largest, (F,)."""
@@ -223,6 +231,18 @@ class NonidealResponse:
         return np.broadcast_to(
             0.75 * _column(v["stiffening"]) * (amplitude / STIFFENING_M) ** 2, (sets, int(run.usable.sum()))
         )
+
+
+def _slope(function: Callable[[AmplifierMap], Any], steeper: AmplifierMap, at_nominal: Any) -> Any:
+    return (function(steeper) - at_nominal) / SLOPE_STEP
+
+
+def _loading_decades(run: observed.StaticLoadingObservation) -> Array:
+    """Return the decades of creep at each usable point of a static loading, (F,) or (1,), with the creep of earlier loads if known."""
+    if run.history is None:
+        return np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
+    loads = run.history.drive
+    return np.asarray((run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable])
 
 
 @lru_cache(maxsize=DIFFERENT_DRIVES)

@@ -7,9 +7,11 @@ whether it is `simulated`. Points that are not good stay in the record and are l
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model import Array, Complex, Mask, Membrane, ParameterError, weight_per_length
 from model.drive_history import DriveHistory
@@ -245,8 +247,8 @@ class FrequencyResponseObservation(_ObservationBase):
     """Whether these are the lines of one sweep instead of single dwells."""
     loop_share: Complex | None = None
     """Addition of a hysteresis of 1 to the volts on the specimen, as a share of them, (F,); None: as under a sine."""
-    order: float | None = None
-    """Time of the measurement (any clock): the first and the last of a kind show drift."""
+    order: Array | float | None = None
+    """Time of the measurement (any clock), or of each point, (F,): the first and the last of a kind show drift."""
 
     def __post_init__(self) -> None:
         kind = "frequency response"
@@ -391,6 +393,51 @@ def over_errors(run: Observation, difference: Any) -> Array:
     return np.concatenate((np.real(difference) / error, np.imag(difference) / other), axis=-1)
 
 
+class ErrorRows:
+    """Rows of all points of runs over their standard errors: `over_errors` of all runs at once.
+
+    Attributes:
+        parts: points of each run, usable ones only.
+    """
+
+    def __init__(self, runs: Sequence[Observation]) -> None:
+        values = [observed_values(run) for run in runs]
+        ends = np.cumsum([0, *(y.size for y, _ in values)]).tolist()
+        self.parts = [slice(a, b) for a, b in pairwise(ends)]
+        self.observed = np.concatenate([y for y, _ in values])
+        self._error = np.concatenate([error for _, error in values])
+        self._turn = np.ones(ends[-1], complex)
+        self._other = self._error.copy()
+        real: list[Array] = []
+        imaginary: list[Array] = []
+        self.row_count = 0
+        for run, (y, _), part in zip(runs, values, self.parts, strict=True):
+            real.append(np.arange(self.row_count, self.row_count + y.size))
+            self.row_count += y.size
+            imaginary.append(np.full(y.size, -1))
+            if np.iscomplexobj(y):
+                imaginary[-1] = real[-1] + y.size
+                self.row_count += y.size
+            if (
+                isinstance(run, FrequencyResponseObservation | DecayPoleObservation)
+                and run.phase_errors_rad is not None
+            ):
+                self._turn[part] = np.exp(-1j * np.angle(y))
+                self._other[part] = np.abs(y) * run.phase_errors_rad[run.usable]
+        self._real, every = np.concatenate(real), np.concatenate(imaginary)
+        self._complex = np.flatnonzero(every >= 0)
+        self._imaginary = every[self._complex]
+
+    def of(self, difference: Any) -> Array:
+        """Return differences (..., points) to the observed values, or slopes, in the rows of a fit, (..., rows)."""
+        out = np.empty((*difference.shape[:-1], self.row_count))
+        turned = difference * self._turn if self._complex.size else difference
+        out[..., self._real] = turned.real / self._error
+        if self._complex.size:
+            out[..., self._imaginary] = turned.imag[..., self._complex] / self._other[self._complex]
+        return out
+
+
 def with_observed_values(run: Observation, values: Any) -> Observation:
     """The run with `values` (F,) in place of the observations at its usable points."""
     if isinstance(run, DecayPoleObservation):
@@ -415,3 +462,87 @@ def _columns(run: Observation) -> tuple[str, str]:
         case FrequencyResponseObservation():
             return "fundamental_m", "errors_m"
     return "deflection_m", "errors_m"
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One condition of dwells with a fundamental.
+
+    Attributes:
+        run: a run with every different point once; all are usable.
+        places: by label of a run, the point of `run` for each of its usable points, (F,).
+    """
+
+    run: FrequencyResponseObservation
+    places: dict[str, NDArray[np.intp]]
+
+
+def conditions_of(observations: ObservationSet, effects: Sequence[str] = ()) -> list[Condition]:
+    """Return the conditions of all dwells with a fundamental, in order.
+
+    Points are equal if they have one frequency and drive, and one measured amplitude and time where the `effects` "stiffening" and
+    "gain_drift" depend on them. Errors of a reading are no part of a condition.
+    """
+    same: dict[Any, list[FrequencyResponseObservation]] = {}
+    for run in observations.of_type(FrequencyResponseObservation):
+        if run.fundamental_m is not None:
+            errors = tuple(e for e in run.shared_errors if e.acts_on != "reading")
+            known = run.loop_share is None, run.order is None, np.iscomplexobj(run.fundamental_m)
+            key = errors, run.elongation_m, run.added_mass_kg, run.temperature_c, known
+            same.setdefault(key, []).append(run)
+    return [_condition(runs, key[0], effects) for key, runs in same.items()]
+
+
+def _condition(runs: list[FrequencyResponseObservation], errors: Any, effects: Sequence[str]) -> Condition:
+    first = runs[0]
+    stacked = {
+        name: np.concatenate([getattr(run, name)[run.usable] for run in runs])
+        for name in ("frequency_hz", "fundamental_m", "errors_m", "drive_amplitude_v", "drive_offset_v")
+    }
+    if first.loop_share is not None:
+        stacked["loop_share"] = np.concatenate([np.asarray(run.loop_share)[run.usable] for run in runs])
+    if first.order is not None:
+        stacked["order"] = np.concatenate(
+            [np.broadcast_to(np.asarray(run.order), run.usable.shape)[run.usable] for run in runs]
+        )
+    keys = [stacked[name] for name in ("frequency_hz", "drive_amplitude_v", "drive_offset_v")]
+    if "loop_share" in stacked:
+        keys += [stacked["loop_share"].real, stacked["loop_share"].imag]
+    if "stiffening" in effects:
+        keys.append(np.abs(stacked["fundamental_m"]))
+    if "gain_drift" in effects and "order" in stacked:
+        keys.append(stacked["order"])
+    _, at, where = np.unique(np.stack(keys, axis=-1), axis=0, return_index=True, return_inverse=True)
+    ends = np.cumsum([int(run.usable.sum()) for run in runs])[:-1]
+    none = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m", "phase_errors_rad")
+    changes: dict[str, Any] = dict.fromkeys(none) | {name: column[at] for name, column in stacked.items()}
+    merged = replace(first, good=None, shared_errors=errors, shapes={}, **changes)
+    places = np.split(where.ravel(), ends)
+    return Condition(merged, {run.label: place for run, place in zip(runs, places, strict=True)})
+
+
+def condensed(observations: ObservationSet, effects: Sequence[str]) -> tuple[ObservationSet, float]:
+    """Return runs whose least squares have the same minimum, and the root of the part of chi-square that no parameter changes.
+
+    Every point that several runs measured under one condition is replaced by its weighted mean; `effects` as in `conditions_of`.
+    """
+    runs: dict[str, Observation] = {run.label: run for run in observations.runs}
+    plain = {
+        run.label: run
+        for run in observations.of_type(FrequencyResponseObservation)
+        if run.phase_errors_rad is None and all(e.acts_on != "reading" for e in run.shared_errors)
+    }
+    constant = 0.0
+    for condition in conditions_of(ObservationSet(tuple(plain.values())), effects) if plain else ():
+        members = [plain[label] for label in condition.places]
+        at = np.concatenate(list(condition.places.values()))
+        y, error = (np.concatenate(each) for each in zip(*map(observed_values, members), strict=True))
+        weight, total = np.zeros(condition.run.frequency_hz.size), np.zeros(condition.run.frequency_hz.size, y.dtype)
+        np.add.at(weight, at, error**-2)
+        np.add.at(total, at, y / error**2)
+        mean = total / weight
+        constant += float(np.sum(np.abs((y - mean[at]) / error) ** 2))
+        runs[members[0].label] = replace(condition.run, fundamental_m=mean, errors_m=weight**-0.5)
+        for r in members[1:]:
+            del runs[r.label]
+    return ObservationSet(tuple(runs.values())), float(np.sqrt(constant))

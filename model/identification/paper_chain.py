@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from scipy.special import betainc
 
 from model import AmplifierMap, Array, Mask, Membrane, ParameterError, Tactor, point_stiffness, young_modulus_from_sag
 from model.identification import observations as observed
@@ -163,14 +164,16 @@ PEAK_BAND_HZ = (100.0, 250.0)
 
 
 def identify_by_paper_chain(
-    observations: observed.ObservationSet, options: PaperChainOptions | None = None
+    observations: observed.ObservationSet, options: PaperChainOptions | None = None, validated: bool = True
 ) -> PaperChainResult:
     """Perform the steps that the runs allow; a step without runs keeps the value of `options`.
+
+    `validated` adds the comparison of the curves, the last step.
 
     Raises:
         PaperChainError: the runs of a step do not determine its parameter.
     """
-    return _PaperIdentification(observations, options or PaperChainOptions()).run()
+    return _PaperIdentification(observations, options or PaperChainOptions()).run(validated)
 
 
 class _PaperIdentification:
@@ -184,7 +187,7 @@ class _PaperIdentification:
             (r for r in responses if r.elongation_m is not None), key=lambda r: r.elongation_m or 0
         )
 
-    def run(self) -> PaperChainResult:
+    def run(self, validated: bool) -> PaperChainResult:
         peaks = any(m.meaning == "peak" for m in self.observations.of_type(observed.MassResonanceObservation))
         for _ in range(30):
             k2 = self.tactor.k2
@@ -197,9 +200,8 @@ class _PaperIdentification:
         self.identify_modulus()
         c_s = self.identify_skin_damping()
         r_squared = self.fit_skin_damping_line(c_s)
-        return PaperChainResult(
-            tuple(self.steps.values()), self.tactor, self.membrane, c_s, r_squared, self.validate_curves(c_s)
-        )
+        curves = self.validate_curves(c_s) if validated else ()
+        return PaperChainResult(tuple(self.steps.values()), self.tactor, self.membrane, c_s, r_squared, curves)
 
     def record_step(self, name: str, runs: Sequence[str], values: dict[str, float], summary: str) -> None:
         self.steps[name] = IdentificationStep(name, tuple(runs), values, summary)
@@ -422,16 +424,15 @@ class _PaperIdentification:
 
     def validate_curves(self, c_s: dict[float, float]) -> tuple[CurveValidation, ...]:
         """Step 8."""
-        from scipy.stats import pearsonr
-
         out = []
         for run in (*self.free_runs, *self.membrane_runs):
             f, A = self.measured_amplitudes(run)
             k_s, c = (0.0, 0.0) if run.elongation_m is None else (self._k_s(run.elongation_m), c_s[run.elongation_m])
             predicted = amplitudes(self.tactor, f, self._specimen_volts(run), k_s, c, self.options.n)
             if A.size > 2 and np.ptp(A) > 0:
-                r = pearsonr(A, predicted)
-                out.append(CurveValidation(run.label, float(r.statistic), float(r.pvalue), A.size))
+                r = float(np.clip(np.corrcoef(A, predicted)[0, 1], -1, 1))
+                half = A.size / 2 - 1  # under no correlation (1 + r) / 2 has a beta distribution
+                out.append(CurveValidation(run.label, r, 2 * float(betainc(half, half, (1 - abs(r)) / 2)), A.size))
         return tuple(out)
 
     def measured_amplitudes(self, run: observed.FrequencyResponseObservation) -> tuple[Array, Array]:

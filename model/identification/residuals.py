@@ -1,6 +1,7 @@
 """Least-squares problem: residuals and Jacobian of one set of observations with given fit options."""
 
-from typing import Any
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from model import Array
 from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
-from model.identification.observations import ObservationSet, observed_values, over_errors
+from model.identification.observations import ObservationSet, condensed
 from model.identification.priors import near_limit, prior_moments
 
 PRIOR_REACH = 12.0
@@ -23,8 +24,10 @@ class LeastSquaresProblem:
         IdentificationError: nothing is free.
     """
 
-    def __init__(self, observations: ObservationSet, options: FitOptions) -> None:
+    def __init__(self, observations: ObservationSet, options: FitOptions, constant: float | None = None) -> None:
+        """`constant` is a residual that no parameter changes, after the residuals of the runs."""
         self.observations, self.options = observations, options
+        self._constant = np.zeros(0) if constant is None else np.array([constant])
         own = options.free_parameters(observations)
         if not own:
             raise IdentificationError("no parameter is free: name at least one that these runs determine")
@@ -44,7 +47,6 @@ class LeastSquaresProblem:
         """Value and standard uncertainty of each prior, by the name of the parameter."""
         self.prior_count = len(self.priors)
         """Number of rows at the end that are no residuals of runs."""
-        self._data = [observed_values(run)[0] for run in observations.runs]
         limits = [fit_parameters.parameter_spec(n, observations).interval for n in self.names]
         self.logarithmic = np.array([i.gt == 0 for i in limits]) & (self.start > 0)
         self.lower_bounds = np.array([next((float(x) for x in (i.ge, i.gt) if x is not None), -np.inf) for i in limits])  # type: ignore[arg-type]
@@ -57,22 +59,37 @@ class LeastSquaresProblem:
 
     def residuals(self, theta: Array) -> Array:
         """Residuals (rows,) alone."""
-        predicted = self.forward_model.predict(theta, slopes=False)
-        runs = zip(self.observations.runs, self._data, predicted, strict=True)
-        priors = [(value - theta[i]) / sigma for i, value, sigma in self.priors]
-        return np.concatenate([*(over_errors(run, y - got.values) for run, y, got in runs), priors])
+        model = self.forward_model
+        gap = model.rows.observed - model.predict_all(theta, slopes=False).values
+        return np.concatenate((model.rows.of(gap), self._constant, self._prior_residuals(theta)))
+
+    @cached_property
+    def condensed(self) -> "LeastSquaresProblem":
+        """A problem with the same minimum, steps and cost and as few rows as the conditions have points; or this problem."""
+        if self.options.loss != "linear" or "stiffening" in self.forward_model.effects:
+            return self
+        few, constant = condensed(self.observations, self.forward_model.effects)
+        if len(few.runs) == len(self.observations.runs) or few.reference_c != self.observations.reference_c:
+            return self
+        if tuple(few.shared_errors) != tuple(self.observations.shared_errors):
+            return self
+        own = tuple(n for n in self.names if n not in self.observations.shared_errors)
+        return LeastSquaresProblem(few, replace(self.options, free=own, also=()), constant)
+
+    @property
+    def data_count(self) -> int:
+        """Number of residuals of runs."""
+        return self.forward_model.rows.row_count
 
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""
-        rows: list[Array] = []
-        J: list[Any] = []
-        runs = self.observations.runs
-        for run, y, got in zip(runs, self._data, self.forward_model.predict(theta), strict=True):
-            rows.append(over_errors(run, y - got.values))
-            J.append(over_errors(run, got.derivatives).T)
-        for i, value, sigma in self.priors:
-            rows.append(np.array([(value - theta[i]) / sigma]))
-            one = np.zeros((1, theta.size))
-            one[0, i] = 1 / sigma
-            J.append(one)
-        return np.concatenate(rows), np.concatenate(J)
+        rows = self.forward_model.rows
+        values, slopes = self.forward_model.predict_all(theta)
+        J = np.zeros((rows.row_count + self._constant.size + self.prior_count, theta.size))
+        J[: rows.row_count] = rows.of(slopes).T
+        for row, (i, _, sigma) in enumerate(self.priors, len(J) - self.prior_count):
+            J[row, i] = 1 / sigma
+        return np.concatenate((rows.of(rows.observed - values), self._constant, self._prior_residuals(theta))), J
+
+    def _prior_residuals(self, theta: Array) -> Array:
+        return np.array([(value - theta[i]) / sigma for i, value, sigma in self.priors])

@@ -4,6 +4,7 @@ import ctypes
 import inspect
 import os
 import re
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property, wraps
@@ -27,6 +28,13 @@ if TYPE_CHECKING:
     import h5py
 
 T = TypeVar("T")
+
+SETTLED_NS = 2_000_000_000
+"""Age of the last change from which on a further change has another time on every file system."""
+MAX_KNOWN_FILES = 100_000
+
+_KNOWN_FILES: dict[tuple[int, int], tuple[int, int, int]] = {}
+"""Size and times of change of the files that this process has found in order, by device and number of the file."""
 
 READ_ATTEMPTS = 24
 """Number of read attempts for a piece of a growing file; together they take some ten milliseconds."""
@@ -89,7 +97,34 @@ def open_run(path: Path) -> "h5py.File":
         raise
 
 
+def _stamp(path: Path) -> tuple[tuple[int, int], tuple[int, int, int]] | None:
+    """Return what tells a file from every other state of it; None for a file that changed a moment ago, or is not there."""
+    try:
+        stat = path.stat()
+    except (OSError, ValueError):
+        return None
+    changed_ns = max(stat.st_mtime_ns, stat.st_ctime_ns)
+    if not stat.st_ino or not time.time_ns() - changed_ns > SETTLED_NS:
+        return None
+    return (stat.st_dev, stat.st_ino), (stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+
+
 def _open(path: Path) -> "h5py.File":
+    stamp = _stamp(path)
+    if stamp is not None and _KNOWN_FILES.get(stamp[0]) == stamp[1]:
+        import h5py
+
+        with suppress(OSError, ValueError):
+            return h5py.File(path, "r", libver="latest", locking=False)
+    file = _open_unknown(path)
+    if stamp is not None and stamp == _stamp(path):
+        if len(_KNOWN_FILES) >= MAX_KNOWN_FILES:
+            _KNOWN_FILES.clear()
+        _KNOWN_FILES[stamp[0]] = stamp[1]
+    return file
+
+
+def _open_unknown(path: Path) -> "h5py.File":
     _check_readable(path)
     import h5py  # slow to import; the window is painted first
 

@@ -122,6 +122,14 @@ class Run(Closeable):
         except NotesError as error:
             return replace(record, caution=str(error))
 
+    @cached_property
+    def bench_record(self) -> RunRecord:
+        """A record of the bench's configuration alone, which is read in a tenth of the time of all facts."""
+        return RunRecord(
+            simulated=bool(read_integer(self._entry, "simulated")),
+            configuration=read_object(self._entry, "configuration"),
+        )
+
     @property
     def resumed_from(self) -> Path | None:
         """The run that this run resumes."""

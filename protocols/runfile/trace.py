@@ -164,6 +164,12 @@ class RunTrace:
         stop = self.sample_count if stop is None else min(stop, self.sample_count)
         return np.asarray(column(self._entry, f"trace/{channel}", "i")[start:stop], np.int16)
 
+    def raw_recordings(self) -> Iterator[tuple[int, tuple[NDArray[np.int16], ...]]]:
+        """Yield plan entry and raw counts of the channels, (N,) each, of every recording."""
+        count, channels = self.sample_count, [column(self._entry, f"trace/{name}", "i") for name in CHANNELS]
+        for start, stop, entry in self.recording_rows():
+            yield entry, tuple(np.asarray(each[start : min(stop, count)], np.int16) for each in channels)
+
     def time_s(self, start: int = 0, stop: int | None = None) -> Array:
         """Return scan times of rows start..stop, seconds since the stream began, (N,); gaps are jumps."""
         return self.times_of_rows(np.arange(start, self.sample_count if stop is None else min(stop, self.sample_count)))

@@ -122,10 +122,24 @@ def test_no_configuration_type_accepts_an_unknown_key() -> None:
         ("100 Hz", "rad/s", 628.3185307179586),
         ("180 deg", "rad", 3.141592653589793),
         ("0.5 cycle", "rad", 3.141592653589793),
+        ("69 GPa", "Pa", 69e9),
+        ("1e5 N/m^2", "Pa", 1e5),
+        ("0.1 mm/V", "m/V", 1e-4),
+        ("5 g/cm^3", "kg/m^3", 5000),
+        ("3 g/(cm s)", "kg/(m s)", 0.3),
+        ("3 N*m/kV", "N m/V", 3e-3),
+        ("2 g mm**2", "kg m^2", 2e-9),
+        ("4 inch", "m", 0.1016),
+        ("1 min", "s", 60),
     ],
 )
 def test_numbers_with_units(text: str, unit: str, number: float) -> None:
     assert to_number(text, unit) == pytest.approx(number)
+
+
+def test_a_power_of_ten_is_rounded_once() -> None:
+    values = [to_number("7.73 g", "kg"), to_number("100 us", "s"), to_number("5 g cm**-3", "kg/m^3")]
+    assert values == [7.73e-3, 1e-4, 5e3]
 
 
 @pytest.mark.parametrize(

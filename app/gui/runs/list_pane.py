@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 
-from PySide6.QtCore import QItemSelectionModel, Qt, QUrl, Signal
+from PySide6.QtCore import QItemSelection, QItemSelectionModel, Qt, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QGuiApplication
 from PySide6.QtWidgets import QWidget
 
@@ -28,6 +29,8 @@ class RunListPane(QWidget):
         super().__init__()
         self.folder_model = RunFolderModel(folder, index, self)
         self.model = RunTableModel()
+        self._rows: list[int] | None = None
+        self.model.modelReset.connect(self._forget_rows)
         self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()
         columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
         self.details.setMinimumWidth(340)  # now: at first the details have the width that their buttons need
@@ -39,6 +42,7 @@ class RunListPane(QWidget):
         self.folder_model.listed.connect(self._on_listed)
         self.folder_model.progressed.connect(self.filter_bar.progressed)
         self.folder_model.scanned.connect(self.filter_bar.show_scan_result)
+        self.table.selectionModel().selectionChanged.connect(self._forget_rows)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
         self.table.open_requested.connect(self.open_requested)
         self.table.doubleClicked.connect(lambda _: self.open_requested.emit())
@@ -51,16 +55,30 @@ class RunListPane(QWidget):
 
     @property
     def _selected_rows(self) -> list[int]:
-        return sorted(index.row() for index in self.table.selectionModel().selectedRows())
+        """The selected rows by their ranges: Qt's list of rows asks the model for the flags of every cell."""
+        if self._rows is None:
+            ranges = self.table.selectionModel().selection()
+            each_range = (ranges.at(i) for i in range(ranges.count()))
+            self._rows = sorted({row for each in each_range for row in range(each.top(), each.bottom() + 1)})
+        return self._rows
+
+    def _forget_rows(self) -> None:
+        self._rows = None
 
     def select_paths(self, paths: Sequence[str]) -> None:
         """Select runs by their paths."""
         selection, flags = self.table.selectionModel(), QItemSelectionModel.SelectionFlag
         selection.clearSelection()
-        rows = {entry.path: row for row, entry in enumerate(self.model.summaries)}
-        for row in (rows[path] for path in paths if path in rows):
-            selection.select(self.model.index(row, 0), flags.Select | flags.Rows)
-            selection.setCurrentIndex(self.model.index(row, 0), flags.NoUpdate)
+        chosen, wanted = QItemSelection(), set(paths)
+        rows = [row for row, entry in enumerate(self.model.summaries) if entry.path in wanted]
+        for _, run in groupby(enumerate(rows), lambda at: at[1] - at[0]):
+            together = [row for _, row in run]
+            chosen.select(self.model.index(together[0], 0), self.model.index(together[-1], 0))
+        selection.select(chosen, flags.Select | flags.Rows)
+        if rows:
+            row_of = {self.model.summaries[row].path: row for row in rows}
+            last = next(row_of[path] for path in reversed(paths) if path in row_of)
+            selection.setCurrentIndex(self.model.index(last, 0), flags.NoUpdate)
 
     def path_of(self, summary: RunSummary) -> Path:
         """Return the path of a listed run."""

@@ -1,12 +1,23 @@
 """Table of runs: model over run summaries (ten thousand without a delay), and view with the days as groups."""
 
 from collections.abc import Callable, Sequence
-from datetime import date
+from datetime import date, datetime
+from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QAbstractTableModel, QMimeData, QModelIndex, QPersistentModelIndex, QRectF, Qt, QUrl, Signal
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QItemSelectionModel,
+    QMimeData,
+    QModelIndex,
+    QPersistentModelIndex,
+    QRectF,
+    Qt,
+    QUrl,
+    Signal,
+)
 from PySide6.QtGui import QColor, QKeyEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -89,9 +100,7 @@ class RunTableModel(QAbstractTableModel):
             at, today = 0, date.today()
             for part, where in ((summaries, ""), (others, "Found in results and notes: " if summaries else "")):
                 part_end = at + len(part)
-                for day, runs in groupby(
-                    self.summaries[at:part_end], lambda e: e.started_at.date() if e.started_at else None
-                ):
+                for day, runs in groupby(self.summaries[at:part_end], lambda e: _local_day(e.start_time)):
                     count = sum(1 for _ in runs)
                     self.days[at] = f"{where}{_day_text(day, today)}   {pluralize(count, 'run')}"
                     at += count
@@ -151,6 +160,15 @@ class RunTableModel(QAbstractTableModel):
         rows = sorted({index.row() for index in indexes})
         mime.setUrls([QUrl.fromLocalFile(str((self.folder / self.summaries[row].path).resolve())) for row in rows])
         return mime
+
+
+@lru_cache(maxsize=200_000)
+def _local_day(start_time: str) -> date | None:
+    """Return the local day of a time, ISO, cached: a list of many runs is grouped at every letter of a search."""
+    try:
+        return datetime.fromisoformat(start_time).astimezone().date()
+    except (ValueError, OverflowError, OSError):  # as `RunSummary.started_at`
+        return None
 
 
 def _cell_text(summary: RunSummary, column: str) -> str:
@@ -248,6 +266,8 @@ class RunTableView(QTableView):
         model.modelReset.connect(self._make_place_for_days)
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         header = self.horizontalHeader()
+        # A header that knows the selection asks for the flags of every cell of it when it is painted.
+        header.setSelectionModel(QItemSelectionModel(model, header))
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate(WIDTHS):

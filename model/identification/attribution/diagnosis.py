@@ -122,7 +122,7 @@ def _explain(
 def _linear_start(evidence: Evidence, cause: Cause, start: Mapping[str, float]) -> dict[str, float]:
     """Return where the linearized fit with the cause has its minimum, a step of at most half of each positive parameter."""
     fit, none = evidence.fit, np.zeros((evidence.residuals.size, 0))
-    effects = evidence.effects[cause] if cause.sizes else none
+    effects = evidence.effect(cause) if cause.sizes else none
     columns = np.column_stack((fit.jacobian * fit.parameter_scale, effects))
     data = np.vstack((columns * fit.used_rows[:, None], np.eye(effects.shape[1], columns.shape[1], fit.theta.size)))
     r = np.append(fit.weighted_residuals * fit.used_rows, np.zeros(effects.shape[1]))

@@ -5,22 +5,23 @@ Bayes factor: half of r' d (1 + d'd)^-1 d' r less half of the logarithm of |1 + 
 effects. The second term is the price of its parameters.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
 from model import Array
 from model.identification import observations as observed
-from model.identification.attribution.causes import POINT_ERRORS, Cause, free_as_well, possible_causes, with_errors
+from model.identification.attribution.causes import Cause, possible_causes
+from model.identification.attribution.effects import Effects
 from model.identification.fit_result import JointFit
-from model.identification.residuals import LeastSquaresProblem
 
 DRAWS = 1500
 """Simulated sets of residuals."""
+DRAWS_AT_ONCE = 100
+"""Sets in memory at a time: with 500 runs, each has 18,000 rows."""
 INSIDE_FIT = 1e-6
 """Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
 MIN_PATTERN_ROWS = 6
@@ -56,12 +57,8 @@ class Evidence:
         every = possible_causes(fit, self.predictions)
         self.causes = tuple(c for c in every if c.kind != "exchange")
         self._exchanges = tuple(c for c in every if c.kind == "exchange")
-        columns = self._columns()
-        self.effects: Mapping[Cause, Array] = {
-            c: columns[:, at] for c, at in zip(self.causes, self._places, strict=True)
-        }
-        """What each cause adds to the weighted residuals for plausible sizes, (rows, its parameters)."""
-        self._directions, self._weights, self._prices = self._decompose(columns)
+        self._effects = Effects(fit, self.causes, self.predictions)
+        self._weights, self._prices = self._decompose()
 
     @cached_property
     def subspace(self) -> Array:
@@ -73,10 +70,14 @@ class Evidence:
     @cached_property
     def linear(self) -> tuple[CauseEvidence, ...]:
         """Every cause, the likeliest first."""
-        gains = self._gains(self.residuals[None])[0]
+        gains = self._gains(self.outside_fit(self.residuals)[None])[0]
         found = [CauseEvidence(c, float(g), float(p)) for c, g, p in zip(self.causes, gains, self._prices, strict=True)]
         found += [CauseEvidence(c, g, 0.0) for c, g in zip(self._exchanges, self._exchange_gains(), strict=True)]
         return tuple(sorted(found, key=lambda e: -e.log_odds))
+
+    def effect(self, cause: Cause) -> Array:
+        """Return what a cause adds to the weighted residuals for plausible sizes, (rows, its parameters)."""
+        return self._effects.of(cause)
 
     def outside_fit(self, effect: Array) -> Array:
         """Return the part of effects (rows, ...) that the fit cannot follow."""
@@ -89,14 +90,12 @@ class Evidence:
             probabilities: of further tests, independent of the residuals.
         """
         fit, used = self.fit, self.fit.used_rows
-        noise = np.random.default_rng(0).standard_normal((DRAWS, used.size)) * used
-        noise -= (noise @ self.subspace) @ self.subspace.T
-        every = np.vstack((self.residuals, noise))
-        odds = np.array([c.log_prior for c in self.causes])
-        tests = [(self._gains(every) / 2 - self._prices + odds).max(axis=1, initial=-np.inf), (every**2).sum(axis=1)]
-        for rows, form, mean, deviation in map(self.pattern, self._patterned):
-            part = every[:, rows]
-            tests.append(((part @ form * part).sum(axis=1) - mean) / deviation)
+        random = np.random.default_rng(0)
+        parts = [self._tests(self.residuals[None])]
+        for first in range(0, DRAWS, DRAWS_AT_ONCE):
+            noise = random.standard_normal((min(DRAWS_AT_ONCE, DRAWS - first), used.size)) * used
+            parts.append(self._tests(noise - (noise @ self.subspace) @ self.subspace.T))
+        tests = np.concatenate(parts, axis=1)
         ranks = np.array([np.searchsorted(np.sort(-t[1:]), -t, side="right") + 1.0 for t in tests]) / (DRAWS + 1)
         ranks[1, 0] = min(ranks[1, 0], chdtrc(max(fit.degrees_of_freedom, 1), tests[1][0]))
         least = ranks.min(axis=0)
@@ -105,6 +104,33 @@ class Evidence:
         )
         others = [min(1.0, p) for p in probabilities]
         return float(-np.expm1((1 + bool(others)) * np.log1p(-min(own, *others, 1 - 1e-12))))
+
+    def _tests(self, residuals: Array) -> Array:
+        """Return the statistics of residuals (B, rows): the largest odds of a cause, chi-square, and each pattern, (tests, B)."""
+        odds = np.array([c.log_prior for c in self.causes])
+        gains = (self._gains(residuals) / 2 - self._prices + odds).max(axis=1, initial=-np.inf)
+        products = residuals[:, :-1] * residuals[:, 1:] * self._neighbours
+        sums = np.add.reduceat(products, [part.start for part in self.fit.run_slices], axis=1)
+        patterns = [
+            (sums[:, at] - mean) / deviation for at in self._patterned for mean, deviation in (self._moments[at],)
+        ]
+        return np.array([gains, (residuals**2).sum(axis=1), *patterns])
+
+    @cached_property
+    def _neighbours(self) -> Array:
+        """1 for each pair of successive residuals of one run and one component, else 0, (rows - 1,)."""
+        pairs = np.zeros(self.residuals.size)
+        for part, run in zip(self.fit.run_slices, self.fit.observations.runs, strict=True):
+            pairs[part] = 1.0
+            pairs[part.stop - 1] = 0.0
+            if np.iscomplexobj(self.predictions[run.label]):
+                pairs[part.start + (part.stop - part.start) // 2 - 1] = 0.0
+        return pairs[:-1]
+
+    @cached_property
+    def _moments(self) -> dict[int, tuple[float, float]]:
+        """Mean and standard deviation under noise alone of the sum of products of neighbours, by run with a pattern."""
+        return {at: self.pattern(at)[2:] for at in self._patterned}
 
     def patterns(self) -> Iterator[tuple[str, int, float, float]]:
         """Yield run, residuals, correlation of neighbours and its probability by chance of each run."""
@@ -132,79 +158,31 @@ class Evidence:
     def _patterned(self) -> list[int]:
         return [i for i, part in enumerate(self.fit.run_slices) if part.stop - part.start >= MIN_PATTERN_ROWS]
 
-    @cached_property
-    def _places(self) -> list[slice]:
-        """Columns of each cause."""
-        ends = np.cumsum([self._column_count(c) for c in self.causes], dtype=int).tolist()
-        return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
-
-    def _column_count(self, cause: Cause) -> int:
-        if cause.kind == "point":
-            return 2 if np.iscomplexobj(self.predictions[cause.name]) else 1
-        return len(cause.sizes)
-
-    def _columns(self) -> Array:
-        """Return the effects of all causes but exchanges for plausible sizes, (rows, columns)."""
-        fit, rows = self.fit, self.fit.weighted_residuals.size
-        plain = [e for c in self.causes for e in c.errors if e.error.acts_on != "reading"]
-        names = tuple(n for c in self.causes if c.kind == "parameter" for n in c.parameters)
-        problem = LeastSquaresProblem(with_errors(fit.observations, plain), free_as_well(fit, names))
-        _, J = problem.evaluate(problem.start)
-        data = fit.run_slices[-1].stop
-        place = {name: i for i, name in enumerate(problem.names)}
-        out = np.zeros((rows, self._places[-1].stop if self.causes else 0))
-        for cause, at in zip(self.causes, self._places, strict=True):
-            if cause.kind == "point":
-                out[self._rows_of_point(cause), np.arange(at.start, at.stop)] = POINT_ERRORS
-            for k, (name, (_, size)) in enumerate(cause.parameters.items()):
-                if name in fit.options.priors:
-                    row, own = fit.prior_rows[name], fit.problem.priors_by_name[name][1]
-                    out[row, at.start + k] = np.sqrt(max(size**2 - own**2, 0.0)) / own
-                else:
-                    out[:data, at.start + k] = J[:data, place[name]] * size
-            for k, e in enumerate(cause.errors):
-                if e.error.acts_on == "reading":
-                    out[:, at.start + k] = self._reading_effect(e.runs) * e.error.standard_error
-                else:
-                    out[:data, at.start + k] = J[:data, place[e.error.name]] * e.error.standard_error
-        return np.asarray(out * fit.used_rows[:, None])
-
-    def _reading_effect(self, shapes: Mapping[str, Any]) -> Array:
-        out = np.zeros(self.residuals.size)
-        for run, part in zip(self.fit.observations.runs, self.fit.run_slices, strict=True):
-            if run.label in shapes:
-                change = self.predictions[run.label] * shapes[run.label]
-                real = not np.iscomplexobj(self.predictions[run.label])
-                out[part] = observed.over_errors(run, np.real(change) if real else change + 0j)
-        return out
-
-    def _rows_of_point(self, cause: Cause) -> Any:
-        at = next(i for i, run in enumerate(self.fit.observations.runs) if run.label == cause.name)
-        run, part = self.fit.observations.runs[at], self.fit.run_slices[at]
-        usable = np.flatnonzero(run.usable)
-        rows = np.arange(part.start, part.stop).reshape(-1, usable.size)
-        return rows[:, int(np.flatnonzero(usable == cause.points[0])[0])]
-
-    def _decompose(self, columns: Array) -> tuple[Array, Array, Array]:
-        """Return unit directions (rows, K) outside the fit, their weights (K,), and the price of each cause."""
-        rest, length = self.outside_fit(columns), (columns**2).sum(axis=0)
-        directions, weights, prices = np.zeros_like(rest), np.zeros(rest.shape[1]), []
-        for at in self._places:
-            d = rest[:, at]
-            d = d * ((d * d).sum(axis=0) > INSIDE_FIT * length[at])
-            values, vectors = np.linalg.eigh(d.T @ d)
-            seen = values > 1e-9
-            directions[:, at] = (d @ vectors) * np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-            weights[at] = np.where(seen, values / (1 + values), 0.0)
-            prices.append(0.5 * float(np.log1p(np.where(seen, values, 0.0)).sum()))
-        return directions, weights, np.array(prices)
+    def _decompose(self) -> tuple[dict[int, Array], Array]:
+        """Return the form (causes, k, k) of the gains of all causes with k columns, by k, and the price of each cause."""
+        forms, prices = dict[int, Array](), np.zeros(len(self.causes))
+        for k, (which, grams, inside) in self._effects.grams(self.subspace).items():
+            rest = grams - inside
+            seen = np.einsum("nii->ni", rest) > INSIDE_FIT * np.einsum("nii->ni", grams)
+            values, vectors = np.linalg.eigh(rest * seen[:, :, None] * seen[:, None, :])
+            values = np.where(values > 1e-9, values, 0.0)
+            shares = np.where(values > 0, 1 / (1 + values), 0.0)
+            forms[k] = (vectors * shares[:, None, :]) @ vectors.mT * seen[:, :, None] * seen[:, None, :]
+            prices[which] = 0.5 * np.log1p(values).sum(axis=1)
+        return forms, prices
 
     def _gains(self, residuals: Array) -> Array:
-        """Return by how much chi-square is smaller with each cause, (..., causes), of residuals (..., rows)."""
-        if not self.causes:
-            return np.zeros((len(residuals), 0))
-        squares = (residuals @ self._directions) ** 2 * self._weights
-        return np.add.reduceat(squares, [at.start for at in self._places], axis=-1)
+        """Return by how much chi-square is smaller with each cause, (B, causes), of residuals outside the fit, (B, rows)."""
+        out = np.zeros((len(residuals), len(self.causes)))
+        products = self._effects.products(residuals)
+        for k, form in self._weights.items():
+            which, columns = self._effects.columns[k]
+            if k == 1:
+                out[:, which] = products[:, columns[:, 0]] ** 2 * form[:, 0, 0]
+            else:
+                own = products[:, columns]
+                out[:, which] = ((own[..., None, :] @ form)[..., 0, :] * own).sum(axis=-1)
+        return out
 
     def _exchange_gains(self) -> list[float]:
         """Return by how much chi-square is smaller with two labels exchanged."""

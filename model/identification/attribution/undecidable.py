@@ -54,7 +54,7 @@ def _found(evidence: Evidence) -> Iterator[UndecidableError]:
         if name not in scales:
             continue
         cause, size = scales[name]
-        d = evidence.effects[cause][:data, 0] / size
+        d = evidence.effect(cause)[:data, 0] / size
         shares = np.linalg.lstsq(J[:, own], d, rcond=1e-7)[0]
         rest = d - J[:, own] @ shares
         if not np.any(d) or float(rest @ rest) * UNSEEN_ERROR**2 > 1:

@@ -100,7 +100,7 @@ def test_the_effect_of_a_time_base_is_the_one_of_stretched_frequencies() -> None
     cause = next(c for c in evidence.causes if c.title == "time base of free")
     size = cause.errors[0].error.standard_error
     rows = (1000 * frequency_response(Tactor(), f * 1.0001) - measured) / 1e-6 / 1e-4
-    effect = evidence.effects[cause][: 2 * f.size, 0] / size
+    effect = evidence.effect(cause)[: 2 * f.size, 0] / size
     assert effect == pytest.approx(np.concatenate((rows.real, rows.imag)), rel=0.01, abs=3.0)
 
 

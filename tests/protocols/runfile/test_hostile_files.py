@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
+from protocols.runfile import open as open_run
 from protocols.runfile.reader import NotARunError, Run, RunReadError
 from tests.helpers.run_files import finished_run
 
@@ -246,3 +247,19 @@ def test_text_of_a_file_gives_no_orders_to_a_terminal(path: Path) -> None:
         ):
             assert text.isprintable()
         assert run.record.title == r"T\x1b]0;owned\x07\nsecond line\u202e"
+
+
+def test_a_file_found_in_order_is_checked_again_when_it_changes(path: Path) -> None:
+    long_ago = path.stat().st_mtime - 3600
+    os.utime(path, (long_ago, long_ago))
+    open_run.SETTLED_NS, kept = -1, open_run.SETTLED_NS  # the times of a copy are of now
+    try:
+        with Run(path) as run:
+            assert run.record.title
+        with h5py.File(path, "r+") as file:
+            linked("entry/points", h5py.SoftLink("/entry/trace"))(file)
+        os.utime(path, (long_ago, long_ago))
+        with pytest.raises(RunReadError):
+            Run(path)
+    finally:
+        open_run.SETTLED_NS = kept

@@ -4,13 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QModelIndex, QPoint, Qt
 from PySide6.QtTest import QTest
 
+from app.archive import RunSummary
 from app.comparison import read_view
 from app.config.bench_file import BenchConfig
 from app.gui.runs.compare import ComparisonWorkspace
 from app.gui.runs.page import RunsPage
+from app.gui.runs.run_table import RunTableModel
 from app.live.model_overlay import Overlay
 from model import Relation
 from tests.helpers.main_window import OpenPage, find, until
@@ -171,3 +173,24 @@ def test_no_column_of_the_list_is_cut(page: RunsPage) -> None:
 
     until(lambda: page.window().width() == 1280 and is_whole(), "for the columns")
     assert hidden() <= {"points", "found"}
+
+
+def test_a_selection_of_all_runs_asks_for_no_cell_of_them(page: RunsPage, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    flags = RunTableModel.flags
+
+    def count(model: RunTableModel, index: QModelIndex) -> Qt.ItemFlag:
+        asked.append(index.row())
+        return flags(model, index)
+
+    monkeypatch.setattr(RunTableModel, "flags", count)
+    runs = [RunSummary(f"{at}.h5", "completed", specimen=f"T{at}") for at in range(2000)]
+    page.list.model.set_summaries(page.list.model.folder, runs)
+    page.list.table.selectAll()
+    until(lambda: len(page.list.selected) == len(runs), "for the selection")
+    page.list.table.viewport().repaint()
+    page.list.table.horizontalHeader().viewport().repaint()
+    assert max(asked, default=0) < 200, "only what is drawn"
+    assert {run.path for run in page.list.selected} == {run.path for run in runs}
+    page.list.select_paths(["7.h5", "9.h5", "8.h5", "20.h5", "gone.h5"])
+    assert {run.path for run in page.list.selected} == {"7.h5", "8.h5", "9.h5", "20.h5"}

@@ -1,0 +1,205 @@
+"""Effects of all possible causes on the weighted residuals, in a memory that grows with the rows and not with rows times causes.
+
+An effect of one run, or of all runs from one on, is a piece of a vector over all rows that many causes share; a point has its own
+rows. Only effects over several runs are stored as columns.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model import Array
+from model.identification import observations as observed
+from model.identification.attribution.causes import POINT_ERRORS, Cause, RunError, free_as_well, with_errors
+from model.identification.fit_result import JointFit
+from model.identification.residuals import LeastSquaresProblem
+
+Indices = NDArray[np.intp]
+
+
+class Effects:
+    """What each cause adds to the weighted residuals of a fit for plausible sizes.
+
+    Args:
+        fit: the fit.
+        causes: causes other than exchanges.
+        predictions: of the usable points, by run.
+
+    Attributes:
+        columns: by number k of their parameters, causes (C,) and their columns (C, k).
+    """
+
+    def __init__(self, fit: JointFit, causes: Sequence[Cause], predictions: Mapping[str, Any]) -> None:
+        self._fit, self._causes, self._predictions = fit, causes, predictions
+        self._runs = {run.label: i for i, run in enumerate(fit.observations.runs)}
+        self._starts = [part.start for part in fit.run_slices]
+        self._data = fit.run_slices[-1].stop
+        self._slopes = self._error_slopes()
+        self._wide: list[Array] = []
+        self._wide_at: list[int] = []
+        self._pieces: list[Array] = []
+        """Vectors over all rows, of which each run has its own piece."""
+        self._from: dict[str, Array] = {}
+        self._piece_at: list[tuple[int, int, int]] = []
+        self._from_at: dict[str, list[tuple[int, int]]] = {}
+        self._point_at: list[tuple[int, int]] = []
+        """Column and place of each effect of one of the four forms."""
+        used = [0] * len(self._runs)
+        self._first: list[int] = []
+        groups: dict[int, list[tuple[int, range]]] = {}
+        self._count = 0
+        for i, cause in enumerate(causes):
+            self._first.append(self._count)
+            self._count += self._place(cause, self._count, used)
+            own = range(self._first[-1], self._count)
+            groups.setdefault(len(own), []).append((i, own))
+        self._first.append(self._count)
+        self.columns: dict[int, tuple[Indices, Indices]] = {
+            k: (np.array([i for i, _ in each]), np.array([own for _, own in each], int).reshape(len(each), k))
+            for k, each in groups.items()
+        }
+        self._table = np.array(self._wide).reshape(len(self._wide), -1) if self._wide else np.zeros((0, self._rows))
+
+    def of(self, cause: Cause) -> Array:
+        """Return the effect of a cause, (rows, its parameters)."""
+        at = next(i for i, each in enumerate(self._causes) if each is cause)
+        own = range(self._first[at], self._first[at + 1])
+        out = np.zeros((self._rows, len(own)))
+        if cause.kind == "point":
+            out[self._rows_of_point(cause), np.arange(len(own))] = POINT_ERRORS
+        else:
+            out[:] = np.stack(self._vectors(cause), axis=1)
+        return out * self._fit.used_rows[:, None]
+
+    def products(self, residuals: Array) -> Array:
+        """Return the products of all effects with residuals, (B, rows) -> (B, columns)."""
+        out = np.empty((len(residuals), self._count))
+        out[:, self._wide_at] = residuals @ self._table.T
+        for number, piece in enumerate(self._pieces):
+            own = [(column, run) for column, which, run in self._piece_at if which == number]
+            sums = np.add.reduceat((residuals * piece)[:, : self._data], self._starts, axis=1)
+            out[:, [column for column, _ in own]] = sums[:, [run for _, run in own]]
+        for on, vector in self._from.items():
+            sums = np.add.reduceat((residuals * vector)[:, : self._data], self._starts, axis=1)
+            later = np.cumsum(sums[:, ::-1], axis=1)[:, ::-1]
+            own_from = self._from_at[on]
+            out[:, [column for column, _ in own_from]] = later[:, [run for _, run in own_from]]
+        if self._point_at:
+            columns, rows = np.array(self._point_at).T
+            out[:, columns] = POINT_ERRORS * residuals[:, rows] * self._fit.used_rows[rows]
+        return out
+
+    def grams(self, subspace: Array) -> dict[int, tuple[Indices, Array, Array]]:
+        """Return for each number of parameters the causes, the Gram matrices of their effects, and the part of them in a subspace."""
+        inside = self.products(np.ascontiguousarray(subspace.T)).T  # (columns, k)
+        squares = np.zeros(self._count)
+        squares[self._wide_at] = (self._table**2).sum(axis=1)
+        for column, which, run in self._piece_at:
+            piece = self._pieces[which][self._fit.run_slices[run]]
+            squares[column] = piece @ piece
+        for on, vector in self._from.items():
+            later = np.cumsum((vector**2)[::-1])[::-1]
+            for column, run in self._from_at[on]:
+                squares[column] = later[self._starts[run]]
+        for column, row in self._point_at:
+            squares[column] = POINT_ERRORS**2 * self._fit.used_rows[row]
+        places = {column: i for i, column in enumerate(self._wide_at)}
+        out = {}
+        for k, (causes, columns) in self.columns.items():
+            grams = np.zeros((causes.size, k, k))
+            grams[:, np.arange(k), np.arange(k)] = squares[columns]
+            for i, own in enumerate(columns.tolist() if k > 1 else ()):
+                if own[0] in places:  # the others are of points, each of which has its own row
+                    table = self._table[[places[column] for column in own]]
+                    grams[i] = table @ table.T
+            own_inside = inside[columns]
+            out[k] = causes, grams, own_inside @ own_inside.mT
+        return out
+
+    @property
+    def _rows(self) -> int:
+        return int(self._fit.weighted_residuals.size)
+
+    def _place(self, cause: Cause, column: int, used: list[int]) -> int:
+        """Store the effects of a cause from a column on, and return their number; `used` counts the pieces of each run."""
+        if cause.kind == "point":
+            rows = self._rows_of_point(cause).tolist()
+            self._point_at += [(column + k, row) for k, row in enumerate(rows)]
+            return len(rows)
+        if cause.kind.endswith(" from"):
+            on = cause.errors[0].error.acts_on
+            self._from[on] = self._slopes[on] * cause.errors[0].error.standard_error * self._fit.used_rows
+            self._from_at.setdefault(on, []).append((column, min(self._runs[label] for label in cause.errors[0].runs)))
+            return 1
+        vectors = self._vectors(cause)
+        local = not cause.parameters and len(cause.errors) == 1 and len(cause.errors[0].runs) == 1
+        for k, vector in enumerate(vectors):
+            if not local:
+                self._wide.append(vector * self._fit.used_rows)
+                self._wide_at.append(column + k)
+                continue
+            run = self._runs[next(iter(cause.errors[0].runs))]
+            if used[run] == len(self._pieces):
+                self._pieces.append(np.zeros(self._rows))
+            part = self._fit.run_slices[run]
+            self._pieces[used[run]][part] = vector[part] * self._fit.used_rows[part]
+            self._piece_at.append((column + k, used[run], run))
+            used[run] += 1
+        return len(vectors)
+
+    def _vectors(self, cause: Cause) -> list[Array]:
+        """Return the effects of a cause that is no point, (rows,) each."""
+        out = []
+        for name, (_, size) in cause.parameters.items():
+            vector = np.zeros(self._rows)
+            if name in self._fit.options.priors:
+                row, own = self._fit.prior_rows[name], self._fit.problem.priors_by_name[name][1]
+                vector[row] = np.sqrt(max(size**2 - own**2, 0.0)) / own
+            else:
+                vector = self._slopes[name] * size
+            out.append(vector)
+        for e in cause.errors:
+            vector = np.zeros(self._rows)
+            for label, shape in e.runs.items():
+                part = self._fit.run_slices[self._runs[label]]
+                if e.error.acts_on == "reading":
+                    vector[part] = self._reading(label, shape)
+                else:
+                    vector[part] = self._slopes[e.error.acts_on][part]
+            out.append(vector * e.error.standard_error)
+        return out
+
+    def _error_slopes(self) -> dict[str, Array]:
+        """Return the slopes of the residuals to each parameter of a cause, and to one error of each kind of all runs concerned, (rows,)."""
+        kinds: dict[str, RunError] = {}
+        for e in (e for c in self._causes for e in c.errors if e.error.acts_on != "reading"):
+            known = kinds.get(e.error.acts_on, e)
+            error = replace(e.error, name=f"{e.error.acts_on} of the runs")
+            kinds[e.error.acts_on] = RunError(error, {**known.runs, **e.runs})
+        names = tuple(n for c in self._causes if c.kind == "parameter" for n in c.parameters)
+        observations = with_errors(self._fit.observations, list(kinds.values()))
+        problem = LeastSquaresProblem(observations, free_as_well(self._fit, names))
+        _, J = problem.evaluate(problem.start)
+        place = {name: i for i, name in enumerate(problem.names)}
+        out = {name: place[name] for name in names} | {on: place[e.error.name] for on, e in kinds.items()}
+        return {
+            name: np.concatenate((J[: self._data, at], np.zeros(self._rows - self._data))) for name, at in out.items()
+        }
+
+    def _reading(self, label: str, shape: Any) -> Array:
+        predicted = self._predictions[label]
+        change = predicted * shape
+        real = not np.iscomplexobj(predicted)
+        return observed.over_errors(
+            self._fit.observations.runs[self._runs[label]], np.real(change) if real else change + 0j
+        )
+
+    def _rows_of_point(self, cause: Cause) -> Any:
+        at = self._runs[cause.name]
+        run, part = self._fit.observations.runs[at], self._fit.run_slices[at]
+        usable = np.flatnonzero(run.usable)
+        rows = np.arange(part.start, part.stop).reshape(-1, usable.size)
+        return rows[:, int(np.flatnonzero(usable == cause.points[0])[0])]
