@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 
 from app.archive import LARGEST_FIGURES, RunSummary
 from app.common import pluralize, round_figure, typeset
-from app.gui.face import LABEL_PX, SEMIBOLD, px, text_font, tokens
+from app.gui.face import CENTRE, LABEL_PX, SEMIBOLD, draw_box, draw_text, px, tokens
 from app.gui.plots import color_of, curve_tone
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure
@@ -202,20 +202,14 @@ class RunDelegate(QStyledItemDelegate):
             painter.fillRect(band, QColor(colors.window))
             option.rect.setTop(option.rect.top() + px(DAY_HEIGHT))
             if first:
-                painter.setFont(text_font(LABEL_PX, SEMIBOLD))
-                painter.setPen(QColor(colors.text))
-                painter.drawText(band.adjusted(px(8), 0, 0, 0), Qt.AlignmentFlag.AlignVCenter, day)
+                draw_text(painter, band.adjusted(px(8), 0, 0, 0), day, colors.text, LABEL_PX, SEMIBOLD)
         super().paint(painter, option, index)
         if letter and first:
             painter.save()
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             disc = QRectF(option.rect.x() + px(3), option.rect.y() + px(2), px(BADGE_PX), px(BADGE_PX))
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(color_of(curve_tone(ord(letter) - ord("A"))))
-            painter.drawEllipse(disc)
-            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
-            painter.setPen(QColor(colors.surface))
-            painter.drawText(disc, Qt.AlignmentFlag.AlignCenter, letter)
+            draw_box(painter, disc, disc.width() / 2, color_of(curve_tone(ord(letter) - ord("A"))))
+            draw_text(painter, disc, letter, colors.surface, LABEL_PX, SEMIBOLD, CENTRE)
             painter.restore()
 
 
