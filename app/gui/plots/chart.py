@@ -16,7 +16,7 @@ from app.gui.plots.drawn_panel import DrawnPanel, place
 from app.gui.plots.picture import Layer, Picture, color_of
 from app.gui.plots.series import series_as_text
 from app.gui.plots.tools import PlotTools
-from app.gui.widgets import ElidedLabel, Menu, column, configure, make_label, make_pane, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, column, configure, make_label, make_pane, row, set_style_kind, show_text
 from model import Series
 
 CHIP_ICON = QSize(18, 14)
@@ -101,8 +101,7 @@ class Chart(QWidget):
             self.tools.clear_cursors()
         if new_chips:
             self._make_chips()
-        self.title_label.setText(picture.title)
-        self.title_label.setVisible(bool(picture.title))
+        show_text(self.title_label, picture.title)
         self.note_label.setText(picture.note)
         set_style_kind(self.note_label, "fault" if picture.alarming else "note")
         self._draw()

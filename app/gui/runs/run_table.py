@@ -9,7 +9,6 @@ from typing import Any
 from PySide6.QtCore import QAbstractTableModel, QMimeData, QModelIndex, QPersistentModelIndex, QRectF, Qt, QUrl, Signal
 from PySide6.QtGui import QColor, QKeyEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QHeaderView,
     QStyledItemDelegate,
     QStyleOptionViewItem,
@@ -21,7 +20,7 @@ from app.common import pluralize, round_figure, typeset
 from app.gui.face import CENTRE, LABEL_PX, SEMIBOLD, draw_box, draw_text, px, tokens
 from app.gui.plots import color_of, curve_tone
 from app.gui.runs.thumbnails import SIZE, Thumbnails
-from app.gui.widgets import configure
+from app.gui.widgets import configure_table
 from app.session import protocol_title
 from model import format_with_uncertainty, shown_unit
 from protocols.base import Outcome, RunFigure
@@ -223,30 +222,16 @@ class RunTableView(QTableView):
         self._tall_rows: set[int] = set()
         """First rows of the days, which have a band above them."""
         self.setModel(model)
-        configure(
-            self,
-            "runs.table",
-            accessibleName="runs",
-            sortingEnabled=True,
-            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            selectionMode=QAbstractItemView.SelectionMode.ExtendedSelection,
-            dragEnabled=True,
-            alternatingRowColors=True,
-            showGrid=False,
-            wordWrap=False,
-            tabKeyNavigation=False,
-            minimumWidth=420,
-        )
+        configure_table(
+            self, "runs.table", "runs", px(ROW_HEIGHT), sortingEnabled=True, dragEnabled=True, alternatingRowColors=True, minimumWidth=420,
+        )  # fmt: skip
         self.setItemDelegate(RunDelegate(self))
-        configure(self.verticalHeader(), visible=False, defaultSectionSize=px(ROW_HEIGHT))
         model.modelReset.connect(self._make_place_for_days)
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
-        header = self.horizontalHeader()
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate(WIDTHS):
             self.setColumnWidth(at, count * wide)
-        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        self.horizontalHeader().setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -31,6 +31,7 @@ from app.gui.widgets import (
     make_label,
     make_scroll_area,
     row,
+    show_text,
     tooltip,
 )
 from app.session import FaultPlan, WindowState
@@ -162,8 +163,7 @@ class FaultDrawer(OverlayCard):
         self._show_message(str(error))
 
     def _show_message(self, text: str) -> None:
-        self.message_label.setText(text)
-        self.message_label.setVisible(bool(text))
+        show_text(self.message_label, text)
         for name, box in self.fault_boxes.items():
             box.setChecked(name in self.active_faults)
 

@@ -24,7 +24,7 @@ from app.gui.face import (
     text_font,
     tokens,
 )
-from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row
+from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row, show_text
 from app.session import WindowState, format_measured_volts
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from model import AmplifierMap
@@ -201,9 +201,8 @@ class UnsafeCard(OverlayCard):
             return
         whole = typeset(view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". "))
         detail = whole.partition(" The run had failed before:")[0]  # the result card and the log have it
-        self.detail_label.setText(detail)
+        show_text(self.detail_label, detail)
         self.detail_label.setToolTip(whole)
-        self.detail_label.setVisible(bool(detail))
         if self.isHidden():
             self.open()
 

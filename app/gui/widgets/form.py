@@ -8,7 +8,7 @@ from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QSizePolicy, QWidget
 
 from app.common import sentence_case
-from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind
+from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind, show_text
 from app.services import FormField, FormResult, check_form, form_fields, format_parameter, scaled
 from protocols.base import Protocol
 
@@ -63,8 +63,7 @@ class FieldRow:
 
     def show_error(self, error: str) -> None:
         """Show an error; none if it is empty: the meaning of the field stands in its tool tip."""
-        self.note_label.setText(f"✕ {error}" if error else "")
-        self.note_label.setVisible(bool(error))
+        show_text(self.note_label, f"✕ {error}" if error else "")
         for widget, name in ((self.note_label, "fault" if error else "note"), (self.editor, "faulty" if error else "")):
             set_style_kind(widget, name)
 

@@ -12,7 +12,7 @@ from app.comparison import Comparison, ComparisonLayer
 from app.gui.face import follow_tokens
 from app.gui.plots import color_of, curve_tone, number_text
 from app.gui.runs.compare.plot import ComparisonPlot, run_index
-from app.gui.widgets import configure
+from app.gui.widgets import configure_table
 from model import format_with_uncertainty
 
 EYE, LETTER, RUN, FIRST, SECOND, CHANGE, RATIO = range(7)
@@ -33,12 +33,8 @@ class LayerTable(QTableWidget):
 
     def __init__(self) -> None:
         super().__init__(0, 7)
-        configure(
-            self, "compare.layers", accessibleName="layers of the comparison", showGrid=False, tabKeyNavigation=False, wordWrap=False,
-            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers, selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
-        )  # fmt: skip
-        self.verticalHeader().hide()
+        one = QAbstractItemView.SelectionMode.SingleSelection
+        configure_table(self, "compare.layers", "layers of the comparison", selectionMode=one)
         header = self.horizontalHeader()
         wide = self.fontMetrics().averageCharWidth()
         # Columns as wide as their contents would be measured again at every move of the cursor.

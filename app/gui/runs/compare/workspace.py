@@ -45,6 +45,7 @@ from app.gui.widgets import (
     make_splitter,
     row,
     show_key,
+    show_text,
 )
 from model import Relation, Series
 
@@ -192,8 +193,7 @@ class ComparisonWorkspace(QWidget):
 
     def show_note(self, text: str) -> None:
         """Show a message; empty: none."""
-        self.note_label.setText(text)
-        self.note_label.setVisible(bool(text))
+        show_text(self.note_label, text)
 
     @property
     def view(self) -> ComparisonView:
