@@ -22,7 +22,7 @@ from app.comparison import (
     views_in,
 )
 from app.gui.runs.compare.differences import DifferencesPane
-from app.gui.runs.compare.layer_table import LayerTable
+from app.gui.runs.compare.layer_table import LAYER_ACTIONS, LayerTable
 from app.gui.runs.compare.plot import ComparisonPlot
 from app.gui.widgets import (
     STRETCH,
@@ -46,6 +46,7 @@ from app.gui.widgets import (
     row,
     show_key,
     show_text,
+    tooltip,
 )
 from model import Relation, Series
 
@@ -54,12 +55,6 @@ RELATIONS = (
     ("Normalised", Relation.NORMALISED),
     ("Difference", Relation.DIFFERENCE),
     ("Ratio", Relation.RATIO),
-)
-LAYER_KEYS = (
-    ("Hide", "hide", "Space"),
-    ("Up", "up", "Alt+↑"),
-    ("Down", "down", "Alt+↓"),
-    ("Reference", "reference", "R"),
 )
 TABLES = (("Peaks", 0), ("What differs", 1))
 LAYERS_WIDTH = 430
@@ -113,11 +108,11 @@ class ComparisonWorkspace(QWidget):
             menu.aboutToShow.connect(partial(fill, menu))
             button.setMenu(menu)
         keys = [
-            make_button(text, partial(self.layers.perform, what), "choice", name=f"compare.{what}")
-            for text, what, _ in LAYER_KEYS
+            make_button(
+                text, partial(self.layers.perform, what), "choice", tooltip(f"compare.{what}"), f"compare.{what}"
+            )
+            for what, text in LAYER_ACTIONS.items()
         ]
-        for button, (_, _, key) in zip(keys, LAYER_KEYS, strict=True):
-            button.setToolTip(key)
         left = make_pane(column((self.layers, 1), row(*keys, STRETCH, spacing=4), spacing=4))
         self.stack = QStackedWidget()
         self.stack.addWidget(self.peaks)
