@@ -16,8 +16,8 @@ from PySide6.QtWidgets import (
 )
 
 from app.archive import LARGEST_FIGURES, RunSummary
-from app.common import pluralize, round_figure, typeset
-from app.gui.face import CENTRE, LABEL_PX, SEMIBOLD, draw_box, draw_text, px, tokens
+from app.common import pluralize, round_figure, sentence_case, typeset
+from app.gui.face import CENTRE, LABEL_PX, SEMIBOLD, draw_box, draw_hatch, draw_text, px, tokens
 from app.gui.plots import color_of, curve_tone
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure_table
@@ -55,8 +55,8 @@ TIME_CHARACTERS = 7
 ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)
 OPTIONAL = (("tags", 12), ("points", 7), ("found", 20))
 """Columns that are left out where they do not fit, the most important first, with their least widths."""
-ROW_HEIGHT, DAY_HEIGHT, BADGE_PX = 40, 28, 18
-"""Height of a row, of the band above the first one of a day, diameter of the letter of a compared run."""
+ROW_HEIGHT, DAY_HEIGHT, BADGE_PX, HATCH_PX = 40, 28, 18, 6
+"""Height of a row, of the band above the first one of a day, diameter of the letter of a compared run, width of the hatch of a simulated one."""
 
 
 class RunTableModel(QAbstractTableModel):
@@ -116,11 +116,12 @@ class RunTableModel(QAbstractTableModel):
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
-            return COLUMNS[section]
+            return sentence_case(COLUMNS[section])
         return None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         entry, column = self.summaries[index.row()], COLUMNS[index.column()]
+        mark = ", SIMULATED" if entry.simulated else ""
         match role:
             case Qt.ItemDataRole.DisplayRole if column == "begun" and self.days and entry.started_at:
                 return f"{entry.started_at:%H:%M}"
@@ -132,9 +133,11 @@ class RunTableModel(QAbstractTableModel):
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             case Qt.ItemDataRole.ForegroundRole if column == "verdict":
                 return QColor(tokens().severity_color(entry.severity))
+            case Qt.ItemDataRole.AccessibleTextRole if column == "verdict":
+                return f"{_cell_text(entry, column)}{mark}"
             case Qt.ItemDataRole.ToolTipRole:
                 note = f"\n\n{entry.note}" if entry.note else ""
-                return f"{self.folder / entry.path}\n{entry.explanation}{note}"
+                return f"{self.folder / entry.path}{mark}\n{entry.explanation}{note}"
         return None
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
@@ -159,7 +162,7 @@ def _cell_text(summary: RunSummary, column: str) -> str:
         case "protocol":
             return protocol_title(summary.protocol)
         case "verdict":
-            return f"{summary.symbol} {summary.verdict_text}" + (", SIMULATED" if summary.simulated else "")
+            return f"{summary.symbol} {sentence_case(summary.verdict_text)}"
         case "points":
             return str(summary.points) if summary.readable else ""
         case _ if column in FIGURES:
@@ -190,7 +193,7 @@ def _day_text(day: date | None, today: date) -> str:
 
 
 class RunDelegate(QStyledItemDelegate):
-    """Draws the band of a day above its first row, and the letter of a compared run on its thumbnail."""
+    """Draws the band of a day above its first row, the hatch of a simulated run, and the letter of a compared one."""
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         model: Any = index.model()
@@ -203,6 +206,9 @@ class RunDelegate(QStyledItemDelegate):
             if first:
                 draw_text(painter, band.adjusted(px(8), 0, 0, 0), day, colors.text, LABEL_PX, SEMIBOLD)
         super().paint(painter, option, index)
+        if first and model.summaries[index.row()].simulated:
+            edge = QRectF(option.rect.x(), option.rect.y(), px(HATCH_PX), option.rect.height())
+            draw_hatch(painter, edge, colors.violet2, QColor(colors.violet))
         if letter and first:
             painter.save()
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
