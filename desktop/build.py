@@ -17,7 +17,7 @@ ROOT = HERE.parent
 PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_bench")
 DEPENDENCIES = ("nidaqmx", "pyvisa_py", "pyqtgraph", "pyuff", "lazy_loader")
 """Packages with modules or data that are looked up by name while the program runs."""
-DATA = ("pyi", "toml", "template", "html", "css", "js", "png", "svg", "txt", "ttf")
+DATA = ("pyi", "toml", "template", "html", "css", "js", "png", "svg", "txt", "ttf", "qss")
 """Endings of the files that packages read: stubs of lazy imports, tables and simulated benches, templates, the web page, pictures, fonts."""
 BACKENDS = tuple(f"matplotlib.backends.backend_{name}" for name in ("agg", "pdf", "svg"))
 """Backends that matplotlib imports by the ending of a file's name."""

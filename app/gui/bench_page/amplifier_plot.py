@@ -7,6 +7,9 @@ from app.gui.face import set_length
 from app.gui.plots import MODEL_WIDTH, SOLID, Chart, Panel, Picture, layer
 from model import AmplifierMap
 
+LEAST_STEP_V = 0.01
+"""Noise of the input, less than a pixel: the plot is not drawn again for it."""
+
 
 class AmplifierPlot(Chart):
     """The amplifier's map as two lines that meet at rest."""
@@ -27,7 +30,9 @@ class AmplifierPlot(Chart):
 
     def show_input(self, volts: float | None) -> None:
         """Mark the present volts at the input; None for no mark."""
-        if volts != self._input:
+        before = self._input
+        same = volts == before if volts is None or before is None else abs(volts - before) < LEAST_STEP_V
+        if not same:
             self._input = volts
             self._draw_map()
 

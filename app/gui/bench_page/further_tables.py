@@ -7,7 +7,18 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.config import BenchConfig, ChannelTable, ConfigTable, MeterTable
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, Item, column, make_button, make_label, make_line_edit, make_panel, make_toggle, row
+from app.gui.widgets import (
+    STRETCH,
+    Item,
+    clear_layout,
+    column,
+    make_button,
+    make_label,
+    make_line_edit,
+    make_panel,
+    make_toggle,
+    row,
+)
 
 SINGLE_TABLES = {
     "specimen": "Specimen as it is mounted",
@@ -77,9 +88,7 @@ class FurtherTables(QWidget):
             name: table.model_dump() for name, table in config.meters.items()
         }:
             return
-        while (item := self._rows.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear_layout(self._rows)
         self.channels, self.meters = [], []
         for channel in config.channels:
             self._show_channel(channel)

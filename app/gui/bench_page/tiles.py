@@ -6,19 +6,19 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 
 from app.common import typeset
 from app.config import BenchConfig, FoundDevice
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
-from app.gui.face import LABEL_PX, px, set_length, text_font, tokens
-from app.gui.widgets import STRETCH, Item, column, configure, make_combo, make_label, row
+from app.gui.face import CENTRE, draw_text, painting, px, set_length, tokens
+from app.gui.status import LAMP_SIGNS
+from app.gui.widgets import STRETCH, IconView, Item, column, configure, make_combo, make_label, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp, format_measured_volts
 
-LAMP_MARKS = {Lamp.READY: "●", Lamp.WAITING: "○", Lamp.SUSPECT: "▲", Lamp.MISSING: "✕"}
 SOURCE_KINDS = {"generator": "generator", "supply": "dc-supply"}
 """Kind of source of each role that a scan finds, which is also the name of its table."""
 REMEDIES = {
@@ -55,16 +55,15 @@ class TraceLine(QWidget):
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if self._values:
-            low, high, height = min(self._values), max(self._values), self.height() - 4
-            middle, scale = (low + high) / 2, height / max(high - low, LEAST_SPAN)
-            step, first = self.width() / (TRACE_LENGTH - 1), TRACE_LENGTH - len(self._values)
-            points = ((first + at, value) for at, value in enumerate(self._values))
+        if not self._values:
+            return
+        low, high, height = min(self._values), max(self._values), self.height() - 4
+        middle, scale = (low + high) / 2, height / max(high - low, LEAST_SPAN)
+        step, first = self.width() / (TRACE_LENGTH - 1), TRACE_LENGTH - len(self._values)
+        points = ((first + at, value) for at, value in enumerate(self._values))
+        with painting(self) as painter:
             painter.setPen(QPen(QColor(tokens().text), 1.25))
             painter.drawPolyline([QPointF(x * step, 2 + height / 2 - (value - middle) * scale) for x, value in points])
-        painter.end()
 
 
 class Tile(QFrame):
@@ -89,6 +88,7 @@ class Tile(QFrame):
         self.forms = {name: TableForm.of_bench(name, main) for name, main in tables.items()}
         self.form, *_ = self.forms.values()
         self.title_label = make_label(f"{number}  {title}", "heading", wrap=False)
+        self.state_icon = IconView(14)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
         self.problem_label = make_label(visible=False)
@@ -115,7 +115,7 @@ class Tile(QFrame):
         self.instrument_box.activated.connect(self._on_instrument_chosen)
 
         column(
-            row(self.title_label, STRETCH, self.state_label),
+            row(self.title_label, STRETCH, self.state_icon, self.state_label, spacing=6),
             self.identity_label,
             self.live_label,
             self.live_note,
@@ -154,10 +154,12 @@ class Tile(QFrame):
         wrong = status is not None and status.lamp in (Lamp.SUSPECT, Lamp.MISSING)
         self.problem_label.setVisible(wrong)
         if status is None:
+            self.state_icon.show_icon("", "")
             self.state_label.setText("")
             self.identity_label.setText(NOT_CONNECTED)
             return
-        self.state_label.setText(f"{LAMP_MARKS[status.lamp]} {status.lamp}")
+        self.state_icon.show_icon(*LAMP_SIGNS[status.lamp])
+        self.state_label.setText(str(status.lamp))
         self.identity_label.setText(str(status.identity))
         what = problem or status.remark
         mended_by = self.role if status.lamp is Lamp.MISSING or self.role == "sensor" else "amplifier"
@@ -230,20 +232,18 @@ class TileGrid(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         if self._columns != len(self._tiles):
             return
-        colors, painter = tokens(), QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setFont(text_font(LABEL_PX))
-        painter.setPen(QPen(QColor(colors.text2), 1.75))
-        painter.setBrush(QColor(colors.text2))
-        for name, before, after in zip(WIRES, self._tiles, self._tiles[1:], strict=False):
-            left, right, y = before.geometry().right() + 2.0, after.x() - 2.0, before.y() + px(84)
-            head = px(7)
-            painter.drawLine(QPointF(left, y), QPointF(right - head, y))
-            painter.drawPolygon(
-                [QPointF(right, y), QPointF(right - head, y - head / 2), QPointF(right - head, y + head / 2)]
-            )
-            painter.drawText(QRectF(left, y + px(6), right - left, px(18)), Qt.AlignmentFlag.AlignCenter, name)
-        painter.end()
+        head, ink = px(7), tokens().text2
+        with painting(self) as painter:
+            for name, before, after in zip(WIRES, self._tiles, self._tiles[1:], strict=False):
+                left, right, y = before.geometry().right() + 2.0, after.x() - 2.0, before.y() + px(84)
+                painter.setPen(QPen(QColor(ink), 1.75))
+                painter.setBrush(QColor(ink))
+                painter.drawLine(QPointF(left, y), QPointF(right - head, y))
+                painter.drawPolygon(
+                    [QPointF(right, y), QPointF(right - head, y - head / 2), QPointF(right - head, y + head / 2)]
+                )
+                area = QRectF(left, y + px(6), right - left, px(18))
+                draw_text(painter, area, name, ink, align=CENTRE)
 
 
 class SourceTile(Tile):

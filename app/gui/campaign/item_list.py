@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QDropEvent, QFont, QKeyEvent, QPainter
+from PySide6.QtGui import QColor, QDropEvent, QFontMetrics, QKeyEvent, QPainter
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QListWidget,
@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.common import format_duration
-from app.gui.face import draw_icon, tokens
+from app.gui.face import LABEL_PX, SEMIBOLD, draw_icon, draw_text, px, tokens
 from app.gui.widgets import configure
 
 if TYPE_CHECKING:
@@ -161,11 +161,13 @@ class CampaignItemDelegate(QStyledItemDelegate):
         top = QRect(QPoint(left, area.top() + 2), QPoint(right, middle + 1))
         bottom = QRect(QPoint(left, middle), QPoint(right, area.bottom()))
         duration = "" if row.duration_s is None else format_duration(row.duration_s)
-        self._draw_line(painter, option, top, (row.name, theme.text), (row.state.title, theme.text), duration)
+        self._draw_line(
+            painter, option.fontMetrics, top, (row.name, theme.text), (row.state.title, theme.text), duration
+        )
         head = ("running" if running else row.status_text, color)
         reason = "" if status in ("done", "doubtful", "running") else row.state.reason
         by_hand = "by hand" if row.needs_operator else ""
-        self._draw_line(painter, option, bottom, head, (reason, theme.text2), by_hand)
+        self._draw_line(painter, option.fontMetrics, bottom, head, (reason, theme.text2), by_hand)
         painter.setPen(QColor(theme.line))
         painter.drawLine(area.bottomLeft(), area.bottomRight())
         painter.restore()
@@ -173,25 +175,17 @@ class CampaignItemDelegate(QStyledItemDelegate):
     def _draw_line(
         self,
         painter: QPainter,
-        option: QStyleOptionViewItem,
+        metrics: QFontMetrics,
         area: QRect,
         head: tuple[str, str],
         rest: tuple[str, str],
         right: str,
     ) -> None:
         """Draw a bold text, elided text after it, each with its colour, and text at the right end."""
-        left_aligned = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
-        bold = QFont(option.font)
-        bold.setBold(True)
-        painter.setFont(bold)
-        painter.setPen(QColor(head[1]))
-        painter.drawText(area, left_aligned, head[0])
-        used = painter.fontMetrics().horizontalAdvance(f"{head[0]}  ")
-        painter.setFont(option.font)
-        painter.setPen(QColor(rest[1]))
-        metrics = painter.fontMetrics()
+        used = draw_text(painter, area, head[0], head[1], LABEL_PX, SEMIBOLD) + px(8)
         available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
         elided = metrics.elidedText(rest[0], Qt.TextElideMode.ElideRight, max(available, 0))
-        painter.drawText(area.adjusted(used, 0, 0, 0), left_aligned, elided)
-        painter.setPen(QColor(tokens().text2))
-        painter.drawText(area, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, right)
+        draw_text(painter, area.adjusted(used, 0, 0, 0), elided, rest[1])
+        draw_text(
+            painter, area, right, tokens().text2, align=Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight
+        )

@@ -16,6 +16,7 @@ from app.gui.plots import SERIES
 from app.gui.widgets import (
     SheetButton,
     WrappedRow,
+    clear_layout,
     configure,
     make_button,
     make_choice,
@@ -160,9 +161,7 @@ class ExploreToolbar(QObject):
     def show_runs(self, runs: Sequence[MeasuredResponse]) -> None:
         """Show two buttons for each overlaid run: one shows its result, one takes it away."""
         chosen = self.chosen_run
-        while (item := self.runs_row.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear_layout(self.runs_row)
         self.run_chips, self.remove_buttons = {}, {}
         for run in runs:
             chip = make_choice(run.label, f"{run.path}: show its result", checkable=True)

@@ -12,6 +12,13 @@ from .icons import ICONS as ICONS
 from .icons import PaintedIcon as PaintedIcon
 from .icons import draw_icon as draw_icon
 from .icons import icon as icon
+from .painting import CENTRE as CENTRE
+from .painting import LEFT as LEFT
+from .painting import draw_box as draw_box
+from .painting import draw_hatch as draw_hatch
+from .painting import draw_ring as draw_ring
+from .painting import draw_text as draw_text
+from .painting import painting as painting
 from .style_sheet import style_sheet as style_sheet
 from .tokens import APPEARANCES as APPEARANCES
 from .tokens import DARK as DARK

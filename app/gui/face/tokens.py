@@ -8,7 +8,6 @@ from PySide6.QtGui import QColor, QGuiApplication, QPalette
 from PySide6.QtWidgets import QWidget
 
 from app.common import Severity
-from app.session import Lamp
 
 APPEARANCES = {"system": "like the system", "light": "light", "dark": "dark"}
 """Choices of the theme, as they are stored in the settings."""
@@ -66,14 +65,6 @@ class Tokens:
     sand2: str
     """Second region of a plot."""
     sand_text: str
-
-    def lamp_color(self, lamp: Lamp) -> str:
-        return {
-            Lamp.READY: self.green,
-            Lamp.WAITING: self.text2,
-            Lamp.SUSPECT: self.amber,
-            Lamp.MISSING: self.red_line,
-        }[lamp]
 
     def passed_color(self, passed: bool) -> str:
         """Text colour of a check that passed or failed."""

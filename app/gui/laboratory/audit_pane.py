@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtWidgets import QWidget
 
 from app.archive import AuditResult, begin_audit, verify_audit
-from app.common import AuditEntry, OperationCancelled, Table, pluralize
+from app.common import AuditEntry, OperationCancelled, Progress, Table, pluralize
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import (
     STRETCH,
@@ -19,6 +21,7 @@ from app.gui.widgets import (
     make_label,
     make_line_edit,
     set_style_kind,
+    show_text,
 )
 from model import format_time
 
@@ -56,6 +59,8 @@ class AuditPane(QWidget):
         )
         self.result_label = make_label(name="laboratory.audit.result")
         self.progress_row = ProgressRow()
+        for button in (self.verify_button, self.begin_button):
+            self.progress_row.started.connect(button.setDisabled)
         self.table = ValueTable("laboratory.audit", "entries of the audit trail")
         column(
             WrappedRow(self.verify_button, self.head_edit, self.begin_button, spacing=6),
@@ -92,31 +97,17 @@ class AuditPane(QWidget):
 
     def verify(self) -> None:
         """Verify all lines and files in the background."""
-        folder, head, progress = self._folder, self.head_edit.text(), self.progress_row.progress
-        self._start()
-        self._worker.submit(lambda: verify_audit(folder, head, progress), self._on_verified, self._on_error)
+        self._run(partial(verify_audit, self._folder, self.head_edit.text()), self._on_verified)
 
     def begin(self) -> None:
         """Begin the audit trail of the folder in the background."""
-        folder, progress = self._folder, self.progress_row.progress
-        self._start()
-        self._worker.submit(lambda: begin_audit(folder, progress), self._on_begun, self._on_error)
+        self._run(partial(begin_audit, self._folder), lambda _: self._reload())
 
-    def _start(self) -> None:
+    def _run(self, work: Callable[[Progress], object], on_result: Callable[[Any], object]) -> None:
         self._show_result("", "")
-        self.progress_row.start("hashing files")
-        self._enable(False)
-
-    def _finish(self) -> None:
-        self.progress_row.finish()
-        self._enable(True)
-
-    def _enable(self, enabled: bool) -> None:
-        for button in (self.verify_button, self.begin_button):
-            button.setEnabled(enabled)
+        self.progress_row.run(self._worker, "hashing files", work, on_result, self._on_error)
 
     def _on_verified(self, result: AuditResult) -> None:
-        self._finish()
         lines = [f"✕ {problem}" for problem in result.problems[:SHOWN_PROBLEMS]]
         if len(result.problems) > SHOWN_PROBLEMS:
             lines.append(f"and {len(result.problems) - SHOWN_PROBLEMS} more: 'tactor-bench audit verify' lists all")
@@ -131,18 +122,12 @@ class AuditPane(QWidget):
             lines.insert(0, f"✓ {count} and all files are unchanged{so_far}. Head: {result.head[:16]}…")
         self._show_result("\n".join(lines), "danger" if result.problems else "")
 
-    def _on_begun(self, _entry: AuditEntry) -> None:
-        self._finish()
-        self._reload()
-
     def _on_error(self, error: Exception) -> None:
-        self._finish()
         stopped = isinstance(error, OperationCancelled)
         self._show_result("Stopped; nothing was decided." if stopped else str(error), "" if stopped else "danger")
 
     def _show_result(self, text: str, kind: str) -> None:
-        self.result_label.setText(text)
-        self.result_label.setVisible(bool(text))
+        show_text(self.result_label, text)
         set_style_kind(self.result_label, kind)
 
 

@@ -266,14 +266,13 @@ class LaboratoryPage(QWidget):
         folder, index, excluded = self._folder(), self._index, self._excluded
         simulated = True if self.kind_button.isChecked() else None
         self._read_due = False
-        self.progress_row.start("reading runs")
-        progress, before = self.progress_row.progress, self._records
+        before = self._records
 
-        def work() -> FolderRecords:
+        def work(progress: Progress) -> FolderRecords:
             records = read_records(folder, index, simulated, progress, excluded)
             return before if before is not None and records == before else records
 
-        self._worker.submit(work, self._on_read, self._on_error)
+        self.progress_row.run(self._worker, "reading runs", work, self._on_read, self._on_error)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
@@ -287,7 +286,6 @@ class LaboratoryPage(QWidget):
         return pane
 
     def _on_read(self, records: FolderRecords) -> None:
-        self.progress_row.finish()
         self._records = records
         fleet = records.fleet or Fleet(())
         self.simulated_mark.setVisible(fleet.simulated)
@@ -324,7 +322,6 @@ class LaboratoryPage(QWidget):
                 self.audit.show_entries(records.folder, records.entries, records.audit_problems)
 
     def _on_error(self, error: Exception) -> None:
-        self.progress_row.finish()
         self._show_message(self.view, str(error), is_error=True)
 
     def _show_message(self, view: int, text: str, is_error: bool) -> None:

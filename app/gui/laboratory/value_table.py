@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.common import CellValue, Column, Severity, Table, typeset
 from app.gui.face import tokens
-from app.gui.widgets import configure
+from app.gui.widgets import configure_table
 
 Index = QModelIndex | QPersistentModelIndex
 AS_TEXT = " as text"
@@ -129,21 +129,11 @@ class ValueTable(QTableView):
         super().__init__()
         self._values = ValueTableModel()
         self.setModel(self._values)
-        configure(
-            self,
-            name,
-            accessibleName=accessible_name,
-            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+        configure_table(
+            self, name, accessible_name, self.fontMetrics().height() + 8, alternatingRowColors=True,
             selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
-            alternatingRowColors=True,
-            showGrid=False,
-            wordWrap=False,
-            tabKeyNavigation=False,
-            sortingEnabled=False,
-        )
-        configure(self.verticalHeader(), visible=False, defaultSectionSize=self.fontMetrics().height() + 8)
+        )  # fmt: skip
         header = self.horizontalHeader()
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         header.setHighlightSections(False)
         header.setTextElideMode(Qt.TextElideMode.ElideRight)
         if sortable:

@@ -31,6 +31,7 @@ from app.gui.widgets import (
     row,
     set_style_kind,
     show_key,
+    show_text,
     tooltip,
 )
 from app.identification import read_label
@@ -276,8 +277,7 @@ class RunPanel(QWidget):
         """Show the warnings of the preflight check."""
         text = "\n".join(f"⚠ {each}." for each in messages)
         if text != self.warnings_label.text():
-            self.warnings_label.setText(text)
-            self.warnings_label.setVisible(bool(messages))
+            show_text(self.warnings_label, text)
 
     def _on_edited(self) -> None:
         self._update_rehearsal()

@@ -14,11 +14,19 @@ from app.gui.face import LABEL_PX, px, text_font
 from app.gui.plots.labels import Label
 from app.gui.plots.picture import color_of, number_text
 
-X_GAP_PX, DATE_GAP_PX, Y_GAP_PX = 48, 64, 28
-"""Least distance of the labels of two ticks."""
+X_GAP_PX, Y_GAP_PX = 48, 28
+"""Least distance of two ticks with labels."""
+
+DATE_STEPS = (("D", 1, (1, 2, 7, 14)), ("M", 28, (1, 2, 3, 6)), ("Y", 365, (1, 2, 5, 10, 20, 50, 100, 1000)))
+"""Units of dates as numpy names them, their least length in days, and the numbers of them between two ticks."""
+
+WIDEST_DATE, LAST_DATE_S = "28 Mar 88", 2.5e11
 
 LEFT_PX, RIGHT_PX, TITLE_PX, TITLE_ROW_PX, TICK_PX = 44, 12, 25, 17, 4
 """Width of the left axis and of the space at the right, height of the rows of a vertical and of a horizontal axis' title, length of a tick."""
+
+LABEL_GAP_PX = 12
+"""Space between two dates; numbers that are moved into view keep half of it."""
 
 DAY_S = 86400.0
 ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -94,15 +102,14 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
             if any((b - a) / (high - low) * length < least for a, b in pairwise(values)):
                 values = values[len(values) // 2 :][:1]
             return [(v, number_text(v * self.scale_by)) for v in values]
-        count = max(
-            length / px(DATE_GAP_PX if self.has_dates else X_GAP_PX if self._side == "bottom" else Y_GAP_PX), 1.0
-        )
+        gap: float = px(X_GAP_PX if self._side == "bottom" else Y_GAP_PX)
+        if self.has_dates:
+            gap = px(LABEL_GAP_PX) + QFontMetricsF(text_font(LABEL_PX)).horizontalAdvance(WIDEST_DATE)
+        count = max(length / gap, 1.0)
         if self.is_log:
             return _log_places(low, high, count)
         if self.has_dates:
-            step = max(round_step((high - low) / DAY_S, count), 1.0) * DAY_S
-            first = math.ceil(low / step) * step
-            return [(t, _day(t)) for t in np.arange(first, high, step)]
+            return _date_places(low, high, count)
         span = (high - low) * self.scale_by
         step = round_step(span, count)
         first, last = math.ceil(low * self.scale_by / step - 1e-9), math.floor(high * self.scale_by / step + 1e-9)
@@ -130,7 +137,8 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
             rect = QRectF(x - width / 2, bounds.top() + px(TICK_PX) + 1, width, metrics.height())
             rect.moveRight(min(rect.right(), bounds.right() + px(RIGHT_PX) - 2))
             reaches_out = self.has_dates and rect.left() < bounds.left()  # onto the lowest label of the vertical axis
-            if self.labelled and not reaches_out:
+            touches = bool(texts) and rect.left() < texts[-1][0].right() + px(LABEL_GAP_PX) / 2
+            if self.labelled and not reaches_out and not touches:
                 texts.append((rect, flags | Qt.AlignmentFlag.AlignHCenter, text))
         none = pg.mkPen(None)
         pen = self.pen() if self._side == "bottom" and self.labelled else none
@@ -151,6 +159,25 @@ def _log_places(low: float, high: float, count: float) -> list[tuple[float, str]
         shown = [(p, v) for p, v in shown if abs(p - round(p)) < 1e-9]
     stride = max(math.ceil(len(shown) / max(count, 1)), 1)
     return [(p, number_text(v, 3)) for p, v in shown[::stride]]
+
+
+def _date_places(low: float, high: float, count: float) -> list[tuple[float, str]]:
+    """Return the first moments of days, months or years between two times in seconds since 1970, about `count` of them."""
+    days = (high - low) / DAY_S
+    unit, step = next(
+        ((unit, step) for unit, length, steps in DATE_STEPS for step in steps if days <= count * length * step),
+        ("Y", DATE_STEPS[-1][-1][-1]),
+    )
+    first, last = np.array([low, high]).astype("datetime64[s]").astype(f"datetime64[{unit}]").astype(int)
+    units = np.arange(math.ceil(first / step) * step, last + 1, step)
+    dates = units.astype(f"datetime64[{unit}]")
+    times = dates.astype("datetime64[s]").astype(float)
+    shown = zip(times, dates, strict=True)
+    return [
+        (float(t), str(date) if unit == "Y" else _day(t))
+        for t, date in shown
+        if max(low, 0.0) <= t <= min(high, LAST_DATE_S)
+    ]
 
 
 def _day(time_s: float) -> str:

@@ -7,16 +7,16 @@ from functools import partial
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QResizeEvent
+from PySide6.QtGui import QColor, QIcon, QPen, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.face import Tokens, follow_tokens, px, text_scale
+from app.gui.face import Tokens, follow_tokens, painting, px, text_scale
 from app.gui.plots.axes import RIGHT_PX, stable_range
 from app.gui.plots.drawn_panel import DrawnPanel, place
 from app.gui.plots.picture import Layer, Picture, color_of
 from app.gui.plots.series import series_as_text
 from app.gui.plots.tools import PlotTools
-from app.gui.widgets import ElidedLabel, Menu, column, configure, make_label, make_pane, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, column, configure, make_label, make_pane, row, set_style_kind, show_text
 from model import Series
 
 CHIP_ICON = QSize(18, 14)
@@ -101,8 +101,7 @@ class Chart(QWidget):
             self.tools.clear_cursors()
         if new_chips:
             self._make_chips()
-        self.title_label.setText(picture.title)
-        self.title_label.setVisible(bool(picture.title))
+        show_text(self.title_label, picture.title)
         self.note_label.setText(picture.note)
         set_style_kind(self.note_label, "fault" if picture.alarming else "note")
         self._draw()
@@ -272,18 +271,16 @@ def layer_icon(layer: Layer, ratio: float) -> QIcon:
     pixmap = QPixmap(CHIP_ICON * ratio)
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     color = color_of(layer.tone)
     middle = QPointF(CHIP_ICON.width() / 2, CHIP_ICON.height() / 2)
-    if layer.line is not None:
-        painter.setPen(QPen(color, layer.width, layer.line))
-        painter.drawLine(QPointF(0, middle.y()), QPointF(CHIP_ICON.width(), middle.y()))
-    if layer.symbol:
-        painter.translate(middle)
-        painter.scale(8, 8)
-        painter.setPen(QPen(color, 0.19))
-        painter.setBrush(QColor(color_of("surface")) if layer.hollow else color)
-        painter.drawPath(pg.graphicsItems.ScatterPlotItem.Symbols[layer.symbol])
-    painter.end()
+    with painting(pixmap) as painter:
+        if layer.line is not None:
+            painter.setPen(QPen(color, layer.width, layer.line))
+            painter.drawLine(QPointF(0, middle.y()), QPointF(CHIP_ICON.width(), middle.y()))
+        if layer.symbol:
+            painter.translate(middle)
+            painter.scale(8, 8)
+            painter.setPen(QPen(color, 0.19))
+            painter.setBrush(QColor(color_of("surface")) if layer.hollow else color)
+            painter.drawPath(pg.graphicsItems.ScatterPlotItem.Symbols[layer.symbol])
     return QIcon(pixmap)

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
 from app.gui.face import LABEL_PX, SEMIBOLD, icon, px, text_font
 from app.gui.plots.picture import Layer, color_of, number_text, unit_of
-from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, tooltip
+from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, show_text, tooltip
 from model import format_with_uncertainty
 
 if TYPE_CHECKING:
@@ -206,8 +206,7 @@ class PlotTools(QObject):
 
     def show_text(self, text: str) -> None:
         """Show a text at the top left of the plot; empty: none."""
-        self.label.setText(text)
-        self.label.setVisible(bool(text))
+        show_text(self.label, text)
         if text and self._chart.panels:
             self.label.adjustSize()
             corner = self._chart.canvas.mapFromScene(self._chart.panels[0].box.sceneBoundingRect().topLeft())
@@ -308,25 +307,14 @@ class PlotFiles:
 
     def choose_picture(self) -> None:
         """Ask for a file and write the picture."""
-        choose_files(
-            self._chart.canvas,
-            "Save the picture of this plot",
-            self.write_picture,
-            "Pictures (*.png *.svg *.pdf)",
-            "plot.png",
-            Mode.AnyFile,
-        )
+        self._choose("picture", self.write_picture, "Pictures (*.png *.svg *.pdf)", "plot.png")
 
     def choose_data(self) -> None:
         """Ask for a file and write the table."""
-        choose_files(
-            self._chart.canvas,
-            "Save the data of this plot",
-            self.write_data,
-            "Tables (*.tsv)",
-            "plot.tsv",
-            Mode.AnyFile,
-        )
+        self._choose("data", self.write_data, "Tables (*.tsv)", "plot.tsv")
+
+    def _choose(self, what: str, write: Callable[[list[Path]], object], kinds: str, proposed: str) -> None:
+        choose_files(self._chart.canvas, f"Save the {what} of this plot", write, kinds, proposed, Mode.AnyFile)
 
     def picture(self) -> QPixmap:
         """Return the plot as it is displayed; a plot of simulated data says SIMULATED."""

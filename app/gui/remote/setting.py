@@ -8,7 +8,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.remote.controller import MODES, NETWORK, RemoteController
-from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_combo, make_label
+from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_combo, make_label, show_text
 
 MODULE_PIXELS = 5
 DESCRIPTION = (
@@ -39,8 +39,7 @@ class RemoteSetting(QWidget):
 
     def _show(self) -> None:
         url = self._remote.url
-        self.address.setText(self._remote.problem or url)
-        self.address.setVisible(bool(self.address.text()))
+        show_text(self.address, self._remote.problem or url)
         self.code.setVisible(bool(url))
         self.renew_button.setVisible(bool(url) and self._remote.mode == NETWORK)
         if url:

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QFrame, QLayout, QWidget
 
 from app.common import (
@@ -22,7 +22,7 @@ from app.common import (
     summarize_result,
     typeset,
 )
-from app.gui.face import px, tokens
+from app.gui.face import draw_box, painting, px, tokens
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
@@ -79,16 +79,13 @@ class UncertaintyBar(QWidget):
         return self.sizeHint()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        colors, painter = tokens(), QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        colors = tokens()
         whole = QRectF(0.5, self.height() / 2 - 4, self.width() - 1, 8)
         noise = max(self.noise_share * whole.width(), 2.0)
-        painter.setPen(QPen(QColor(colors.outline), 1))
-        painter.setBrush(QColor(colors.sunken))
-        painter.drawRoundedRect(whole, 2, 2)
-        painter.fillRect(QRectF(whole.center().x() - noise / 2, whole.y() + 1, noise, 6), QColor(colors.text2))
-        painter.fillRect(QRectF(whole.center().x() - 1, whole.y() - 3, 2, 14), QColor(colors.text))
-        painter.end()
+        with painting(self) as painter:
+            draw_box(painter, whole, 2, colors.sunken, colors.outline)
+            painter.fillRect(QRectF(whole.center().x() - noise / 2, whole.y() + 1, noise, 6), QColor(colors.text2))
+            painter.fillRect(QRectF(whole.center().x() - 1, whole.y() - 3, 2, 14), QColor(colors.text))
 
 
 class ResultCard(QFrame):

@@ -28,6 +28,7 @@ from app.gui.widgets import (
     make_scroll_area,
     row,
     set_style_kind,
+    show_text,
     tooltip,
 )
 from app.session import protocol_title
@@ -156,9 +157,8 @@ class RunDetailsPane(QWidget):
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""
-        self.message_label.setText(text)
+        show_text(self.message_label, text)
         set_style_kind(self.message_label, "fault" if is_error else "note")
-        self.message_label.setVisible(bool(text))
 
     def show_selection(self, selected: Sequence[RunSummary]) -> None:
         """Show facts and notes of the selected runs; the plot follows when the files are read."""
@@ -209,8 +209,7 @@ class RunDetailsPane(QWidget):
         kind = PROTOCOLS.get(run.record.protocol)
         self.card.show_summary(run.result)
         self.card.show()
-        self.facts_label.setText(self._people)
-        self.facts_label.setVisible(bool(self._people))
+        show_text(self.facts_label, self._people)
         if kind is None or not (run.points or run.series) or self.plot.isVisibleTo(self):
             return
         ended = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)

@@ -7,23 +7,10 @@ from time import monotonic
 from PySide6.QtCore import QObject, Signal
 
 from app.archive import Catalogue, RunSummary, ScanResult, annotate_runs
-from app.common import Progress
-from app.gui.widgets import BackgroundWorker
+from app.gui.widgets import BackgroundWorker, JobProgress
 
 LOOK_INTERVAL_S = 1.0
 """Interval between scans of the folders; notifications of the system do not report files of other computers."""
-
-
-class ScanProgress(Progress):
-    """Progress of the present scan, which another thread reports and checks."""
-
-    cancelled = False
-
-    def __init__(self, report: Callable[[float, str], object]) -> None:
-        self._report = report
-
-    def update(self, fraction: float, text: str = "") -> None:
-        self._report(fraction, text)
 
 
 class RunFolderModel(QObject):
@@ -55,7 +42,7 @@ class RunFolderModel(QObject):
         """The file that this program is writing; scans skip it."""
         self._busy = self._rescan_due = self._scanning = False
         self._looked_s = 0.0
-        self._progress = ScanProgress(self.progressed.emit)
+        self._progress = JobProgress(self.progressed.emit)
 
     @property
     def path(self) -> Path:

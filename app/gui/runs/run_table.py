@@ -20,7 +20,6 @@ from PySide6.QtCore import (
 )
 from PySide6.QtGui import QColor, QKeyEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QHeaderView,
     QStyledItemDelegate,
     QStyleOptionViewItem,
@@ -28,11 +27,11 @@ from PySide6.QtWidgets import (
 )
 
 from app.archive import LARGEST_FIGURES, RunSummary
-from app.common import pluralize, round_figure, typeset
-from app.gui.face import LABEL_PX, SEMIBOLD, px, text_font, tokens
+from app.common import pluralize, round_figure, sentence_case, typeset
+from app.gui.face import CENTRE, LABEL_PX, SEMIBOLD, draw_box, draw_hatch, draw_text, px, tokens
 from app.gui.plots import color_of, curve_tone
 from app.gui.runs.thumbnails import SIZE, Thumbnails
-from app.gui.widgets import configure
+from app.gui.widgets import configure_table
 from app.session import protocol_title
 from model import format_with_uncertainty, shown_unit
 from protocols.base import Outcome, RunFigure
@@ -67,8 +66,8 @@ TIME_CHARACTERS = 7
 ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)
 OPTIONAL = (("tags", 12), ("points", 7), ("found", 20))
 """Columns that are left out where they do not fit, the most important first, with their least widths."""
-ROW_HEIGHT, DAY_HEIGHT, BADGE_PX = 40, 28, 18
-"""Height of a row, of the band above the first one of a day, diameter of the letter of a compared run."""
+ROW_HEIGHT, DAY_HEIGHT, BADGE_PX, HATCH_PX = 40, 28, 18, 6
+"""Height of a row, of the band above the first one of a day, diameter of the letter of a compared run, width of the hatch of a simulated one."""
 
 
 class RunTableModel(QAbstractTableModel):
@@ -126,11 +125,12 @@ class RunTableModel(QAbstractTableModel):
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
-            return COLUMNS[section]
+            return sentence_case(COLUMNS[section])
         return None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         entry, column = self.summaries[index.row()], COLUMNS[index.column()]
+        mark = ", SIMULATED" if entry.simulated else ""
         match role:
             case Qt.ItemDataRole.DisplayRole if column == "begun" and self.days and entry.started_at:
                 return f"{entry.started_at:%H:%M}"
@@ -142,9 +142,11 @@ class RunTableModel(QAbstractTableModel):
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             case Qt.ItemDataRole.ForegroundRole if column == "verdict":
                 return QColor(tokens().severity_color(entry.severity))
+            case Qt.ItemDataRole.AccessibleTextRole if column == "verdict":
+                return f"{_cell_text(entry, column)}{mark}"
             case Qt.ItemDataRole.ToolTipRole:
                 note = f"\n\n{entry.note}" if entry.note else ""
-                return f"{self.folder / entry.path}\n{entry.explanation}{note}"
+                return f"{self.folder / entry.path}{mark}\n{entry.explanation}{note}"
         return None
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
@@ -178,7 +180,7 @@ def _cell_text(summary: RunSummary, column: str) -> str:
         case "protocol":
             return protocol_title(summary.protocol)
         case "verdict":
-            return f"{summary.symbol} {summary.verdict_text}" + (", SIMULATED" if summary.simulated else "")
+            return f"{summary.symbol} {sentence_case(summary.verdict_text)}"
         case "points":
             return str(summary.points) if summary.readable else ""
         case _ if column in FIGURES:
@@ -209,7 +211,7 @@ def _day_text(day: date | None, today: date) -> str:
 
 
 class RunDelegate(QStyledItemDelegate):
-    """Draws the band of a day above its first row, and the letter of a compared run on its thumbnail."""
+    """Draws the band of a day above its first row, the hatch of a simulated run, and the letter of a compared one."""
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         model: Any = index.model()
@@ -220,20 +222,17 @@ class RunDelegate(QStyledItemDelegate):
             painter.fillRect(band, QColor(colors.window))
             option.rect.setTop(option.rect.top() + px(DAY_HEIGHT))
             if first:
-                painter.setFont(text_font(LABEL_PX, SEMIBOLD))
-                painter.setPen(QColor(colors.text))
-                painter.drawText(band.adjusted(px(8), 0, 0, 0), Qt.AlignmentFlag.AlignVCenter, day)
+                draw_text(painter, band.adjusted(px(8), 0, 0, 0), day, colors.text, LABEL_PX, SEMIBOLD)
         super().paint(painter, option, index)
+        if first and model.summaries[index.row()].simulated:
+            edge = QRectF(option.rect.x(), option.rect.y(), px(HATCH_PX), option.rect.height())
+            draw_hatch(painter, edge, colors.violet2, QColor(colors.violet))
         if letter and first:
             painter.save()
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             disc = QRectF(option.rect.x() + px(3), option.rect.y() + px(2), px(BADGE_PX), px(BADGE_PX))
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(color_of(curve_tone(ord(letter) - ord("A"))))
-            painter.drawEllipse(disc)
-            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
-            painter.setPen(QColor(colors.surface))
-            painter.drawText(disc, Qt.AlignmentFlag.AlignCenter, letter)
+            draw_box(painter, disc, disc.width() / 2, color_of(curve_tone(ord(letter) - ord("A"))))
+            draw_text(painter, disc, letter, colors.surface, LABEL_PX, SEMIBOLD, CENTRE)
             painter.restore()
 
 
@@ -247,32 +246,19 @@ class RunTableView(QTableView):
         self._tall_rows: set[int] = set()
         """First rows of the days, which have a band above them."""
         self.setModel(model)
-        configure(
-            self,
-            "runs.table",
-            accessibleName="runs",
-            sortingEnabled=True,
-            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            selectionMode=QAbstractItemView.SelectionMode.ExtendedSelection,
-            dragEnabled=True,
-            alternatingRowColors=True,
-            showGrid=False,
-            wordWrap=False,
-            tabKeyNavigation=False,
-            minimumWidth=420,
-        )
+        configure_table(
+            self, "runs.table", "runs", px(ROW_HEIGHT), sortingEnabled=True, dragEnabled=True, alternatingRowColors=True, minimumWidth=420,
+        )  # fmt: skip
         self.setItemDelegate(RunDelegate(self))
-        configure(self.verticalHeader(), visible=False, defaultSectionSize=px(ROW_HEIGHT))
         model.modelReset.connect(self._make_place_for_days)
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         header = self.horizontalHeader()
         # A header that knows the selection asks for the flags of every cell of it when it is painted.
         header.setSelectionModel(QItemSelectionModel(model, header))
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate(WIDTHS):
             self.setColumnWidth(at, count * wide)
-        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        self.horizontalHeader().setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

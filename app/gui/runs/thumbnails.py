@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QObject, QPointF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QGuiApplication, QPainter, QPen, QPixmap, QPolygonF
+from PySide6.QtGui import QColor, QGuiApplication, QPen, QPixmap, QPolygonF
 
 from app.archive import RunSummary, read_sketch
-from app.gui.face import px, tokens
+from app.gui.face import painting, px, tokens
 from app.gui.widgets import BackgroundWorker
 from model import Array
 
@@ -107,17 +107,15 @@ def _draw(sketch: Sketch) -> QPixmap:
     pixmap.fill(Qt.GlobalColor.transparent)
     if sketch is NO_SKETCH:
         return pixmap
-    colors, painter = tokens(), QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(QColor(colors.line), 1))
-    painter.drawLine(0, height - 3, width, height - 3)
+    colors = tokens()
     places = [QPointF(4 + (width - 8) * x, height - 6 - (height - 12) * y) for x, y in zip(*sketch, strict=True)]
-    painter.setPen(QPen(QColor(colors.model), 1.25))
-    painter.drawPolyline(QPolygonF(places))
-    if len(places) <= MAX_DOTS:
+    with painting(pixmap) as painter:
+        painter.setPen(QPen(QColor(colors.line), 1))
+        painter.drawLine(0, height - 3, width, height - 3)
+        painter.setPen(QPen(QColor(colors.model), 1.25))
+        painter.drawPolyline(QPolygonF(places))
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(QColor(colors.ink))
-        for place in places:
+        for place in places if len(places) <= MAX_DOTS else ():
             painter.drawEllipse(place, 1.5, 1.5)
-    painter.end()
     return pixmap

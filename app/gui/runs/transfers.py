@@ -18,7 +18,7 @@ from app.archive import (
     move_to_trash,
     restore_from_trash,
 )
-from app.common import OperationCancelled, UsageError, pluralize
+from app.common import OperationCancelled, Progress, UsageError, pluralize
 from app.config import AmplifierTable
 from app.gui.widgets import BackgroundWorker, ProgressRow, tell
 
@@ -59,19 +59,17 @@ class RunTransfers(QObject):
 
     def export_runs(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
         """Export runs as files for other programs."""
-        progress = self._progress_row.progress
 
         def describe(exported: tuple[int, list[str]]) -> str:
             count, left_out = exported
             written = [f"{pluralize(count, 'file')} written to {folder_link(folder)}"]
             return "\n".join([*written, *(f"Without raw data: {reason}." for reason in left_out)])
 
-        work = partial(export_runs, paths, folder, kind, progress)
+        work = partial(export_runs, paths, folder, kind)
         self._start(f"exporting {pluralize(len(paths), 'run')} …", work, describe)
 
     def copy_in(self, paths: Sequence[Path]) -> None:
         """Copy run files into the folder; a file of the same name is never replaced."""
-        folder, progress = self._folder(), self._progress_row.progress
 
         def describe(taken: CopyResult) -> str:
             self.finished.emit()
@@ -79,12 +77,12 @@ class RunTransfers(QObject):
             present = [f"already there: {', '.join(taken.already_present)}"] if taken.already_present else []
             return "; ".join(copied + present)
 
-        work = partial(copy_runs_into, paths, folder, progress)
+        work = partial(copy_runs_into, paths, self._folder())
         self._start(f"taking in {pluralize(len(paths), 'run')} …", work, describe)
 
     def import_tables(self, paths: Sequence[Path]) -> None:
         """Import tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
-        folder, specimen, progress = self._folder(), self._specimen(), self._progress_row.progress
+        specimen = self._specimen()
         names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
 
         def describe(imported: tuple[int, list[str]]) -> str:
@@ -92,7 +90,7 @@ class RunTransfers(QObject):
             count, cautions = imported
             return "\n".join([f"{names}: {pluralize(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
 
-        work = partial(import_tables, paths, folder, specimen, self._amplifier, progress)
+        work = partial(import_tables, paths, self._folder(), specimen, self._amplifier)
         self._start(f"importing {names} …", work, describe)
 
     def move_to_trash(self, paths: Sequence[Path]) -> None:
@@ -128,7 +126,7 @@ class RunTransfers(QObject):
         self._worker.close()
         self._trash_worker.close()
 
-    def _start(self, text: str, work: Callable[[], Any], describe_result: Callable[[Any], str]) -> None:
+    def _start(self, text: str, work: Callable[[Progress], Any], describe_result: Callable[[Any], str]) -> None:
         """Run a file operation in the background; `describe_result` returns the message about its result."""
         progress_row = self._progress_row
         if progress_row.running:
@@ -137,11 +135,9 @@ class RunTransfers(QObject):
 
         def done(result: Any) -> None:
             stopped = "stopped" if progress_row.progress.cancelled else ""
-            progress_row.finish()
             self.message.emit("; ".join(filter(None, [stopped, describe_result(result)])), False)
 
         def failed(error: Exception) -> None:
-            progress_row.finish()
             if isinstance(error, OperationCancelled):
                 self.message.emit("stopped; nothing was written", False)
                 return
@@ -149,5 +145,4 @@ class RunTransfers(QObject):
             self.message.emit(f"{error}{more if isinstance(error, UsageError) else ''}", True)
 
         self.message.emit("", False)
-        progress_row.start(text)
-        self._worker.submit(work, done, failed)
+        progress_row.run(self._worker, text, work, done, failed)

@@ -8,7 +8,7 @@ from typing import Any, Protocol, cast
 from PySide6.QtCore import QByteArray, QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QWidget
 
-from app.gui.widgets import BackgroundWorker, column, configure, make_scroll_area
+from app.gui.widgets import BackgroundWorker, clear_layout, column, configure, make_scroll_area
 from app.session import WindowState
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
@@ -89,8 +89,7 @@ class PageHost(QStackedWidget):
             if self._state is not None:
                 page.set_state(self._state)
             self.page_created.emit(page)
-            while (placeholder := self._layouts[index].takeAt(0)) is not None:
-                cast("QWidget", placeholder.widget()).deleteLater()
+            clear_layout(self._layouts[index])  # of its placeholder
             # A page keeps its smallest size, and scrolls in a window that is too small for it. It is put into an area that has
             # its size, which would otherwise divide the page's splitters anew, and is visible, so that the page takes the focus.
             area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)

@@ -3,10 +3,21 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QButtonGroup, QWidget
 
-from app.gui.face import LABEL_PX, MEDIUM, class_of, draw_icon, px, text_font, tokens
+from app.gui.face import (
+    CENTRE,
+    LABEL_PX,
+    MEDIUM,
+    class_of,
+    draw_icon,
+    draw_ring,
+    draw_text,
+    painting,
+    px,
+    tokens,
+)
 from app.gui.widgets import ACTIONS, STRETCH, column, configure
 
 ITEM_HEIGHT, ITEM_HEIGHT_ICON = 56, 46
@@ -41,27 +52,21 @@ class RailButton(QAbstractButton):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors, chosen = tokens(), self.isChecked()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if chosen:
-            painter.fillRect(self.rect(), QColor(colors.accent_tint))
-            painter.fillRect(QRectF(0, 0, px(3), self.height()), QColor(colors.accent_text))
-        elif self.underMouse():
-            painter.fillRect(self.rect(), QColor(colors.sunken))
         color = colors.accent_text if chosen else colors.text2
         side, worded = px(20), class_of(self).rail > 60
         top = px(8) if worded else (self.height() - side) / 2
-        draw_icon(painter, self._icon, QRectF((self.width() - side) / 2, top, side, side), color)
-        if worded:
-            painter.setFont(text_font(LABEL_PX, MEDIUM))
-            painter.setPen(QColor(color if chosen else colors.text))
-            area = QRectF(0, px(31), self.width(), px(18))
-            painter.drawText(area, Qt.AlignmentFlag.AlignCenter, self.text())
-        if self.hasFocus():
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(colors.accent_text), 2.0))
-            painter.drawRoundedRect(QRectF(self.rect()).adjusted(4, 2, -4, -2), px(6), px(6))
-        painter.end()
+        with painting(self) as painter:
+            if chosen:
+                painter.fillRect(self.rect(), QColor(colors.accent_tint))
+                painter.fillRect(QRectF(0, 0, px(3), self.height()), QColor(colors.accent_text))
+            elif self.underMouse():
+                painter.fillRect(self.rect(), QColor(colors.sunken))
+            draw_icon(painter, self._icon, QRectF((self.width() - side) / 2, top, side, side), color)
+            if worded:
+                area, ink = QRectF(0, px(31), self.width(), px(18)), color if chosen else colors.text
+                draw_text(painter, area, self.text(), ink, LABEL_PX, MEDIUM, CENTRE)
+            if self.hasFocus():
+                draw_ring(painter, self.rect().adjusted(3, 1, -3, -1), colors.accent_text)
 
 
 class Rail(QWidget):

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from app.gui.face import tokens
+from app.gui.face import CENTRE, draw_box, draw_text, painting, tokens
 from app.gui.widgets import configure
 from app.identification import BudgetBar, largest_sources
 
@@ -52,30 +52,21 @@ class BudgetPlot(QWidget):
         width = max(BAR_SHARE * self.width(), self.width() - left - self._note_width)
         width = min(width, self.width() - left - 20)
         colors = dict(zip(largest_sources(self.bars), SOURCE_COLORS, strict=False))
-        painter = QPainter(self)
-        for at, bar in enumerate(self.bars):
-            top, height = at * self._row_height + 2.0, self._row_height - 4.0
-            painter.setPen(QColor(tokens().text))
-            painter.drawText(
-                QRectF(0, top, left - 8, height), Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, bar.name
-            )
-            painter.drawText(
-                QRectF(left + width + 8, top, self.width() - left - width - 8, height),
-                Qt.AlignmentFlag.AlignVCenter,
-                bar.size_text,
-            )
-            x = float(left)
-            for source, share in bar.shares:
-                piece = QRectF(x, top, share * width, height)
-                painter.setPen(QPen(QColor(tokens().surface), 1))
-                painter.setBrush(QColor(colors.get(source, REST_COLOR)))
-                painter.drawRect(piece)
-                text = f"{source} {100 * share:.0f} %"
-                if metrics.horizontalAdvance(text) + 6 < piece.width():
-                    painter.setPen(QColor(NAME_COLOR))
-                    painter.drawText(piece, Qt.AlignmentFlag.AlignCenter, text)
-                x += share * width
-        painter.end()
+        ink, right = tokens().text, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight
+        with painting(self) as painter:
+            for at, bar in enumerate(self.bars):
+                top, height = at * self._row_height + 2.0, self._row_height - 4.0
+                draw_text(painter, QRectF(0, top, left - 8, height), bar.name, ink, align=right)
+                beside = QRectF(left + width + 8, top, self.width() - left - width - 8, height)
+                draw_text(painter, beside, bar.size_text, ink)
+                x = float(left)
+                for source, share in bar.shares:
+                    piece = QRectF(x, top, share * width, height)
+                    draw_box(painter, piece, 0, colors.get(source, REST_COLOR), tokens().surface)
+                    text = f"{source} {100 * share:.0f} %"
+                    if metrics.horizontalAdvance(text) + 6 < piece.width():
+                        draw_text(painter, piece, text, NAME_COLOR, align=CENTRE)
+                    x += share * width
 
     @property
     def _note_width(self) -> int:

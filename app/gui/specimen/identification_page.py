@@ -19,9 +19,11 @@ from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
     WrappedRow,
+    clear_layout,
     column,
     configure,
     fill_table,
+    fit_to_rows,
     make_button,
     make_label,
     make_line_edit,
@@ -324,14 +326,10 @@ class IdentificationPage(QWidget):
     def _fill_table(self, result: IdentificationResult) -> None:
         statistical = result.statistical_errors
         fill_table(self.table, [_cells(e, statistical.get(e.name)) for e in result.identified])
-        self.table.resizeRowsToContents()
-        rows = sum(self.table.rowHeight(at) for at in range(self.table.rowCount()))
-        self.table.setFixedHeight(rows + self.table.horizontalHeader().sizeHint().height() + 4)
+        fit_to_rows(self.table)
 
     def _show_proposals(self, result: IdentificationResult) -> None:
-        while (item := self._proposal_rows.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear_layout(self._proposal_rows)
         diagnosis = None if result.adequacy is None else result.adequacy.diagnosis
         explanations = [step.explanation for step in result.steps]
         for explanation in (*explanations, *(() if diagnosis is None else diagnosis.likeliest)):

@@ -22,6 +22,7 @@ from app.gui.widgets import (
     make_panel,
     row,
     set_style_kind,
+    show_text,
 )
 from app.identification import (
     DIMENSIONS,
@@ -105,8 +106,7 @@ class EntryRow(QObject):
     def show_finding(self, fault: tuple[str, str] | None, question: str) -> None:
         """Show the error, else the question."""
         at_fault, message = fault or ("", "")
-        self.note_label.setText(f"✕ {message}" if message else question)
-        self.note_label.setVisible(bool(message or question))
+        show_text(self.note_label, f"✕ {message}" if message else question)
         set_style_kind(self.note_label, "fault" if message else "caution")
         for field, edit in self.edits.items():
             set_style_kind(edit, "faulty" if field == at_fault else "")

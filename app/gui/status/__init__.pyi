@@ -7,7 +7,7 @@ from .notifier import NOTICE_KEY as NOTICE_KEY
 from .notifier import SOUND_KEY as SOUND_KEY
 from .notifier import Notifier as Notifier
 from .ribbon import BenchRibbon as BenchRibbon
-from .ribbon import draw_hatch as draw_hatch
 from .session_controller import SessionController as SessionController
 from .simulation_controls import SimulationControls as SimulationControls
+from .status_line import LAMP_SIGNS as LAMP_SIGNS
 from .status_line import WindowStatusLine as WindowStatusLine

@@ -5,12 +5,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from app.common import outcome_severity, sentence_case
 from app.gui.face import (
     BOLD,
+    CENTRE,
     LABEL_PX,
     MEDIUM,
     PRESENT_PX,
@@ -20,13 +21,17 @@ from app.gui.face import (
     VALUE_PX,
     Tokens,
     class_of,
+    draw_box,
+    draw_hatch,
     draw_icon,
+    draw_ring,
+    draw_text,
+    painting,
     px,
     set_length,
     text_font,
     tokens,
 )
-from app.gui.status.ribbon import draw_hatch
 from app.gui.status.session_controller import SessionController
 from app.gui.widgets import configure
 from app.session import KNOWN_S, StripView, WindowState
@@ -41,7 +46,6 @@ SWITCH_OFF, OTHER_VOLTAGE = "Switch HV off", "card sees another voltage"
 """What a column says that is too narrow for the whole sentence."""
 
 BLACK, WHITE = "#000000", "#ffffff"
-LEFT, CENTRE = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, Qt.AlignmentFlag.AlignCenter
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,32 +132,17 @@ class StripButton(QAbstractButton):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors = tokens()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         fill, edge, ink = self._colors(colors)
-        painter.setBrush(QColor(fill))
-        painter.setPen(QPen(QColor(edge), 1.0))
-        area = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
-        painter.drawRoundedRect(area, px(6), px(6))
-        if self.hasFocus():
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(WHITE if self._is_stop and fill == colors.red else ink), 2.0))
-            painter.drawRoundedRect(area.adjusted(3, 3, -3, -3), px(4), px(4))
-        painter.setPen(QColor(ink))
-        if self._is_stop:
-            font = text_font(VALUE_PX, BOLD)
-            font.setLetterSpacing(QFont.SpacingType.AbsoluteSpacing, 0.8)
-            painter.setFont(font)
-        else:
-            font = text_font(VALUE_PX, SEMIBOLD)
-            if QFontMetricsF(font).horizontalAdvance(self.text()) > self.width() - px(8):
-                font = text_font(LABEL_PX, SEMIBOLD)
-            painter.setFont(font)
-        painter.drawText(QRectF(0, px(5), self.width(), px(22)), CENTRE, self.text())
-        painter.setFont(text_font(LABEL_PX))
-        painter.setPen(QColor(ink if self._is_stop or self.isEnabled() else self._key_color(colors)))
-        painter.drawText(QRectF(0, px(25), self.width(), px(18)), CENTRE, self.key)
-        painter.end()
+        weight = BOLD if self._is_stop else SEMIBOLD
+        wide = QFontMetricsF(text_font(VALUE_PX, weight)).horizontalAdvance(self.text()) > self.width() - px(8)
+        faint = ink if self._is_stop or self.isEnabled() else self._key_color(colors)
+        with painting(self) as painter:
+            draw_box(painter, QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), px(6), fill, edge)
+            if self.hasFocus():
+                draw_ring(painter, self.rect().adjusted(2, 2, -2, -2), ink)
+            word = QRectF(0, px(5), self.width(), px(22))
+            draw_text(painter, word, self.text(), ink, LABEL_PX if wide else VALUE_PX, weight, CENTRE)
+            draw_text(painter, word.translated(0, px(20)), self.key, faint, LABEL_PX, REGULAR, CENTRE)
 
     def _colors(self, colors: Tokens) -> tuple[str, str, str]:
         """Return fill, edge and text."""
@@ -252,26 +241,25 @@ class BenchStrip(QWidget):
             return
         view, look, colors, grid = self.view, look_of(self.view), tokens(), class_of(self)
         self.elided = []
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), QColor(getattr(colors, look.tint)))
         ink = on_ground(look.tint, colors)
         faint = ink if look.tint in ("amber", "red") else colors.text2
         rule = QColor(ink)
         rule.setAlpha(60)
-        self._draw_sign(painter, look, colors, px(grid.sign))
-        left = px(grid.sign) + px(grid.gap)
-        self._draw_measured(
-            painter, left, px(grid.measured), ink if view.present or look.tint == "red" else faint, faint
-        )
-        for width in (grid.measured, grid.aim):
-            left += px(width) + px(grid.gap)
-            painter.fillRect(QRectF(left, px(9), 1, self.height() - px(18)), rule)
-            left += 1 + px(grid.gap)
-            if width == grid.measured:
-                self._draw_aim(painter, left, px(grid.aim), ink, faint)
-        self._draw_run(painter, left, self.pause_button.x() - px(grid.gap) - left, ink, faint)
-        painter.fillRect(QRectF(0, self.height() - 1, self.width(), 1), QColor(colors.line))
-        painter.end()
+        with painting(self) as painter:
+            painter.fillRect(self.rect(), QColor(getattr(colors, look.tint)))
+            self._draw_sign(painter, look, colors, px(grid.sign))
+            left = px(grid.sign) + px(grid.gap)
+            self._draw_measured(
+                painter, left, px(grid.measured), ink if view.present or look.tint == "red" else faint, faint
+            )
+            for width in (grid.measured, grid.aim):
+                left += px(width) + px(grid.gap)
+                painter.fillRect(QRectF(left, px(9), 1, self.height() - px(18)), rule)
+                left += 1 + px(grid.gap)
+                if width == grid.measured:
+                    self._draw_aim(painter, left, px(grid.aim), ink, faint)
+            self._draw_run(painter, left, self.pause_button.x() - px(grid.gap) - left, ink, faint)
+            painter.fillRect(QRectF(0, self.height() - 1, self.width(), 1), QColor(colors.line))
 
     def _draw_sign(self, painter: QPainter, look: Look, colors: Tokens, width: int) -> None:
         ground = QColor(getattr(colors, look.ground))
@@ -281,9 +269,7 @@ class BenchStrip(QWidget):
             draw_hatch(painter, QRectF(0, 0, px(10), self.height()), ink, ground, 10.0)
         side = px(28)
         draw_icon(painter, look.icon, QRectF(px(15), (self.height() - side) / 2, side, side), ink)
-        painter.setPen(QColor(ink))
-        painter.setFont(text_font(PRESENT_PX, BOLD))
-        painter.drawText(QRectF(px(48), 0, width - px(48), self.height()), LEFT, look.word)
+        draw_text(painter, QRectF(px(48), 0, width - px(48), self.height()), look.word, ink, PRESENT_PX, BOLD)
 
     def _draw_measured(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
@@ -340,15 +326,12 @@ class BenchStrip(QWidget):
         color: str,
     ) -> None:
         """Draw the first of several texts that fits, elided if none does."""
-        font = text_font(size, weight)
-        metrics = QFontMetricsF(font)
+        metrics = QFontMetricsF(text_font(size, weight))
         text = next((each for each in texts if metrics.horizontalAdvance(each) <= area.width() + 1), "")
-        painter.setFont(font)
-        painter.setPen(QColor(color))
         if not text and texts[-1]:
             self.elided.append(texts[-1])
             text = metrics.elidedText(texts[-1], Qt.TextElideMode.ElideRight, area.width())
-        painter.drawText(area, LEFT, text)
+        draw_text(painter, area, text, color, size, weight)
 
 
 def _shortened(text: str) -> tuple[str, ...]:

@@ -1,12 +1,23 @@
 """Drawer of the simulated bench (F9): its speed, who answers its prompts, and a switch for every fault."""
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QFrame, QSizePolicy, QWidget
 
 from app.common import pluralize, sentence_case
-from app.gui.face import LABEL_PX, REGULAR, SEMIBOLD, px, set_length, text_font, tokens
-from app.gui.status.ribbon import draw_hatch
+from app.gui.face import (
+    LABEL_PX,
+    REGULAR,
+    SEMIBOLD,
+    draw_box,
+    draw_hatch,
+    draw_ring,
+    draw_text,
+    painting,
+    px,
+    set_length,
+    tokens,
+)
 from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     STRETCH,
@@ -20,6 +31,7 @@ from app.gui.widgets import (
     make_label,
     make_scroll_area,
     row,
+    show_text,
     tooltip,
 )
 from app.session import FaultPlan, WindowState
@@ -39,27 +51,20 @@ class FaultSwitch(QCheckBox):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors, on = tokens(), self.isChecked()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if on:
-            painter.fillRect(self.rect(), QColor(colors.accent_tint))
-        painter.setFont(text_font(LABEL_PX, SEMIBOLD if on else REGULAR))
-        painter.setPen(QColor(colors.text if self.isEnabled() else colors.text2))
-        flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
-        painter.drawText(QRectF(px(16), 0, self.width() - px(72), self.height()), flags, self.text())
         track = QRectF(self.width() - px(46), (self.height() - px(16)) / 2, px(30), px(16))
-        painter.setPen(QPen(QColor(colors.accent if on else colors.outline), 1.25))
-        painter.setBrush(QColor(colors.accent if on else colors.surface))
-        painter.drawRoundedRect(track, px(8), px(8))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor("white" if on else colors.outline))
-        x = track.right() - px(8) if on else track.left() + px(8)
-        painter.drawEllipse(QPointF(x, track.center().y()), px(5), px(5))
-        if self.hasFocus():
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(colors.accent_text), 2.0))
-            painter.drawRoundedRect(QRectF(self.rect()).adjusted(2, 1, -2, -1), px(4), px(4))
-        painter.end()
+        knob = QRectF(track.right() - px(13) if on else track.left() + px(3), track.y() + px(3), px(10), px(10))
+        with painting(self) as painter:
+            if on:
+                painter.fillRect(self.rect(), QColor(colors.accent_tint))
+            area = QRectF(px(16), 0, self.width() - px(72), self.height())
+            color = colors.text if self.isEnabled() else colors.text2
+            draw_text(painter, area, self.text(), color, LABEL_PX, SEMIBOLD if on else REGULAR)
+            draw_box(
+                painter, track, px(8), colors.accent if on else colors.surface, colors.accent if on else colors.outline, 1.25
+            )  # fmt: skip
+            draw_box(painter, knob, px(5), "white" if on else colors.outline)
+            if self.hasFocus():
+                draw_ring(painter, self.rect(), colors.accent_text)
 
 
 class _HatchedHead(QFrame):
@@ -71,10 +76,8 @@ class _HatchedHead(QFrame):
         set_length(self, height=40)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        colors = tokens()
-        draw_hatch(painter, QRectF(self.rect()), colors.violet2, QColor(colors.violet))
-        painter.end()
+        with painting(self) as painter:
+            draw_hatch(painter, QRectF(self.rect()), tokens().violet2, QColor(tokens().violet))
 
 
 class FaultDrawer(OverlayCard):
@@ -160,8 +163,7 @@ class FaultDrawer(OverlayCard):
         self._show_message(str(error))
 
     def _show_message(self, text: str) -> None:
-        self.message_label.setText(text)
-        self.message_label.setVisible(bool(text))
+        show_text(self.message_label, text)
         for name, box in self.fault_boxes.items():
             box.setChecked(name in self.active_faults)
 

@@ -23,6 +23,7 @@ from app.gui.widgets import (
     make_label,
     row,
     set_style_kind,
+    show_text,
 )
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, PromptShown
 
@@ -129,8 +130,7 @@ class PromptCard(OverlayCard):
         act, detail = (ACTS[prompt.action], prompt.text) if prompt.action in ACTS else _split(prompt.text)
         self.message_label.setText(act)
         set_style_kind(self.message_label, "act" if len(act) <= ACT_LENGTH else "heading")
-        self.detail_label.setText(detail)
-        self.detail_label.setVisible(bool(detail))
+        show_text(self.detail_label, detail)
         self.note_label.setText(note)
         for at, choice in enumerate(prompt.choices):
             self._add_answer(choice, "Enter" if at == 0 else choice[0].upper())
@@ -163,8 +163,9 @@ class PromptCard(OverlayCard):
             return
         if self._prompt is not None and choice == self._prompt.prompt.choices[0] and self._saw_nothing():
             self._asked_again = True
-            self.again_label.setText("The laser has seen nothing move. If it is done all the same, answer once more.")
-            self.again_label.show()
+            show_text(
+                self.again_label, "The laser has seen nothing move. If it is done all the same, answer once more."
+            )
             return
         self._on_answer(choice)
 

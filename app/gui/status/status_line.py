@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QFontMetricsF, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QPushButton, QSizePolicy, QWidget
 
 from app.common import Severity, typeset
@@ -15,6 +15,8 @@ from app.gui.face import (
     STATUS_HEIGHT,
     class_of,
     draw_icon,
+    draw_text,
+    painting,
     px,
     set_length,
     text_font,
@@ -44,7 +46,14 @@ MARKS = {
     Severity.ERROR: ("error", "red_line"),
 }
 """Icon and token of its colour, by severity."""
-LAMP_ICONS = {Lamp.WAITING: "waiting", Lamp.READY: "good", Lamp.SUSPECT: "warning", Lamp.MISSING: "error"}
+LAMP_SIGNS = {
+    Lamp.WAITING: ("waiting", "text2"),
+    Lamp.READY: MARKS[Severity.SUCCESS],
+    Lamp.SUSPECT: MARKS[Severity.WARNING],
+    Lamp.MISSING: MARKS[Severity.ERROR],
+}
+"""Icon and token of its colour, by the lamp of an instrument."""
+
 SHORT_ROLES = {"generator": "Gen", "amplifier": "Amp", "card": "Card", "sensor": "Laser"}
 """Names of lamps in a small window."""
 
@@ -76,17 +85,13 @@ class InstrumentLamp(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors, lamp = tokens(), self.instrument.lamp
-        painter = QPainter(self)
-        side = px(14)
-        color = colors.lamp_color(lamp)
-        draw_icon(painter, LAMP_ICONS[lamp], QRectF(1, (self.height() - side) / 2, side, side), color, over(color))
-        usual = lamp in (Lamp.READY, Lamp.WAITING)
-        painter.setFont(text_font(LABEL_PX, REGULAR if usual else SEMIBOLD))
-        painter.setPen(QColor(colors.text2 if usual else colors.text))
-        left = px(20)
-        flags = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
-        painter.drawText(QRectF(left, 0, self.width() - left, self.height()), flags, self.text)
-        painter.end()
+        side, left = px(14), px(20)
+        (icon, of), usual = LAMP_SIGNS[lamp], lamp in (Lamp.READY, Lamp.WAITING)
+        color = str(getattr(colors, of))
+        with painting(self) as painter:
+            draw_icon(painter, icon, QRectF(1, (self.height() - side) / 2, side, side), color, over(color))
+            area, ink = QRectF(left, 0, self.width() - left, self.height()), colors.text2 if usual else colors.text
+            draw_text(painter, area, self.text, ink, LABEL_PX, REGULAR if usual else SEMIBOLD)
 
 
 class WindowStatusLine(QWidget):

@@ -3,12 +3,28 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPolygonF
 from PySide6.QtWidgets import QFrame, QWidget
 
 from app.common import typeset
-from app.gui.face import BOLD, LABEL_PX, PRESENT_PX, SEMIBOLD, VALUE_PX, px, set_length, text_font, tokens
-from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row
+from app.gui.face import (
+    BOLD,
+    CENTRE,
+    LABEL_PX,
+    LEFT,
+    PRESENT_PX,
+    REGULAR,
+    SEMIBOLD,
+    VALUE_PX,
+    draw_box,
+    draw_text,
+    painting,
+    px,
+    set_length,
+    text_font,
+    tokens,
+)
+from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row, show_text
 from app.session import WindowState, format_measured_volts
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from model import AmplifierMap
@@ -32,40 +48,27 @@ class AmplifierFront(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors = tokens()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.scale(self.width() / 200, self.height() / 132)
-        painter.setPen(QPen(QColor(colors.line), 1))
-        painter.setBrush(QColor(colors.window))
-        painter.drawRoundedRect(QRectF(0.5, 0.5, 199, 131), 8, 8)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor("#12161c"))
-        painter.drawRoundedRect(QRectF(16, 16, 96, 40), 4, 4)
-        painter.setBrush(QColor(colors.red))
-        painter.drawRoundedRect(QRectF(132, 16, 52, 40), 6, 6)
-        scale = px(100) / 100
-        for box, text, size, color in (
-            (QRectF(16, 16, 88, 40), "0 V", PRESENT_PX, "white"),
-            (QRectF(132, 16, 52, 40), "OFF", VALUE_PX, "white"),
-            (QRectF(16, 62, 80, 20), "2 display", LABEL_PX, colors.text2),
-            (QRectF(132, 62, 60, 20), "1 switch", LABEL_PX, colors.text2),
-            (QRectF(54, 93, 80, 20), "HV out", LABEL_PX, colors.text2),
-        ):
-            font = text_font(
-                size, BOLD if size == VALUE_PX else SEMIBOLD if size == PRESENT_PX else text_font().weight()
-            )
-            font.setPixelSize(round(font.pixelSize() / scale))
-            painter.setFont(font)
-            painter.setPen(QColor(color))
-            where = Qt.AlignmentFlag.AlignCenter if size == VALUE_PX else Qt.AlignmentFlag.AlignVCenter
-            side = Qt.AlignmentFlag.AlignRight if size == PRESENT_PX else Qt.AlignmentFlag.AlignLeft
-            painter.drawText(box, where if size == VALUE_PX else where | side, text)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(QColor(colors.text2), 2))
-        painter.drawEllipse(QPointF(34, 103), 10, 10)
-        painter.setBrush(QColor(colors.text2))
-        painter.drawEllipse(QPointF(34, 103), 2, 2)
-        painter.end()
+
+        def box(x: float, y: float, width: float, height: float) -> QRectF:
+            return QRectF(px(x), px(y), px(width), px(height))
+
+        with painting(self) as painter:
+            draw_box(painter, QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), px(8), colors.window, colors.line)
+            for area, corner, fill, edge, width in (
+                (box(16, 16, 96, 40), 4, "#12161c", "transparent", 1),
+                (box(132, 16, 52, 40), 6, colors.red, "transparent", 1),
+                (box(24, 93, 20, 20), 10, "transparent", colors.text2, 2),
+                (box(32, 101, 4, 4), 2, colors.text2, "transparent", 1),
+            ):
+                draw_box(painter, area, px(corner), fill, edge, width)
+            for area, text, color, size, weight, align in (
+                (box(16, 16, 88, 40), "0 V", "white", PRESENT_PX, SEMIBOLD, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter),
+                (box(132, 16, 52, 40), "OFF", "white", VALUE_PX, BOLD, CENTRE),
+                (box(16, 62, 80, 20), "2 display", colors.text2, LABEL_PX, REGULAR, LEFT),
+                (box(132, 62, 60, 20), "1 switch", colors.text2, LABEL_PX, REGULAR, LEFT),
+                (box(54, 93, 80, 20), "HV out", colors.text2, LABEL_PX, REGULAR, LEFT),
+            ):  # fmt: skip
+                draw_text(painter, area, text, color, size, weight, align)
 
 
 class NumberDisc(QWidget):
@@ -77,15 +80,9 @@ class NumberDisc(QWidget):
         set_length(self, 36, 36)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(tokens().red))
-        painter.drawEllipse(self.rect())
-        painter.setPen(QColor("white"))
-        painter.setFont(text_font(VALUE_PX, SEMIBOLD))
-        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, str(self._number))
-        painter.end()
+        with painting(self) as painter:
+            draw_box(painter, QRectF(self.rect()), self.width() / 2, tokens().red)
+            draw_text(painter, self.rect(), str(self._number), "white", VALUE_PX, SEMIBOLD, CENTRE)
 
 
 class InputScale(QWidget):
@@ -107,22 +104,19 @@ class InputScale(QWidget):
             self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
+        with painting(self) as painter:
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
         colors, amplifier = tokens(), self._amplifier
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         left, right, y = px(20), self.width() - px(20), px(14)
 
         def place(volts: float) -> float:
             share = (volts - amplifier.low_v) / (amplifier.high_v - amplifier.low_v)
             return left + min(max(share, 0.0), 1.0) * (right - left)
 
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(colors.line))
-        painter.drawRoundedRect(QRectF(left, y - px(4), right - left, px(8)), px(4), px(4))
-        painter.setBrush(QColor(colors.green))
-        painter.drawRoundedRect(QRectF(place(amplifier.rest_v) - px(5), y - px(8), px(10), px(16)), 2, 2)
-        painter.setFont(text_font(LABEL_PX))
-        painter.setPen(QColor(colors.text2))
+        draw_box(painter, QRectF(left, y - px(4), right - left, px(8)), px(4), colors.line)
+        draw_box(painter, QRectF(place(amplifier.rest_v) - px(5), y - px(8), px(10), px(16)), 2, colors.green)
         below = QRectF(0, y + px(12), self.width(), px(18))
         rest = f"{amplifier.rest_v:.3f} is rest"
         used = float(px(20))
@@ -134,20 +128,17 @@ class InputScale(QWidget):
             painter.drawPolygon(
                 QPolygonF([QPointF(at, y - px(7)), QPointF(at - px(7), y + px(6)), QPointF(at + px(7), y + px(6))])
             )
-            painter.setPen(QColor(colors.red_text))
-            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
             specimen = float(amplifier.specimen_v([low])[0])
             text = typeset(f"{low:z.3f} now, about {format_measured_volts(specimen, specimen)}")
             left_of = min(max(at - px(8), px(2)), self.width() / 2)
-            painter.drawText(below.adjusted(left_of, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, text)
-            used = left_of + painter.fontMetrics().horizontalAdvance(text) + px(12)
-            painter.setFont(text_font(LABEL_PX))
-            painter.setPen(QColor(colors.text2))
-        at_rest = max(place(amplifier.rest_v) - painter.fontMetrics().horizontalAdvance(rest) / 2, used)
-        painter.drawText(below.adjusted(at_rest, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, rest)
-        if at_rest + painter.fontMetrics().horizontalAdvance(rest) < right - px(16):
-            painter.drawText(below.adjusted(0, 0, -px(16), 0), Qt.AlignmentFlag.AlignRight, f"{amplifier.high_v:g}")
-        painter.end()
+            at_left = below.adjusted(left_of, 0, 0, 0)
+            used = left_of + px(12) + draw_text(painter, at_left, text, colors.red_text, LABEL_PX, SEMIBOLD)
+        width = QFontMetricsF(text_font()).horizontalAdvance(rest)
+        at_rest = max(place(amplifier.rest_v) - width / 2, used)
+        draw_text(painter, below.adjusted(at_rest, 0, 0, 0), rest, colors.text2)
+        if at_rest + width < right - px(16):
+            end = below.adjusted(0, 0, -px(16), 0)
+            draw_text(painter, end, f"{amplifier.high_v:g}", colors.text2, align=Qt.AlignmentFlag.AlignRight)
 
 
 class UnsafeCard(OverlayCard):
@@ -210,9 +201,8 @@ class UnsafeCard(OverlayCard):
             return
         whole = typeset(view.unsafe.removeprefix(MANUAL_SHUTDOWN_INSTRUCTIONS).lstrip(". "))
         detail = whole.partition(" The run had failed before:")[0]  # the result card and the log have it
-        self.detail_label.setText(detail)
+        show_text(self.detail_label, detail)
         self.detail_label.setToolTip(whole)
-        self.detail_label.setVisible(bool(detail))
         if self.isHidden():
             self.open()
 

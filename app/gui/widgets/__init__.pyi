@@ -25,6 +25,7 @@ from .labels import StatusLine as StatusLine
 from .layouts import SELECTABLE as SELECTABLE
 from .layouts import STRETCH as STRETCH
 from .layouts import Item as Item
+from .layouts import clear_layout as clear_layout
 from .layouts import column as column
 from .layouts import configure as configure
 from .layouts import fill_combo as fill_combo
@@ -44,13 +45,17 @@ from .layouts import make_toggle as make_toggle
 from .layouts import row as row
 from .layouts import set_style_kind as set_style_kind
 from .layouts import set_tone as set_tone
+from .layouts import show_text as show_text
 from .log_view import LogView as LogView
 from .menu import Menu as Menu
 from .overlays import OverlayCard as OverlayCard
 from .overlays import OverlayHost as OverlayHost
 from .overlays import Place as Place
+from .progress_row import JobProgress as JobProgress
 from .progress_row import ProgressRow as ProgressRow
+from .read_only_table import configure_table as configure_table
 from .read_only_table import fill_table as fill_table
+from .read_only_table import fit_to_rows as fit_to_rows
 from .read_only_table import make_read_only_table as make_read_only_table
 from .segments import Segments as Segments
 from .sheet_button import SheetButton as SheetButton

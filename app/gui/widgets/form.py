@@ -8,7 +8,8 @@ from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QSizePolicy, QWidget
 
 from app.common import sentence_case
-from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind
+from app.gui.face import px
+from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind, show_text
 from app.services import FormField, FormResult, check_form, form_fields, format_parameter, scaled
 from protocols.base import Protocol
 
@@ -63,8 +64,7 @@ class FieldRow:
 
     def show_error(self, error: str) -> None:
         """Show an error; none if it is empty: the meaning of the field stands in its tool tip."""
-        self.note_label.setText(f"✕ {error}" if error else "")
-        self.note_label.setVisible(bool(error))
+        show_text(self.note_label, f"✕ {error}" if error else "")
         for widget, name in ((self.note_label, "fault" if error else "note"), (self.editor, "faulty" if error else "")):
             set_style_kind(widget, name)
 
@@ -118,7 +118,10 @@ class ProtocolForm(FieldForm):
             alignment = Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter
             layout.addWidget(row.label, at, 0, alignment)
             layout.addWidget(row.editor, at, 1)
-            layout.addWidget(row.unit, at, 2, alignment)
+            if isinstance(row.editor, QLineEdit):
+                put_inside(row.editor, row.unit)
+            else:
+                layout.addWidget(row.unit, at, 2, alignment)
             layout.addWidget(row.note_label, at + 1, 0, 1, 3)
             layout.setRowMinimumHeight(at + 2, ROW_GAP)
             self._gaps[row.field.name] = at + 2
@@ -174,6 +177,15 @@ class ProtocolForm(FieldForm):
         self.show_errors(self.result.errors)
         self._name_more()
         self.changed.emit()
+
+
+def put_inside(field: QLineEdit, unit: QLabel) -> None:
+    """Show a unit inside a field, at its right end."""
+    configure(unit, kind="note")
+    unit.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+    right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+    grid((unit, 0, 0, right), parent=field, margins=(0, 0, 8, 0))
+    field.setTextMargins(0, 0, unit.sizeHint().width() + px(4), 0)
 
 
 class NumberListEdit(QPlainTextEdit):

@@ -1,10 +1,10 @@
 """Icon view: one icon of the design in the colour of a token."""
 
 from PySide6.QtCore import QRectF
-from PySide6.QtGui import QColor, QPainter, QPaintEvent
+from PySide6.QtGui import QColor, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
-from app.gui.face import draw_icon, set_length, tokens
+from app.gui.face import draw_icon, painting, set_length, tokens
 
 
 class IconView(QWidget):
@@ -28,9 +28,8 @@ class IconView(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         if self._icon:
             color = str(getattr(tokens(), self._color, self._color))
-            painter = QPainter(self)
-            draw_icon(painter, self._icon, QRectF(self.rect()).adjusted(1, 1, -1, -1), color, over(color))
-            painter.end()
+            with painting(self) as painter:
+                draw_icon(painter, self._icon, QRectF(self.rect()).adjusted(1, 1, -1, -1), color, over(color))
 
 
 def over(color: str) -> str:

@@ -3,10 +3,10 @@
 import weakref
 
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QIcon, QPainter, QPen
+from PySide6.QtGui import QColor, QFontMetricsF, QIcon, QPainter
 from PySide6.QtWidgets import QAbstractButton
 
-from app.gui.face import LABEL_PX, MEDIUM, PaintedIcon, px, text_font, tokens
+from app.gui.face import CENTRE, LABEL_PX, MEDIUM, PaintedIcon, draw_box, draw_text, px, text_font, tokens
 
 GAP = 5
 """Between the text and the cap, in lengths of the design."""
@@ -31,12 +31,9 @@ class _Cap(PaintedIcon):
         fill.setAlpha(38 if is_filled else 14)
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(edge, 1.0))
-        painter.setBrush(fill)
-        painter.drawRoundedRect(QRectF(rect).adjusted(0.5, 0.5, -0.5, -0.5), px(4), px(4))
-        painter.setPen(QColor(ink if mode is not QIcon.Mode.Disabled else colors.text2))
-        painter.setFont(text_font(LABEL_PX, MEDIUM))
-        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, self._key)
+        draw_box(painter, QRectF(rect).adjusted(0.5, 0.5, -0.5, -0.5), px(4), fill, edge)
+        shown = ink if mode is not QIcon.Mode.Disabled else colors.text2
+        draw_text(painter, rect, self._key, shown, LABEL_PX, MEDIUM, CENTRE)
         painter.restore()
 
     def clone(self) -> "_Cap":

@@ -1,9 +1,10 @@
 """Labels: elided to their width, and the status line of a page."""
 
 from PySide6.QtCore import QSize, Qt, QTimer
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QLabel
 
+from app.gui.face import painting
 from app.gui.widgets.layouts import configure, set_style_kind
 
 MIN_CHARACTERS = 6
@@ -21,11 +22,10 @@ class ElidedLabel(QLabel):
         return QSize(min(whole.width(), MIN_CHARACTERS * self.fontMetrics().averageCharWidth()), whole.height())
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setPen(self.palette().color(self.foregroundRole()))
         text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
-        painter.drawText(self.rect(), self.alignment(), text)
-        painter.end()
+        with painting(self) as painter:
+            painter.setPen(self.palette().color(self.foregroundRole()))
+            painter.drawText(self.rect(), self.alignment(), text)
 
 
 class StatusLine(QLabel):

@@ -122,6 +122,19 @@ def make_label(text: str = "", kind: str = "", wrap: bool = True, name: str = ""
     return configure(QLabel(text), name, wordWrap=wrap, textFormat=Qt.TextFormat.PlainText, **properties)
 
 
+def show_text(label: QLabel, text: str) -> None:
+    """Show a text in a label; an empty one hides it."""
+    label.setText(text)
+    label.setVisible(bool(text))
+
+
+def clear_layout(layout: QLayout) -> None:
+    """Remove the widgets of a layout and delete them."""
+    while (item := layout.takeAt(0)) is not None:
+        if (widget := item.widget()) is not None:
+            widget.deleteLater()
+
+
 def make_button(
     text: str,
     on_click: Callable[[], object],

@@ -4,11 +4,11 @@ from enum import Enum
 from typing import TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QFrame, QWidget
 from shiboken6 import isValid
 
-from app.gui.face import class_of, px, tokens
+from app.gui.face import class_of, draw_box, painting, px, tokens
 from app.gui.widgets.layouts import column, configure, make_scroll_area
 
 RIM = 5
@@ -153,22 +153,16 @@ class OverlayCard(QFrame):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors, rim = tokens(), px(RIM)
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(Qt.PenStyle.NoPen)
         body = QRectF(self.rect()).adjusted(
             rim, 0 if self.place is Place.RIGHT else rim, -rim * self._is_card, -rim * self._is_card
         )
-        shade = QColor("#000000")
-        for width, alpha in ((rim, 14), (round(0.4 * rim), 22)):
-            shade.setAlpha(alpha * (3 if colors.dark else 1))
-            painter.setBrush(shade)
-            painter.drawRoundedRect(body.adjusted(-width, -width, width, width), px(10) + width, px(10) + width)
-        painter.setBrush(QColor(colors.surface))
-        painter.setPen(QPen(QColor(getattr(colors, self._edge)), 2.0 if self._edge == "red_line" else 1.0))
-        radius = px(10) if self._is_card else 0
-        painter.drawRoundedRect(body.adjusted(0.5, 0.5, -0.5, -0.5), radius, radius)
-        painter.end()
+        edge, radius = str(getattr(colors, self._edge)), px(10) if self._is_card else 0
+        with painting(self) as painter:
+            for width, alpha in ((rim, 14), (round(0.4 * rim), 22)):
+                shade = QColor(0, 0, 0, alpha * (3 if colors.dark else 1))
+                draw_box(painter, body.adjusted(-width, -width, width, width), px(10) + width, shade)
+            body.adjust(0.5, 0.5, -0.5, -0.5)
+            draw_box(painter, body, radius, colors.surface, edge, 2.0 if self._edge == "red_line" else 1.0)
 
     @property
     def _is_card(self) -> bool:
@@ -184,9 +178,8 @@ class _Wash(QWidget):
         self.hide()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), QColor(0, 0, 0, 128 if tokens().dark else 77))
-        painter.end()
+        with painting(self) as painter:
+            painter.fillRect(self.rect(), QColor(0, 0, 0, 128 if tokens().dark else 77))
 
 
 class OverlayHost(QWidget):

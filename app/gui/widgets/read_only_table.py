@@ -5,9 +5,43 @@ from typing import Literal
 
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QTableWidget, QTableWidgetItem
 
 from app.gui.widgets.layouts import configure
+
+
+def configure_table(
+    table: QTableView, name: str, accessible_name: str, row_height: int = 0, **properties: object
+) -> None:
+    """Configure a table as all tables of the window: rows are selected whole, Tab leaves it, nothing is edited in it.
+
+    Args:
+        table: without a header at its left.
+        name: object name.
+        accessible_name: for screen readers.
+        row_height: of every row; 0: as high as the style's.
+        properties: further Qt properties, or others than the usual ones.
+    """
+    usual: dict[str, object] = {
+        "accessibleName": accessible_name,
+        "editTriggers": QAbstractItemView.EditTrigger.NoEditTriggers,
+        "selectionBehavior": QAbstractItemView.SelectionBehavior.SelectRows,
+        "tabKeyNavigation": False,
+        "showGrid": False,
+        "wordWrap": False,
+    }
+    configure(table, name, **(usual | properties))
+    table.verticalHeader().hide()
+    if row_height:
+        table.verticalHeader().setDefaultSectionSize(row_height)
+    table.horizontalHeader().setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+
+
+def fit_to_rows(table: QTableView) -> None:
+    """Fit the rows to their contents, and the height of a table to its rows."""
+    table.resizeRowsToContents()
+    heights = sum(table.rowHeight(at) for at in range(table.model().rowCount()))
+    table.setFixedHeight(heights + table.horizontalHeader().sizeHint().height() + 4)
 
 
 def make_read_only_table(
@@ -26,20 +60,10 @@ def make_read_only_table(
         stretched: columns that share the free width; the others are as wide as their contents.
         properties: further Qt properties.
     """
-    shown: dict[str, object] = {"showGrid": False, "wordWrap": stretched == "last", **properties}
-    table = configure(
-        QTableWidget(0, len(columns)),
-        name,
-        accessibleName=accessible_name,
-        editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
-        selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-        tabKeyNavigation=False,
-        **shown,
-    )
+    table = QTableWidget(0, len(columns))
+    configure_table(table, name, accessible_name, 0, **{"wordWrap": stretched == "last", **properties})
     table.setHorizontalHeaderLabels(columns)
-    table.verticalHeader().hide()
     header = table.horizontalHeader()
-    header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
     mode = QHeaderView.ResizeMode
     header.setSectionResizeMode(mode.Stretch if stretched == "all" else mode.ResizeToContents)
     if stretched == "last":

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
+from app.gui.face.tokens import COLORS
+from app.gui.plots import color_of, curve_tone
 from app.gui.shell.page_host import MEASURE
 from app.gui.status.bench_strip import LOOKS, BenchStrip, look_of
 from app.session import BenchState
@@ -175,24 +178,41 @@ def contrast(one: str | QColor, other: str | QColor) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
+PAGES, TINTS = ("surface", "window"), ("green_tint", "amber_tint", "accent_tint", "sunken")
+CONTRASTS = (
+    (("text", "text2", "accent_text", "green_text", "amber_text", "red_text"), PAGES, 4.5),
+    (("text", "text2"), TINTS, 4.5),
+    (("green_text",), ("green_tint",), 4.5),
+    (("amber_text",), ("amber_tint",), 4.5),
+    (("accent_text",), ("accent_tint",), 4.5),
+    (("outline", "accent_text", "red_line", "ink", "model"), PAGES, 3.0),
+    (("ink", "model"), ("band",), 3.0),
+    (("sand_text",), ("sand", "sand2"), 4.5),
+    (("#ffffff",), ("accent", "green", "red", "grey", "violet", "violet2"), 4.5),
+    (("#000000",), ("amber",), 4.5),
+)
+"""Texts, marks and outlines, the grounds that they stand on, and their least contrast there."""
+
+DECORATION = {"line"}
+
+
 @pytest.mark.parametrize("colors", [LIGHT, DARK], ids=["light", "dark"])
-def test_contrast_of_the_tokens(colors: Tokens) -> None:
-    grounds = (colors.surface, colors.window)
-    for ground in grounds:
-        for text in ("text", "text2", "accent_text", "green_text", "amber_text", "red_text"):
-            assert contrast(getattr(colors, text), ground) >= 4.5, (text, ground)
-        for mark in ("outline", "accent_text", "red_line", "ink", "model"):
-            assert contrast(getattr(colors, mark), ground) >= 3.0, (mark, ground)
-    for ground in ("accent", "green", "red", "grey", "violet", "violet2"):
-        assert contrast("white", getattr(colors, ground)) >= 4.5, ground
-    assert contrast("black", colors.amber) >= 4.5
-    for tint in ("green_tint", "amber_tint", "accent_tint", "sunken"):
-        assert contrast(colors.text, getattr(colors, tint)) >= 4.5
-        assert contrast(colors.text2, getattr(colors, tint)) >= 4.5, tint
+def test_contrast_of_every_token(colors: Tokens) -> None:
+    judged = set[str]()
+    for inks, grounds, least in CONTRASTS:
+        for ink, ground in product(inks, grounds):
+            assert contrast(getattr(colors, ink, ink), getattr(colors, ground)) >= least, (ink, ground)
+            judged |= {ink, ground}
+    assert {each for each in judged if not each.startswith("#")} == set(COLORS) - DECORATION
     for layer in colors.layers:
         assert contrast(layer, colors.surface) >= 4.5
-    for sand in ("sand", "sand2"):
-        assert contrast(colors.sand_text, getattr(colors, sand)) >= 4.5
+
+
+def test_contrast_of_the_colours_of_further_curves(stage: Stage) -> None:
+    for appearance in ("light", "dark"):
+        stage.window.look.set_appearance(appearance)
+        for at in range(12):
+            assert contrast(color_of(curve_tone(at)), color_of("surface")) >= 3.0, (appearance, at)
 
 
 def contrast_in(image: QImage) -> float:

@@ -79,7 +79,7 @@ def listed(runs: RunsPage, count: int) -> RunsPage:
 
 def names(page: RunsPage) -> list[str]:
     at = [page.list.model.headerData(c, Qt.Orientation.Horizontal) for c in range(page.list.model.columnCount())].index(
-        "specimen"
+        "Specimen"
     )
     return [page.list.model.index(row, at).data() for row in range(page.list.model.rowCount())]
 
@@ -357,7 +357,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert "tactor-bench import --help" in find(page, "runs.message").text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
     progress = page.details.progress_row.progress
-    monkeypatch.setattr(progress, "update", lambda *_: progress.cancel())  # as the button does
+    monkeypatch.setattr(progress, "update", lambda *_: setattr(progress, "cancelled", True))  # as the button does
     page.transfers.import_tables([table])
     until(lambda: find(page, "runs.message").text() == "stopped; nothing was written", "for the end")
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
@@ -535,13 +535,13 @@ def test_runs_stand_under_their_days_with_their_values_and_the_letters_of_compar
     with_figures = model.summaries[0]._replace(figures_json=json.dumps(figures), protocol="sine-dwell")
     model.set_summaries(folder, [with_figures, *model.summaries[1:]])
     row = {title: model.index(0, at).data() for at, title in enumerate(titles)}
-    assert (row["natural fr., Hz"], row["largest, µm"]) == ("159.83 ± 0.60", "1147 ± 11")
+    assert (row["Natural fr., Hz"], row["Largest, µm"]) == ("159.83 ± 0.60", "1147 ± 11")
     page.list.select_paths([entry.path for entry in model.summaries[:2]])
     assert model.letters == {0: "A", 1: "B"}
     until(lambda: not page._worker.pending, "for the points")
     assert [each.label[0] for each in page.details.plot.picture.layers] == ["A", "B"]
     page.list.select_paths([model.summaries[0].path])
     assert model.letters == {}
-    table.sortByColumn(titles.index("specimen"), Qt.SortOrder.AscendingOrder)
+    table.sortByColumn(titles.index("Specimen"), Qt.SortOrder.AscendingOrder)
     assert model.days == {}
     assert table.rowHeight(0) == table.rowHeight(1)

@@ -5,11 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QCoreApplication, QSize
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
+from app.gui.plots import Chart, Picture, layer
 from tests.helpers.main_window import Stage
 from tests.helpers.session_events import OPENED
 from tests.helpers.size_matrix import SCALES
@@ -66,6 +68,23 @@ def test_the_shell_has_no_fault_at_any_size(stage: Stage) -> None:
         stage.window.resize(size)
         QCoreApplication.processEvents()
         assert list(faults_of_window(stage.window)) == [], size
+
+
+def test_dates_of_an_axis_never_overlap(qt: QApplication) -> None:
+    chart, labels = Chart("dates"), set[str]()
+    chart.show()
+    for at, days in enumerate(np.geomspace(1, 300_000, 40)):
+        times = 1_700_000_000 + 2_100_000 * at + np.array([0, 86400 * days])
+        chart.show_picture(
+            Picture(dates=True, log=(False, False), layers=(layer(name="a", x=times, y=np.arange(2.0)),))
+        )
+        for width in range(230, 600, 53):
+            chart.resize(width, 250)
+            QCoreApplication.processEvents()
+            assert list(faults_of_plot(chart.canvas)) == [], f"{width} {days}"
+            labels |= {text for _, text in chart.panels[0].axes["bottom"].places()}
+    assert len(labels) > 50
+    chart.deleteLater()
 
 
 @pytest.mark.deep

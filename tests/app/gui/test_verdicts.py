@@ -8,7 +8,7 @@ from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QWidget
 
 from app.gui.bench_page.page import SIMULATED
-from app.gui.face import DARK, LIGHT
+from app.gui.face import DARK, LIGHT, tokens
 from app.gui.runs.run_table import COLUMNS
 from app.gui.shell.page_host import RUNS
 from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict
@@ -101,8 +101,13 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
     page = stage.window.tabs.runs
     until(lambda: page.list.model.rowCount() == 4, "for the runs")
     at = COLUMNS.index("verdict")
-    shown = {page.list.model.index(r, at).data() for r in range(4)}
-    assert shown == {f"{sign} {outcome}, SIMULATED" for outcome, sign in signs.items()}
+    role = Qt.ItemDataRole.AccessibleTextRole
+    shown = {page.list.model.index(r, at).data(role) for r in range(4)}
+    assert shown == {f"{sign} {outcome.capitalize()}, SIMULATED" for outcome, sign in signs.items()}
+    picture = page.list.table.viewport().grab().toImage()
+    band = page.list.table.visualRect(page.list.model.index(2, 0))
+    seen = {picture.pixelColor(3, y).name() for y in range(band.top() + 4, band.bottom() - 4)}
+    assert {tokens().violet, tokens().violet2} & seen, "the hatch of simulated runs"
     combo = find(page, "runs.verdict")
     combo.setCurrentIndex(combo.findData(Outcome.NO_RESULT.value))
     assert [run.specimen for run in page.list.model.summaries] == ["no-result"]

@@ -10,7 +10,7 @@ from app.archive import RunSummary, compare_runs
 from app.comparison import LETTERS, MAX_RUNS
 from app.gui.face import follow_tokens
 from app.gui.plots import color_of, curve_tone
-from app.gui.widgets import STRETCH, Segments, column, fill_table, make_label, make_read_only_table, row
+from app.gui.widgets import STRETCH, Segments, column, fill_table, fit_to_rows, make_label, make_read_only_table, row
 
 
 class DifferencesPane(QWidget):
@@ -40,13 +40,7 @@ class DifferencesPane(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._fit_rows()
-
-    def _fit_rows(self) -> None:
-        """Fit the rows to their names, and the height of the table to its rows."""
-        self.table.resizeRowsToContents()
-        heights = sum(self.table.rowHeight(at) for at in range(self.table.rowCount()))
-        self.table.setFixedHeight(heights + self.table.horizontalHeader().sizeHint().height() + 4)
+        fit_to_rows(self.table)
 
     def _fill(self) -> None:
         if self.isHidden():
@@ -69,7 +63,7 @@ class DifferencesPane(QWidget):
             lambda _row, place: colors[place],
             right_aligned=range(1, len(titles)),
         )
-        self._fit_rows()
+        fit_to_rows(self.table)
         same = len(rows) - len(differing)
         self.note_label.setText(
             f"{same} settings and results are equal; σ: standard uncertainty of the difference by the noise of both runs"

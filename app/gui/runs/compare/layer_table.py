@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from app.common import typeset
@@ -12,7 +13,7 @@ from app.comparison import Comparison, ComparisonLayer
 from app.gui.face import follow_tokens
 from app.gui.plots import color_of, curve_tone, number_text
 from app.gui.runs.compare.plot import ComparisonPlot, run_index
-from app.gui.widgets import configure
+from app.gui.widgets import add_actions, configure_table
 from model import format_with_uncertainty
 
 EYE, LETTER, RUN, FIRST, SECOND, CHANGE, RATIO = range(7)
@@ -21,8 +22,12 @@ NARROW_CHARACTERS = 60
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
+LAYER_ACTIONS = {"hide": "Hide", "up": "Up", "down": "Down", "reference": "Reference"}
+"""Texts of the buttons of the actions on the run of the current row (`compare.…` in the registry of actions)."""
+
+
 class LayerTable(QTableWidget):
-    """A row for each layer. Space hides or shows it, Alt+Up and Alt+Down move its run, R makes it the reference."""
+    """A row for each layer; its actions concern the run of the current row."""
 
     toggled = Signal(str)
     """File name of a run to hide or show."""
@@ -33,12 +38,8 @@ class LayerTable(QTableWidget):
 
     def __init__(self) -> None:
         super().__init__(0, 7)
-        configure(
-            self, "compare.layers", accessibleName="layers of the comparison", showGrid=False, tabKeyNavigation=False, wordWrap=False,
-            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers, selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
-        )  # fmt: skip
-        self.verticalHeader().hide()
+        one = QAbstractItemView.SelectionMode.SingleSelection
+        configure_table(self, "compare.layers", "layers of the comparison", selectionMode=one)
         header = self.horizontalHeader()
         wide = self.fontMetrics().averageCharWidth()
         # Columns as wide as their contents would be measured again at every move of the cursor.
@@ -50,6 +51,7 @@ class LayerTable(QTableWidget):
         self._reference, self._places, self._x_unit = "", [0.0][:0], ""
         self._factors: list[tuple[tuple[float, str], tuple[float, str]]] = []
         self.itemChanged.connect(self._on_changed)
+        add_actions(self, {f"compare.{what}": partial(self.perform, what) for what in LAYER_ACTIONS})
         follow_tokens(self, lambda _: self._paint_letters())
 
     def show_layers(self, comparison: Comparison) -> None:
@@ -132,20 +134,6 @@ class LayerTable(QTableWidget):
             self.reference_chosen.emit(name)
         else:
             self.moved.emit(name, -1 if what == "up" else 1)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        alt = event.modifiers() == Qt.KeyboardModifier.AltModifier
-        keys = {
-            (Qt.Key.Key_Space, False): "hide",
-            (Qt.Key.Key_R, False): "reference",
-            (Qt.Key.Key_Up, True): "up",
-            (Qt.Key.Key_Down, True): "down",
-        }
-        what = keys.get((Qt.Key(event.key()), alt))
-        if what is None:
-            super().keyPressEvent(event)
-        else:
-            self.perform(what)
 
     def _on_changed(self, item: QTableWidgetItem) -> None:
         run = self._layers[item.row()].run

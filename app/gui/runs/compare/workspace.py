@@ -22,7 +22,7 @@ from app.comparison import (
     views_in,
 )
 from app.gui.runs.compare.differences import DifferencesPane
-from app.gui.runs.compare.layer_table import LayerTable
+from app.gui.runs.compare.layer_table import LAYER_ACTIONS, LayerTable
 from app.gui.runs.compare.plot import ComparisonPlot
 from app.gui.widgets import (
     STRETCH,
@@ -45,6 +45,8 @@ from app.gui.widgets import (
     make_splitter,
     row,
     show_key,
+    show_text,
+    tooltip,
 )
 from model import Relation, Series
 
@@ -53,12 +55,6 @@ RELATIONS = (
     ("Normalised", Relation.NORMALISED),
     ("Difference", Relation.DIFFERENCE),
     ("Ratio", Relation.RATIO),
-)
-LAYER_KEYS = (
-    ("Hide", "hide", "Space"),
-    ("Up", "up", "Alt+↑"),
-    ("Down", "down", "Alt+↓"),
-    ("Reference", "reference", "R"),
 )
 TABLES = (("Peaks", 0), ("What differs", 1))
 LAYERS_WIDTH = 430
@@ -112,11 +108,11 @@ class ComparisonWorkspace(QWidget):
             menu.aboutToShow.connect(partial(fill, menu))
             button.setMenu(menu)
         keys = [
-            make_button(text, partial(self.layers.perform, what), "choice", name=f"compare.{what}")
-            for text, what, _ in LAYER_KEYS
+            make_button(
+                text, partial(self.layers.perform, what), "choice", tooltip(f"compare.{what}"), f"compare.{what}"
+            )
+            for what, text in LAYER_ACTIONS.items()
         ]
-        for button, (_, _, key) in zip(keys, LAYER_KEYS, strict=True):
-            button.setToolTip(key)
         left = make_pane(column((self.layers, 1), row(*keys, STRETCH, spacing=4), spacing=4))
         self.stack = QStackedWidget()
         self.stack.addWidget(self.peaks)
@@ -192,8 +188,7 @@ class ComparisonWorkspace(QWidget):
 
     def show_note(self, text: str) -> None:
         """Show a message; empty: none."""
-        self.note_label.setText(text)
-        self.note_label.setVisible(bool(text))
+        show_text(self.note_label, text)
 
     @property
     def view(self) -> ComparisonView:
