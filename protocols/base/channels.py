@@ -107,7 +107,7 @@ class FurtherInputs:
                 names = {each.name for each in fields(InputChannel)} & set(table)
                 channel = InputChannel(terminal=str(table["channel"]), **{name: table[name] for name in names})
                 volts, skew_s = self.read(channel.name, rows)
-                return ChannelSignal(channel, channel.values(volts), channel.delay_s + skew_s)
+                return ChannelSignal(channel, channel.values(volts), channel.delay_s - skew_s)
         return None
 
     def specimen_voltage(self, rows: tuple[int, int], drive_v: Array) -> ChannelSignal:

@@ -31,3 +31,13 @@ def true_loss(parameters: SimulationParameters, frequency_hz: Array) -> Array:
     """Return the loss factor, (F,)."""
     y = true_admittance(parameters, frequency_hz)
     return np.asarray(y.real / y.imag)
+
+
+def true_energy(parameters: SimulationParameters, frequency_hz: float, drive_vpp: float) -> float:
+    """Return the energy per cycle under a sine around rest at the amplifier's input, J, its harmonics on the specimen included."""
+    characteristic = parameters.amplifier.map
+    turns = np.arange(4096) / 4096
+    volts = characteristic.specimen_v(characteristic.rest_v + 0.5 * drive_vpp * np.sin(2 * np.pi * turns))
+    amplitudes = 2 * np.abs(np.fft.rfft(volts))[1:17] / turns.size
+    conductance = true_admittance(parameters, frequency_hz * np.arange(1, 17)).real
+    return float(0.5 * np.sum(amplitudes**2 * conductance) / frequency_hz)
