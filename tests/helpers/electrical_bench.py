@@ -3,6 +3,7 @@
 from typing import Any
 
 from app.config.bench_file import BenchConfig
+from protocols.registry import PROTOCOLS
 from tests.helpers.simulated_bench import simulated
 
 MONITORS = (
@@ -23,6 +24,11 @@ MONITORS = (
 def with_inputs(config: BenchConfig, *tables: Any) -> BenchConfig:
     """Return a bench file with further inputs, by default voltage and current monitor."""
     return BenchConfig.model_validate({**config.model_dump(), "channels": list(tables or MONITORS)})
+
+
+def bench_for(name: str, config: BenchConfig) -> BenchConfig:
+    """Return a bench file with the further inputs that a protocol needs."""
+    return with_inputs(config) if PROTOCOLS[name].input_kinds else config
 
 
 def electrical_bench(**truth: Any) -> BenchConfig:
