@@ -21,8 +21,8 @@ from app.config.bench_file import BenchConfig
 from protocols.base import RunStatus
 from protocols.measurements.electrical import Electrical
 from sim_hardware.plant.parameters import SimulationParameters
-from tests.helpers.electrical_bench import MONITORS, with_inputs
-from tests.helpers.electrical_truth import true_capacitance, true_energy, true_loss
+from tests.helpers.electrical.bench import MONITORS, with_inputs
+from tests.helpers.electrical.truth import true_capacitance, true_energy, true_loss
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 PROTOCOL = Electrical(frequencies_hz=(20, 150, 400), drives_v=(5.0,), levels_v=(5.0,), wait_s=1.0, record_s=0.3)

@@ -20,7 +20,7 @@ from model.response import (
 from model.response.harmonic_response import amplifier_response
 from protocols.base import Protocol
 from sim_hardware.plant.parameters import SimulationParameters
-from tests.helpers.electrical_truth import true_capacitance, true_energy, true_loss
+from tests.helpers.electrical.truth import true_capacitance, true_energy, true_loss
 from tests.helpers.latency_truth import true_sine, true_step
 
 Truth = dict[str, float]

@@ -45,7 +45,7 @@ from protocols.runner.runner import Runner
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.service.served_bench import ServedBench
-from tests.helpers.electrical_bench import bench_for
+from tests.helpers.electrical.bench import bench_for
 from tests.helpers.simulated_bench import simulated
 
 MOMENTS = ("arming", "ramp", "settling", "recording", "stopping")

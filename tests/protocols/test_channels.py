@@ -20,7 +20,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.schema import FURTHER_CHANNELS
 from protocols.signals.sine import fit_sine
 from sim_hardware.plant.parameters import SimulationParameters
-from tests.helpers.electrical_truth import true_admittance
+from tests.helpers.electrical.truth import true_admittance
 from tests.helpers.scripted_protocol import SHORT
 from tests.helpers.simulated_bench import laboratory, run, simulated
 

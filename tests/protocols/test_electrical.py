@@ -11,8 +11,8 @@ from protocols.base import RunStatus
 from protocols.measurements.electrical import Electrical
 from protocols.rehearsal import CannotRunError, rehearse
 from protocols.runfile.reader import Run
-from tests.helpers.electrical_bench import MONITORS, electrical_bench, with_inputs
-from tests.helpers.electrical_truth import true_capacitance, true_energy, true_loss
+from tests.helpers.electrical.bench import MONITORS, electrical_bench, with_inputs
+from tests.helpers.electrical.truth import true_capacitance, true_energy, true_loss
 from tests.helpers.simulated_bench import Ran, laboratory, run, simulated
 
 LOAD = {"capacitance_f": 1.41e-9, "loss_per_decade": 0.034, "leakage_ohm": 4e9}

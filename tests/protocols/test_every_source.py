@@ -29,7 +29,7 @@ from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from tests.helpers.electrical_bench import bench_for
+from tests.helpers.electrical.bench import bench_for
 from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.helpers.sources import ALIKE, GENERATORS, SHORTER, SOURCES, SUPPLY, rehearsed, source_bench
 

@@ -12,7 +12,7 @@ from protocols.signals.sine import fit_sine
 from sim_hardware.plant.parameters import AmplifierParameters, ElectricalParameters, SimulationParameters
 from sim_hardware.plant.specimen_current import SpecimenCurrent, reciprocal_charge_c_per_m
 from sim_hardware.plant.stepper import BLOCK
-from tests.helpers.electrical_truth import true_admittance, true_capacitance, true_loss
+from tests.helpers.electrical.truth import true_admittance, true_capacitance, true_loss
 
 RATE_HZ = 100e3
 HALF_STEP_S = 0.5 / RATE_HZ
