@@ -102,10 +102,14 @@ class FurtherInputs:
         Raises:
             ValueError: the configuration of a foreign file has an invalid channel.
         """
+        names = {each.name for each in fields(InputChannel)}
         for table in self.configuration.get("channels", ()):
-            if table["kind"] in kinds:
-                names = {each.name for each in fields(InputChannel)} & set(table)
-                channel = InputChannel(terminal=str(table["channel"]), **{name: table[name] for name in names})
+            try:
+                values = {name: table[name] for name in names & set(table)}
+                channel = InputChannel(terminal=str(table["channel"]), **values)
+            except (KeyError, TypeError) as error:
+                raise ValueError(f"its bench file has an invalid table of channels ({error})") from None
+            if channel.kind in kinds:
                 volts, skew_s = self.read(channel.name, rows)
                 return ChannelSignal(channel, channel.values(volts), channel.delay_s - skew_s)
         return None
