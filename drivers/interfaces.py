@@ -84,7 +84,11 @@ class InputChannel:
         unit: unit of its values.
         gain: units per volt at the terminal.
         offset: value at 0 V.
-        kind: `voltage-monitor`, `current-monitor` or `other`; monitors have an abort level.
+        kind: `voltage-monitor`, `current-monitor`, `charge` or `other`; monitors have an abort level.
+        gain_relative_uncertainty: standard uncertainty of the gain, relative; 0: not stated.
+        delay_s: delay from the specimen to the volts at the terminal.
+        delay_uncertainty_s: standard uncertainty of the delay; 0: not stated.
+        bleed_s: charge: sense capacitance times its bleed resistance; 0: no resistor.
     """
 
     name: str
@@ -93,6 +97,10 @@ class InputChannel:
     gain: float = 1.0
     offset: float = 0.0
     kind: str = "other"
+    gain_relative_uncertainty: float = 0.0
+    delay_s: float = 0.0
+    delay_uncertainty_s: float = 0.0
+    bleed_s: float = 0.0
 
     def values(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values in `unit`, same shape as `volts`."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Self
 SCALES = {
     "µm": 1e6, "mm": 1e3, "ms": 1e3, "µs": 1e6, "g": 1e3, "mg": 1e6, "%": 1e2, "°": 57.29577951308232, "GPa": 1e-9, "MPa": 1e-6,
     "µm/V": 1e6, "nm/V": 1e9, "µm/N": 1e6, "N mm/kV": 1e6, "N mm^2": 1e6, "krad/s": 1e-3, "g/m": 1e3, "nF": 1e9, "mA": 1e3, "mN": 1e3,
+    "nA": 1e9, "nC": 1e9, "GΩ": 1e-9, "µJ": 1e6, "mW": 1e3,
 }  # fmt: skip
 """Factor from SI to a bench unit."""
 
@@ -24,6 +25,10 @@ BENCH_UNITS = {
     "Pa": "MPa",
     "N m/V": "N mm/kV",
     "A": "mA",
+    "F": "nF",
+    "C": "nC",
+    "J": "µJ",
+    "W": "mW",
 }
 """Bench units of SI units, for quantities without a bench unit of their own."""
 
@@ -159,6 +164,11 @@ RESULTS: Mapping[str, Quantity] = _listed(
     ("nonlinearity", "nonlinearity", "", "1", "%", "relative difference of the compliance at the largest load from the compliance without load"),
     ("sag", "sag", "", "m", "mm", "deflection of the middle of the horizontal membrane by its own weight"),
     ("linear_young_modulus", "Young modulus by linear theory", "", "Pa", "MPa", "Young modulus of the membrane by a theory without stretch", ("Young modulus by linear theory",)),
+    ("capacitance", "capacitance", "C", "F", "nF", "parallel capacitance under a sine, cable and bending included"),
+    ("loss_factor", "loss factor", "tan δ", "1", "1", "in-phase over quadrature current under a sine", (), 3),
+    ("energy_per_cycle", "energy per cycle", "", "J", "µJ", "energy lost in a cycle of a sine: area of the loop of charge over voltage"),
+    ("leakage_current", "leakage current", "", "A", "nA", "current at a held voltage after the wait, less the reading at rest", (), 3),
+    ("insulation_resistance", "insulation resistance", "", "Ω", "GΩ", "voltage held over its leakage current, after the wait", (), 3),
     ("free_response_drift", "drift of the free response", "", "1", "%", "relative change of the free response over a membrane series, mean over frequencies", ("drift of the free response",)),
 )
 """Results of runs and figures of merit."""

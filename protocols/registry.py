@@ -34,6 +34,7 @@ BUILT_IN_PROTOCOLS = {
     "sweep": ("Sweep", "protocols.measurements.sweep:Sweep"),
     "free-decay": ("Free decay", "protocols.measurements.free_decay:FreeDecay"),
     "latency": ("Latency", "protocols.measurements.latency:OnsetLatency"),
+    "electrical": ("Electrical", "protocols.measurements.electrical:Electrical"),
     "wiring-check": ("Wiring check", "protocols.measurements.wiring_check:WiringCheck"),
 }
 """Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drivers import BenchError, Drive, DriveRejectedError, Hold, HvAmplifier, LaserSensor, Meter
+from drivers import BenchError, Drive, DriveRejectedError, Hold, HvAmplifier, InputChannel, LaserSensor, Meter
 from model import Tactor
 from protocols.base import PlanEntry, Protocol, recording_too_long_message
 from protocols.registry import PROTOCOLS
@@ -83,6 +83,7 @@ def rehearse(
     sensor: LaserSensor | None = None,
     tactor: Tactor | None = None,
     meters: Mapping[str, Meter] | None = None,
+    channels: Sequence[InputChannel] | None = None,
     folder: Path | None = None,
     adapt: bool = True,
 ) -> Rehearsal:
@@ -94,12 +95,13 @@ def rehearse(
         sensor: sensor whose range limits the stroke predicted for `tactor`.
         tactor: model of the specimen.
         meters: meters of the bench; None if unknown.
+        channels: further inputs of the bench; None if unknown.
         folder: folder of the run file; None if unknown.
         adapt: whether to adapt the protocol to the source first, as for a new run.
 
     Raises:
         DriveRefused: a drive is not admissible, or the bench's source cannot play it.
-        CannotRun: a meter is missing, the disk is too full, or an entry is too long for the computer's memory.
+        CannotRun: a meter or an input is missing, the disk is too full, or an entry is too long for the computer's memory.
     """
     rest_v = amplifier.map.rest_v
     adapted = adapt_to_source(protocol, amplifier) if adapt else AdaptedProtocol(protocol)
@@ -109,6 +111,8 @@ def rehearse(
     _check_drives(protocol, drives, amplifier)
     if meters is not None:
         _check_meters(protocol, meters)
+    if channels is not None:
+        _check_inputs(protocol, channels)
     _check_recordings(protocol, plan)
     duration_s = protocol.rest_record_s + sum(_entry_duration_s(entry, amplifier) for entry in plan)
     file_bytes = round(duration_s * protocol.sample_rate_hz * BYTES_PER_SCAN) + FILE_OVERHEAD_BYTES
@@ -178,6 +182,16 @@ def _check_meters(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
         raise CannotRunError(
             f"{protocol.title} reads the meter '{missing[0]}', and this bench has no such meter (it has: {have}); add "
             f"[meters.{missing[0]}] to the bench file"
+        )
+
+
+def _check_inputs(protocol: Protocol, channels: Sequence[InputChannel]) -> None:
+    kinds = protocol.input_kinds
+    if kinds and not any(channel.kind in kinds for channel in channels):
+        have = ", ".join(f"{channel.name} ({channel.kind})" for channel in channels) or "none"
+        raise CannotRunError(
+            f"{protocol.title} needs a further input of the kind {' or '.join(kinds)}, and this bench has none (its further inputs: "
+            f"{have}); wire one to the card and add [[channels]] with its kind, gain and delay to the bench file"
         )
 
 

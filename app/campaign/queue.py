@@ -173,7 +173,8 @@ def rehearse_campaign(
 
 def _rehearse_item(campaign: Campaign, item: CampaignItem, bench: Bench, tactor: Tactor | None) -> Rehearsal:
     protocol = campaign.protocol_for(item)
-    one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
+    meters, channels = bench.meters, bench.channels
+    one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=meters, channels=channels)
     # High voltage is switched off and on once more around manual preparation.
     hands = protocol.high_voltage and any(prompt.hands_on for prompt in item.prepare)
     return replace(one, prompts=one.prompts + len(item.prepare) + 2 * hands)

@@ -271,9 +271,20 @@ class ChannelTable(ConfigTable):
     gain: Annotated[float, Interval(ge=-1e12, le=1e12), "units per volt at the terminal"] = 1.0
     offset: Annotated[float, Interval(ge=-1e12, le=1e12), "value at 0 V, in the unit"] = 0.0
     kind: Annotated[
-        Literal["voltage-monitor", "current-monitor", "other"],
-        "monitors of the amplifier have the abort levels voltage and current; in V and A at the specimen",
+        Literal["voltage-monitor", "current-monitor", "charge", "other"],
+        "monitors of the amplifier have the abort levels voltage and current; in V and A at the specimen; charge, in C: a sense "
+        "capacitor in the return",
     ] = "other"
+    gain_relative_uncertainty: Annotated[
+        float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative; 0: not stated"
+    ] = 0.0
+    delay_s: Annotated[float, Unit("s"), Interval(ge=0, le=0.1), "from the specimen to the volts at the terminal"] = 0.0
+    delay_uncertainty_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=0.1), "standard uncertainty of the delay; 0: not stated"
+    ] = 0.0
+    bleed_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=1e6), "charge: sense capacitance times bleed resistance; 0: no resistor"
+    ] = 0.0
 
     @field_validator("name")
     @classmethod
@@ -300,7 +311,7 @@ class ChannelTable(ConfigTable):
 
     @property
     def input_channel(self) -> InputChannel:
-        return InputChannel(self.name, self.channel, self.unit, self.gain, self.offset, self.kind)
+        return InputChannel(terminal=self.channel, **self.model_dump(exclude={"channel"}))
 
 
 def check_channels(tables: "list[ChannelTable]", used_terminals: tuple[str, ...]) -> None:
@@ -319,8 +330,9 @@ def check_channels(tables: "list[ChannelTable]", used_terminals: tuple[str, ...]
             )
         if table.channel in (*used_terminals, *(other.channel for other in tables[:at])):
             raise ValueError(f"the terminal {table.channel} is used twice; each channel needs its own")
-        if table.unit != {"voltage-monitor": "V", "current-monitor": "A"}.get(table.kind, table.unit):
-            raise ValueError(f"channels.unit of {table.name!r} must be V or A, as the kind {table.kind} requires")
+        unit = {"voltage-monitor": "V", "current-monitor": "A", "charge": "C"}.get(table.kind, table.unit)
+        if table.unit != unit:
+            raise ValueError(f"channels.unit of {table.name!r} must be {unit}, as the kind {table.kind} requires")
 
 
 def _fields_of_levels(*names: str) -> Any:

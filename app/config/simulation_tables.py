@@ -35,6 +35,7 @@ UNITS_OF_SUFFIXES = {
     "_v": "V",
     "_m": "m",
     "_f": "F",
+    "_ohm": "Ω",
 }
 """Units of values without a stated one, by how their names end; the longest first."""
 

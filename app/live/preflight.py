@@ -59,6 +59,7 @@ def _rehearsal_warnings(request: PreflightRequest) -> Iterator[tuple[str, ...]]:
             sensor=bench.sensor,
             tactor=request.active_model.tactor,
             meters=bench.meters,
+            channels=bench.channels,
             folder=request.folder,
         )
     except (BenchError, ParameterError) as error:

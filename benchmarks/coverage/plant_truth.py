@@ -20,6 +20,7 @@ from model.response import (
 from model.response.harmonic_response import amplifier_response
 from protocols.base import Protocol
 from sim_hardware.plant.parameters import SimulationParameters
+from tests.helpers.electrical.truth import true_capacitance, true_energy, true_loss
 from tests.helpers.latency_truth import true_sine, true_step
 
 Truth = dict[str, float]
@@ -204,6 +205,24 @@ def _square_dwell(protocol: Any, parameters: SimulationParameters, points: Seque
     return names | {"square_wave_amplitude": max(names[f"point peak_to_peak #{i}"] for i in range(len(points)))}
 
 
+def _electrical(_: Protocol, parameters: SimulationParameters, points: Sequence[Any]) -> Truth:
+    names: Truth = {}
+    for i, p in enumerate(points):
+        if p.frequency:
+            f = np.array([p.frequency])
+            c, loss = float(true_capacitance(parameters, f)[0]), float(true_loss(parameters, f)[0])
+            energy = true_energy(parameters, p.frequency, p.drive)
+            names |= {f"point capacitance #{i}": c, f"point loss #{i}": loss, f"point energy #{i}": energy}
+            where = f"20 Hz at {p.drive:g} V"
+            if round(p.frequency) == 20:
+                names |= {
+                    f"capacitance, {where}": c,
+                    f"loss_factor, {where}": loss,
+                    f"energy_per_cycle, {where}": energy,
+                }
+    return names
+
+
 TRUTHS: Mapping[str, Callable[[Any, SimulationParameters, Sequence[Any]], Truth]] = {
     "StaticLoading": _static_loading,
     "MassResonance": _mass_resonance,
@@ -212,6 +231,7 @@ TRUTHS: Mapping[str, Callable[[Any, SimulationParameters, Sequence[Any]], Truth]
     "FreeDecay": _free_mode,
     "Hysteresis": _hysteresis,
     "OnsetLatency": _latency,
+    "Electrical": _electrical,
     "MembraneSag": _membrane_sag,
     "SineDwell": _sine_dwell,
     "MembraneSeries": _membrane_series,

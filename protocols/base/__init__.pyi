@@ -1,5 +1,8 @@
 from .aspects import Aspects as Aspects
+from .channels import FLOW_KINDS as FLOW_KINDS
 from .channels import ChannelCalibration as ChannelCalibration
+from .channels import ChannelSignal as ChannelSignal
+from .channels import FurtherInputs as FurtherInputs
 from .events import EVENTS as EVENTS
 from .events import INTERFERENCE_AT_REST as INTERFERENCE_AT_REST
 from .events import MOUNTED as MOUNTED

@@ -1,15 +1,15 @@
 """Channel calibration: raw counts of the card to volts and metres, and their quality flags."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LaserSensor, Scale
-from model import Array
+from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, InputChannel, LaserSensor, Scale
+from model import AmplifierMap, Array
 from protocols.base.quality import Quality
 
 TABULATED_SCANS = 256
@@ -69,3 +69,57 @@ def _look_up(values: Array, raw: NDArray[np.int16]) -> Array:
         piece = slice(start, start + LOOK_UP_SCANS)
         np.take(values, counts[piece], out=looked_up[piece], mode="clip")  # the default mode copies `out`
     return looked_up.reshape(raw.shape)
+
+
+VOLTAGE_KIND, FLOW_KINDS = "voltage-monitor", ("current-monitor", "charge")
+"""Kinds of a bench's further inputs: volts on the specimen, and what flows into it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSignal:
+    """Samples of a further input in a recording, in its unit, (N,); `delay_s` is their whole delay behind the drive's samples."""
+
+    channel: InputChannel
+    values: Array
+    delay_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class FurtherInputs:
+    """Further inputs of the card in the rows of a run.
+
+    Attributes:
+        configuration: the bench file, with its tables `channels` and `amplifier`.
+        read: function that returns volts at the terminal of a channel in some rows, and the skew of its conversion behind the drive's.
+    """
+
+    configuration: Mapping[str, Any]
+    read: Callable[[str, tuple[int, int]], tuple[Array, float]]
+
+    def signal(self, rows: tuple[int, int], *kinds: str) -> ChannelSignal | None:
+        """Return the samples of the first channel of one of the kinds; None without such a channel.
+
+        Raises:
+            ValueError: the configuration of a foreign file has an invalid channel.
+        """
+        names = {each.name for each in fields(InputChannel)}
+        for table in self.configuration.get("channels", ()):
+            try:
+                values = {name: table[name] for name in names & set(table)}
+                channel = InputChannel(terminal=str(table["channel"]), **values)
+            except (KeyError, TypeError) as error:
+                raise ValueError(f"its bench file has an invalid table of channels ({error})") from None
+            if channel.kind in kinds:
+                volts, skew_s = self.read(channel.name, rows)
+                return ChannelSignal(channel, channel.values(volts), channel.delay_s - skew_s)
+        return None
+
+    def specimen_voltage(self, rows: tuple[int, int], drive_v: Array) -> ChannelSignal:
+        """Return the volts on the specimen: of the voltage monitor, or without one the drive through the amplifier's characteristic."""
+        if (seen := self.signal(rows, VOLTAGE_KIND)) is not None:
+            return seen
+        table = self.configuration.get("amplifier", {})
+        characteristic = AmplifierMap(**{f.name: float(table[f.name]) for f in fields(AmplifierMap) if f.name in table})
+        error = float(table.get("slope_relative_uncertainty", 0.0))
+        stated = InputChannel("drive", "", kind=VOLTAGE_KIND, gain_relative_uncertainty=error)
+        return ChannelSignal(stated, characteristic.specimen_v(drive_v), 0.0)

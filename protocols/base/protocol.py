@@ -46,6 +46,8 @@ class Protocol(BaseModel, ABC):
     """Whether the run uses weights, so that their calibration belongs to it."""
     diagnosed_levels: ClassVar[tuple[str, ...]] = ()
     """Abort levels whose cause the protocol itself detects and reports: exceeding them only gives a warning."""
+    input_kinds: ClassVar[tuple[str, ...]] = ()
+    """Kinds of the bench's further inputs ([[channels]]) of which the protocol needs one; none if it needs none."""
     passes_or_fails: ClassVar[bool] = False
     """Whether a failed check means that the run did not pass; its checks then count even for a run without verdict."""
     substitutes: ClassVar[tuple[str, ...]] = ()

@@ -12,6 +12,7 @@ from model import EstimatedQuantity as EstimatedQuantity
 from model import Role as Role
 from model import Series as Series
 from model import SeriesAxis as SeriesAxis
+from protocols.base.channels import FurtherInputs
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 
@@ -124,6 +125,8 @@ class Recording:
     """Time of the first sample since the begin of the stream."""
     rest_noise_m: float = math.nan
     """Noise of the displacement at rest before the first drive, by the errors of its prediction; NaN if not measured."""
+    inputs: FurtherInputs | None = None
+    """Further inputs of the card; None for a recording of imported samples."""
 
     def parts(self, longest: int = PART_SCANS) -> "tuple[Recording, ...]":
         """Return the recording in parts of about equal length, of `longest` scans at most."""

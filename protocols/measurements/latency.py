@@ -496,7 +496,9 @@ def _sine_onset(recording: Recording) -> _Onset:
 
 def _mean_of_repeats(group: Sequence[Any], column: str) -> tuple[float, float] | None:
     """Return the mean of the finite values and its uncertainty; the edge's resolution is common to the repeats."""
-    pairs = [(getattr(p, column), getattr(p, f"{column}_errors", 0.0)) for p in group]
+    values = [getattr(p, column) for p in group]
+    spread = float(np.nanstd(values, ddof=1)) if np.isfinite(values).sum() > 1 else 0.0
+    pairs = [(value, getattr(p, f"{column}_errors", spread)) for value, p in zip(values, group, strict=True)]
     finite = [(value, error) for value, error in pairs if math.isfinite(value) and math.isfinite(error)]
     if not finite:
         return None

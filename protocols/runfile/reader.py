@@ -155,7 +155,9 @@ class Run(Closeable):
     @cached_property
     def trace(self) -> RunTrace:
         """The sampled data."""
-        return RunTrace(self.path, self._entry, lambda: self.record.sensor, self._rest_record)
+        return RunTrace(
+            self.path, self._entry, lambda: self.record.sensor, self._rest_record, lambda: self.record.configuration
+        )
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings, in order, exactly as in the live run; recordings of the resumed run first."""

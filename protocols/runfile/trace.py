@@ -15,6 +15,7 @@ from model import Array
 from protocols.base import (
     MAX_RECORDING_SCANS,
     ChannelCalibration,
+    FurtherInputs,
     InterferenceLine,
     Quality,
     Recording,
@@ -78,6 +79,7 @@ class RunTrace:
         entry: its /entry.
         sensor: calibration from volts to metres.
         rest_record: record of interference at rest; None if not measured.
+        configuration: the bench file at the time of the run.
     """
 
     def __init__(
@@ -86,8 +88,10 @@ class RunTrace:
         entry: "h5py.Group",
         sensor: Callable[[], LaserSensor],
         rest_record: Callable[[], RestRecord | None] = lambda: None,
+        configuration: Callable[[], Mapping[str, Any]] = dict,
     ) -> None:
         self.path = path
+        self._configuration = configuration
         self._entry, self._sensor, self._rest_record = entry, sensor, rest_record
         self._calibrations: dict[str, ChannelCalibration] = {}
         self._blocks: NDArray[Any] | None = None
@@ -134,6 +138,13 @@ class RunTrace:
             raise ValueError(f"it names {len(names)} further channels")
         units = {name: column(self._entry, f"trace/{name}", "i").attrs["scaled_units"] for name in map(str, names)}
         return {name: visible_text(str(unit)) for name, unit in units.items()}
+
+    def _read_input(self, channel: str, rows: tuple[int, int]) -> tuple[Array, float]:
+        """Return the volts at a further input, and the skew of its conversion behind the drive's."""
+        if channel not in self.further_channels:
+            raise ValueError(f"its bench file names a channel {channel!r} that it has no samples of")
+        scale = self.channel_scale(channel)
+        return scale.to_volts(self.read_raw(channel, *rows)), scale.skew_s - self.channel_scale("drive").skew_s
 
     def channel_values(self, channel: str, start: int = 0, stop: int | None = None) -> Array:
         """Return a further input in its unit, rows start..stop, (N,)."""
@@ -260,6 +271,7 @@ class RunTrace:
             "interference": self.interference,
             "start_s": float(self.times_of_rows(rows[0])),
             "rest_noise_m": self.rest_noise_m,
+            "inputs": FurtherInputs(self._configuration(), self._read_input),
         }
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(

@@ -1,6 +1,7 @@
 """Step executor: carries out the steps of a plan entry on an armed bench and collects its recordings."""
 
 import math
+from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 from typing import Any
@@ -15,6 +16,7 @@ from drivers import (
     Drive,
     Hold,
     Reading,
+    Scale,
     Sine,
     channel_skew_s,
 )
@@ -23,6 +25,7 @@ from protocols.base import (
     Ask,
     DetectionResult,
     DriveStarted,
+    FurtherInputs,
     InterferenceLine,
     InterferenceMeasured,
     Log,
@@ -233,6 +236,7 @@ class StepExecutor:
             "interference": self._lines_at_rest,
             "start_s": buffer.first_scan / armed.rate_hz,
             "rest_noise_m": self._rest_noise_m,
+            "inputs": FurtherInputs(self._bench.configuration, partial(self._read_input, armed.scales)),
         }
         if samples:
             recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)
@@ -270,6 +274,12 @@ class StepExecutor:
             have = ", ".join(self._bench.meters) or "none"
             raise BenchError(f"this bench has no meter '{name}' (it has: {have}); add it to the bench file")
         return meter.read()
+
+    def _read_input(self, scales: Sequence[Scale], name: str, rows: tuple[int, int]) -> tuple[Array, float]:
+        """Return the volts at a further input in these rows of the run file, and the skew of its conversion behind the drive's."""
+        names = [channel.name for channel in self._bench.channels]
+        scale = scales[DISPLACEMENT_CHANNEL + 1 + names.index(name)]
+        return scale.to_volts(self._run_file.read_raw(name, rows)), scale.skew_s - scales[DRIVE_CHANNEL].skew_s
 
     def _read_stored(self, rows: tuple[int, int], drive: bool) -> Array:
         """Read one channel of these rows of the run file, in volts or metres."""

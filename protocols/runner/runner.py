@@ -256,6 +256,7 @@ class Runner:
             self._protocol,
             self._bench.amplifier,
             meters=self._bench.meters,
+            channels=self._bench.channels,
             folder=self._run_file.path.parent,
             adapt=False,
         )

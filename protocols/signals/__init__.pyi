@@ -3,6 +3,11 @@ from .decay import DecayFit as DecayFit
 from .decay import fit_decay as fit_decay
 from .disturbance import judge_recording as judge_recording
 from .disturbance import prediction_noise as prediction_noise
+from .electrical import ElectricalResponse as ElectricalResponse
+from .electrical import InputErrors as InputErrors
+from .electrical import Uncertain as Uncertain
+from .electrical import electrical_response as electrical_response
+from .electrical import leakage_current as leakage_current
 from .extremes import MaxMin as MaxMin
 from .extremes import estimate_max_min as estimate_max_min
 from .held_level import DetectedRamp as DetectedRamp

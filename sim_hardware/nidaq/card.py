@@ -243,7 +243,7 @@ class SimulatedCard:
         """Begin an acquisition at bench time `now`. Raises RateRefusedError as `actual_rate`."""
         rate = actual_rate(self.parameters, rate_hz, len(channels))
         if {VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL} & set(channels):
-            self.plant.keep_specimen_voltage()
+            self.plant.keep_electrical()
         self._acquisition_count += 1
         return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
 
@@ -279,7 +279,9 @@ class SimulatedCard:
         if channel == VOLTAGE_MONITOR_CHANNEL:
             return self._amplifier.voltage_monitor_v_per_v * self.plant.specimen_voltage(t), self.parameters.noise_v
         if channel == CURRENT_MONITOR_CHANNEL:
-            return self._amplifier.current_monitor_v_per_a * self.plant.current(t), self.parameters.noise_v
+            a = self._amplifier
+            volts = a.current_monitor_zero_v + a.current_monitor_v_per_a * self.plant.current(t)
+            return volts, math.hypot(self.parameters.noise_v, a.current_monitor_noise_v)
         if FIRST_OUTPUT_READBACK_CHANNEL <= channel < GROUND_CHANNEL:
             return self.outputs[channel - FIRST_OUTPUT_READBACK_CHANNEL].volts(t), self.parameters.noise_v
         return np.zeros(t.size), self.parameters.noise_v

@@ -179,22 +179,66 @@ class AmplifierParameters:
         slew_v_per_s: fastest change on the high-voltage side, volts per second.
         open_v: volts of the input with an open generator output or a removed cable.
         enabled: whether high voltage is on at the start.
-        capacitance_f: capacitance of specimen and cable, charged by the amplifier.
         voltage_monitor_v_per_v: output of its voltage monitor, at the card's ai2.
         current_monitor_v_per_a: output of its current monitor, at the card's ai3.
+        current_monitor_zero_v: output of its current monitor without current.
+        current_monitor_noise_v: rms noise of its current monitor per sample, beside the card's.
+        current_monitor_delay_s: delay of its current monitor, half a step of the plant's grid at least.
+        current_monitor_hz: corner frequency of its current monitor, first order.
     """
 
     map: AmplifierMap = field(default_factory=AmplifierMap)
     slew_v_per_s: float = 2e7
     open_v: float = 0.0
     enabled: bool = False
-    capacitance_f: float = 1.2e-9
     voltage_monitor_v_per_v: float = 1e-3
     current_monitor_v_per_a: float = 100.0
+    current_monitor_zero_v: float = 0.0
+    current_monitor_noise_v: float = 0.0
+    current_monitor_delay_s: float = 5e-6
+    current_monitor_hz: float = 20e3
 
     def __post_init__(self) -> None:
-        _positive("amplifier", self, "slew_v_per_s")
-        _not_negative("amplifier", self, "capacitance_f")
+        _positive("amplifier", self, "slew_v_per_s", "current_monitor_hz")
+        _not_negative("amplifier", self, "current_monitor_noise_v", "current_monitor_delay_s")
+
+
+ELECTRODES = ("connected", "reversed", "open", "damaged")
+"""States of the specimen's connection: to the amplifier, with its wires exchanged, not at all, or short-circuited by a breakdown."""
+
+
+@dataclass(frozen=True, slots=True)
+class ElectricalParameters:
+    """The specimen as the amplifier's load: capacitance with loss, leakage and the charge of its bending.
+
+    Attributes:
+        capacitance_f: capacitance of the clamped specimen with its cable at 100 Hz.
+        loss_per_decade: share of the charge gained per decade of time: a loss factor of 0.68 times this, the same at all frequencies.
+        leakage_ohm: resistance between the electrodes.
+        coupling: charge per displacement, as a share of the reciprocal of the tactor's bending by voltage.
+        cable_f: capacitance of the cable alone, of an open specimen.
+        breakdown_ohm: resistance of damaged electrodes.
+        electrodes: `connected`, `reversed`, `open` or `damaged`.
+    """
+
+    capacitance_f: float = 1.2e-9
+    loss_per_decade: float = 0.025
+    leakage_ohm: float = 2e10
+    coupling: float = 1.0
+    cable_f: float = 3e-11
+    breakdown_ohm: float = 2e5
+    electrodes: str = "connected"
+
+    def __post_init__(self) -> None:
+        _positive("electrical", self, "capacitance_f", "leakage_ohm", "breakdown_ohm")
+        _not_negative("electrical", self, "loss_per_decade", "coupling", "cable_f")
+        if self.electrodes not in ELECTRODES:
+            raise ValueError(f"electrical.electrodes is {self.electrodes!r}: choose from {', '.join(ELECTRODES)}")
+
+    @property
+    def bending(self) -> float:
+        """Share of the volts at the amplifier's output that bends the specimen."""
+        return {"connected": 1.0, "reversed": -1.0}.get(self.electrodes, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,6 +379,7 @@ class SimulationParameters:
     hands: OperatorTiming = field(default_factory=OperatorTiming)
     beyond: Nonidealities = field(default_factory=Nonidealities)
     mounting: MountingScatter = field(default_factory=MountingScatter)
+    electrical: ElectricalParameters = field(default_factory=ElectricalParameters)
     modes: int = 7
     generator: GeneratorParameters = field(default_factory=GeneratorParameters)
     amplifier: AmplifierParameters = field(default_factory=AmplifierParameters)

@@ -24,6 +24,7 @@ from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.hysteresis import HysteresisModel
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
 from sim_hardware.plant.setup_state import SetupState, initial_state, weight_force_n
+from sim_hardware.plant.specimen_current import SpecimenCurrent
 from sim_hardware.plant.stepper import BLOCK, Stepper, limit_slew
 from sim_hardware.plant.voltage_history import VoltageHistory
 
@@ -46,7 +47,7 @@ _ADVANCING = (
     *("_next_step", "_valid_from", "_stepper", "_state", "_previous_specimen_v", "_previous_bending_v"),
     *("_previous_force_n", "_previous_bent_v", "_previous_pressing_n"),
 )
-_ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis")
+_ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis", "_specimen_current")
 """State changed by a simulated step, in addition to the rings."""
 
 TOUCHDOWN_S = 2e-3
@@ -88,10 +89,14 @@ class Plant:
         self._history = history
         self._faults = faults or FaultState()
         self._amplifier: AmplifierParameters = parameters.amplifier
+        self._bending = parameters.electrical.bending
         self._rate = parameters.plant_rate_hz
         self._ring = np.zeros(max(BLOCK, math.ceil(parameters.window_s * self._rate / BLOCK) * BLOCK))
         self._specimen_ring: Array | None = None
         """Volts on the specimen, kept after the first acquisition of a monitor."""
+        self._current_ring: Array | None = None
+        """Current at the monitor, likewise."""
+        self._specimen_current: SpecimenCurrent | None = None
         self._lock = threading.RLock()
         self._steppers: dict[tuple[object, ...], Stepper] = {}
         self._changes = [SetupChange(-math.inf, -math.inf, initial_state(parameters))]
@@ -211,23 +216,27 @@ class Plant:
         """
         return self._interpolated(self._ring, t)
 
-    def keep_specimen_voltage(self) -> None:
-        """Keep the volts on the specimen, for `specimen_voltage`."""
+    def keep_electrical(self) -> None:
+        """Keep volts on the specimen and current into it, for `specimen_voltage` and `current`."""
         with self._lock:
             if self._specimen_ring is None:
                 self._specimen_ring = np.full(self._ring.size, self._previous_specimen_v)
+                self._current_ring = np.zeros(self._ring.size)
+                self._specimen_current = SpecimenCurrent(self._parameters, self._previous_specimen_v)
 
     def specimen_voltage(self, t: Array) -> Array:
         """Volts at the amplifier's output at past times `t`, as `displacement`. Raises ValueError like it."""
-        self.keep_specimen_voltage()
+        self.keep_electrical()
         ring = self._specimen_ring
         return np.zeros(t.size) if ring is None else self._interpolated(ring, t)
 
     def current(self, t: Array) -> Array:
-        """Return the current into the specimen's capacitance at past times `t`, A, as `displacement`."""
-        step_s = 1 / self._rate
-        change_v = self.specimen_voltage(t) - self.specimen_voltage(np.maximum(t - step_s, 0.0))
-        return self._amplifier.capacitance_f * change_v / step_s
+        """Return the current at the amplifier's monitor at past times `t`, A, as `displacement`."""
+        self.keep_electrical()
+        ring = self._current_ring
+        # A value of the ring is the mean over the step before it.
+        delay_s = max(self._amplifier.current_monitor_delay_s - 0.5 / self._rate, 0.0)
+        return np.zeros(t.size) if ring is None else self._interpolated(ring, np.maximum(t - delay_s, 0.0))
 
     def _interpolated(self, ring: Array, t: Array) -> Array:
         if not t.size:
@@ -305,10 +314,14 @@ class Plant:
                     volts, self._previous_bending_v, newtons, self._previous_force_n, self._state, per_s
                 )
                 self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
+            current = None
+            if self._specimen_current is not None:
+                current = self._specimen_current.process(specimen, change.state.side * w)
             begin = self._next_step % self._ring.size
             head = min(w.size, self._ring.size - begin)
-            for ring, values in ((self._ring, w), (self._specimen_ring, specimen)):
-                if ring is not None:
+            rings = (self._ring, w), (self._specimen_ring, specimen), (self._current_ring, current)
+            for ring, values in rings:
+                if ring is not None and values is not None:
                     ring[begin : begin + head] = values[:head]
                     ring[: w.size - head] = values[head:]
             self._next_step = stop
@@ -329,7 +342,7 @@ class Plant:
         specimen_v = float(self._amplifier.map.specimen_v(input_v)) if hv and not change.state.shorted else 0.0
         if specimen_v != self._previous_specimen_v:
             return None
-        bent_v = float(self._hysteresis.process(np.array([specimen_v]))[0])
+        bent_v = float(self._hysteresis.process(np.array([self._bending * specimen_v]))[0])
         pressing_n = change.state.side * change.final_force_n  # keeps its creep when it is turned
         blocks = (stop - self._next_step) // BLOCK
         drives = [
@@ -371,11 +384,13 @@ class Plant:
         self._next_step = self._valid_from = start
         volts = self._requested_voltage(start - 1, start, change.state)
         self._previous_specimen_v = float(volts[0])
-        self._previous_bent_v = float(self._hysteresis.process(volts)[0])
+        self._previous_bent_v = float(self._hysteresis.process(self._bending * volts)[0])
         side = change.state.side
         self._previous_pressing_n = side * float(self._weight_forces(change, start - 1, start)[0])
         self._voltage_creep.advance(self._previous_bent_v, gap_s)
         self._force_creep.advance(side * change.final_force_n, gap_s)
+        if self._specimen_current is not None:
+            self._specimen_current.advance(self._previous_specimen_v, gap_s)
         self._previous_bending_v = side * self._voltage_creep.crept(self._previous_bent_v)
         self._previous_force_n = side * self._force_creep.crept(self._previous_pressing_n)
         self._stepper = self._stepper_for(change.state)
@@ -409,7 +424,7 @@ class Plant:
     def _bending_voltage(self, volts: Array, state: SetupState) -> Array:
         """Return the effective volts of the specimen with hysteresis and creep, with the sign of the upper side."""
         self._previous_specimen_v = float(volts[-1])
-        bent = self._hysteresis.process(volts)
+        bent = self._hysteresis.process(self._bending * volts)
         before_v, self._previous_bent_v = self._previous_bent_v, float(bent[-1])
         return state.side * self._voltage_creep.process(bent, before_v)
 

@@ -45,6 +45,7 @@ from protocols.runner.runner import Runner
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.service.served_bench import ServedBench
+from tests.helpers.electrical.bench import bench_for
 from tests.helpers.simulated_bench import simulated
 
 MOMENTS = ("arming", "ramp", "settling", "recording", "stopping")
@@ -74,7 +75,7 @@ def protocol(name: str) -> Protocol:
     """The protocol, as short as its parameters let it be: each in turn is brought down, where the plan gets shorter."""
     kind = PROTOCOLS[name]
     settings: dict[str, Any] = dict(SHORT.get(name, {}))
-    with connect(_bench_file(), None) as lab:
+    with connect(_bench_file(name), None) as lab:
 
         def seconds(changed: dict[str, Any]) -> float:
             return rehearse(kind(**changed), lab.bench.amplifier).duration_s
@@ -237,7 +238,7 @@ class Moments:
 @cache
 def moments_of(name: str) -> Moments:
     """From a run in which nothing breaks, which must end well."""
-    with tempfile.TemporaryDirectory() as folder, _virtual() as (bench, world, operator):
+    with tempfile.TemporaryDirectory() as folder, _virtual(name) as (bench, world, operator):
         looker = _Looker(world)
         request = RunRequest(protocol(name), Path(folder), "matrix")
         ended = Runner(request, bench, operator, EventBus(looker)).run()
@@ -259,25 +260,26 @@ def _on_moves(bench: SimulatedBench, told: Callable[[], None]) -> None:
 
 
 @cache
-def _bench_file() -> BenchConfig:
+def _bench_file(name: str) -> BenchConfig:
     # The beam's motion is not checked here: a coarse grid suffices and makes the matrix several times as fast.
-    return simulated(plant_rate_hz=20_000.0, modes=3)
+    return bench_for(name, simulated(plant_rate_hz=20_000.0, modes=3))
 
 
 @contextmanager
-def _virtual() -> Iterator[tuple[Any, SimulatedBench, Any]]:
-    with connect(_bench_file(), None) as lab:
+def _virtual(name: str) -> Iterator[tuple[Any, SimulatedBench, Any]]:
+    with connect(_bench_file(name), None) as lab:
         lab.bench.block_s = 0.2  # fewer writes to the file
         yield lab.bench, lab.control, lab.operator
 
 
 @contextmanager
-def _wires() -> Iterator[tuple[Any, SimulatedBench, Any]]:
+def _wires(name: str) -> Iterator[tuple[Any, SimulatedBench, Any]]:
     bench = SimulatedBench(simulated().simulation_parameters, WallClock(1.0))
     with ExitStack() as stack:
         served = stack.enter_context(ServedBench(bench))
         config = BenchConfig.model_validate(
             {
+                "channels": [each.model_dump() for each in _bench_file(name).channels],
                 "generator": {"resource": f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", "timeout_s": 1.0},
                 "card": {"server": f"127.0.0.1:{served.card.port}"},
                 "sensor": {"delay_s": 1e-4},
@@ -301,9 +303,9 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
 
     listener = Listener(logging.ERROR)
     logging.getLogger().addHandler(listener)
-    opening: Callable[[], Any] = _wires if wires else _virtual
+    opening: Callable[[str], Any] = _wires if wires else _virtual
     try:
-        with opening() as (bench, world, operator):
+        with opening(name) as (bench, world, operator):
             bench.watchdog.set_log_folder(folder)
             # As on a generator that is not commissioned: a level played as a waveform is ramped by the instrument itself.
             bench.amplifier.holds_by_offset = moment == "ramp"

@@ -50,6 +50,7 @@ SHORTER: dict[str, dict[str, Any]] = {
     "membrane-series": {"frequencies_hz": (150.0,), "elongations_m": (6.35e-3,)},
     "free-decay": {"edges": 2},
     "latency": {"frequencies_hz": (150.0,), "repeats": 1},
+    "electrical": {"frequencies_hz": (20.0, 400.0), "drives_v": (5.0,), "levels_v": (5.0,), "wait_s": 1.0},
 }
 """Fewer points with the same drives, to run a protocol on every source."""
 

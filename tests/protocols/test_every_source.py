@@ -29,6 +29,7 @@ from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
+from tests.helpers.electrical.bench import bench_for
 from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.helpers.sources import ALIKE, GENERATORS, SHORTER, SOURCES, SUPPLY, rehearsed, source_bench
 
@@ -51,7 +52,7 @@ def test_every_protocol_runs_on_every_source_or_is_refused_before_anything_moves
         kind = PROTOCOLS[name]
         if not kind.high_voltage and source in GENERATORS[1:]:
             continue  # nothing is played
-        with laboratory(source_bench(source)) as lab:
+        with laboratory(bench_for(name, source_bench(source))) as lab:
             protocol = kind(**SHORTER.get(name, {}))
             foreseen = rehearsed(protocol, lab, source)
             ran = run(protocol, tmp_path, lab)

@@ -305,7 +305,7 @@ class RunPanel(QWidget):
         if bench is None:
             return "Duration, volts and file size are shown when the bench is connected.", False
         try:
-            rehearsal = rehearse(protocol, bench.amplifier)
+            rehearsal = rehearse(protocol, bench.amplifier, channels=bench.channels)
         except BenchError as refusal:
             return f"✕ {refusal}", True
         entries = pluralize(rehearsal.entries, "point")

@@ -26,7 +26,7 @@ from drivers import Deadline, LinkError
 from drivers.drive_shapes import Sine
 from protocols import complete_results
 from protocols.base import Event, Prompt, RunStatus, ShutdownStarted, SpecimenMounted
-from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
+from protocols.registry import PROTOCOLS
 from protocols.runfile import repair_folder
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest
@@ -35,7 +35,7 @@ from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.wires.in_process_link import InProcessLink
 from tests.helpers.fault_matrix import TAKES_THE_DRIVE, protocol
-from tests.helpers.fault_search.trial import LONGEST_S, SOURCES, Hazard, Trial, bench_file, drawn
+from tests.helpers.fault_search.trial import LONGEST_S, NAMES, SOURCES, Hazard, Trial, bench_file, drawn
 from tests.helpers.fault_search.world import ErrorLog, Watch, World
 from tests.helpers.front_panel import press
 from tests.helpers.generators import BOXES
@@ -452,7 +452,7 @@ class Search:
         self._worked = 0.0, 0.0
         """When the process was last seen at work, and its processor time then."""
         with silent():
-            for name in BUILT_IN_PROTOCOLS:
+            for name in NAMES:
                 calm = Trial(0, SOURCES[0], False, name, protocol(name).model_dump(), "prompt", (), False)
                 facts: dict[str, Any] = {}
                 played = Played(calm, 1, self._place / "warm" / "new", facts.update, lambda: None)

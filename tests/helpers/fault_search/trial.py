@@ -127,11 +127,15 @@ class Trial:
         return f"{self.protocol} on {self.source}{held}, operator {self.operator}: {hazards or 'no hazard'}"
 
 
+NAMES = [name for name in BUILT_IN_PROTOCOLS if not PROTOCOLS[name].input_kinds]
+"""Protocols of the search: those that the benches of every source can run."""
+
+
 def drawn(seed: int) -> Trial:
     """Return the trial of a seed."""
     draw = random.Random(seed)
     source = draw.choice(SOURCES)
-    name = draw.choice(list(BUILT_IN_PROTOCOLS))
+    name = draw.choice(NAMES)
     operator = draw.choices(list(OPERATORS), (16, 2, 1, 1, 1))[0]
     count = draw.choices((0, 1, 2, 3), (1, 8, 8, 3))[0]
     hazards = tuple(_hazard(draw, source) for _ in range(count))

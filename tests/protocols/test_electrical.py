@@ -1,0 +1,127 @@
+"""Protocol `electrical` on the simulated bench: hidden parameters found, faults of the connection refused, the file gives the run."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from protocols.base import RunStatus
+from protocols.measurements.electrical import Electrical
+from protocols.rehearsal import CannotRunError, rehearse
+from protocols.runfile.reader import Run
+from tests.helpers.electrical.bench import MONITORS, electrical_bench, with_inputs
+from tests.helpers.electrical.truth import true_capacitance, true_energy, true_loss
+from tests.helpers.simulated_bench import Ran, laboratory, run, simulated
+
+LOAD = {"capacitance_f": 1.41e-9, "loss_per_decade": 0.034, "leakage_ohm": 4e9}
+PROTOCOL = Electrical(frequencies_hz=(20, 200), drives_v=(5.0, 1.0), levels_v=(5.0,), wait_s=1.0, record_s=0.5)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    with laboratory(electrical_bench(electrical=LOAD)) as lab:
+        ran = run(PROTOCOL, tmp_path_factory.mktemp("runs"), lab)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    return ran
+
+
+def test_small_voltages_come_before_high_ones(measured: Ran) -> None:
+    assert [round(p.frequency) for p in measured.points] == [20, 20, 200, 20, 200, 0]
+    assert [p.drive for p in measured.points] == [0.2, 1.0, 1.0, 5.0, 5.0, 5.0]
+
+
+def test_capacitance_and_loss_are_the_plants(measured: Ran) -> None:
+    truth = electrical_bench(electrical=LOAD).simulation_parameters
+    for p in measured.points[:-1]:
+        f = np.array([p.frequency])
+        assert abs(p.capacitance - true_capacitance(truth, f)[0]) < 3 * p.capacitance_total
+        assert abs(p.loss - true_loss(truth, f)[0]) < 3 * p.loss_total
+        assert 0 < p.capacitance_errors < p.capacitance_total < 0.02 * p.capacitance
+        assert abs(p.energy - true_energy(truth, p.frequency, p.drive)) < 3 * p.energy_total
+        assert p.power == pytest.approx(p.energy * p.frequency)
+
+
+def test_the_leakage_is_the_plants(measured: Ran) -> None:
+    held = measured.points[-1]
+    absorbed = LOAD["capacitance_f"] * 1500 * LOAD["loss_per_decade"] / math.log(10) / 1.5
+    assert held.voltage == pytest.approx(1500, rel=0.01)
+    assert abs(held.leakage - 1500 / LOAD["leakage_ohm"] - absorbed) < 3 * held.leakage_total + 0.2 * absorbed
+
+
+def test_estimates_have_total_uncertainties(measured: Ran) -> None:
+    found = {each.name: each for each in PROTOCOL.estimates(measured.points)}
+    assert set(found) == {
+        *(
+            f"{name}, 20 Hz at {v} V"
+            for name in ("capacitance", "loss_factor", "energy_per_cycle")
+            for v in ("0.2", "1", "5")
+        ),
+        "leakage_current, 5 V held",
+        "insulation_resistance, 5 V held",
+    }
+    insulation = found["insulation_resistance, 5 V held"]
+    assert abs(insulation.value - LOAD["leakage_ohm"]) < 0.2 * LOAD["leakage_ohm"]
+    assert measured.verdict.outcome == "good", measured.verdict.reasons
+
+
+def test_the_file_gives_the_points_and_loops_of_the_run(measured: Ran) -> None:
+    with Run(measured.path) as file:
+        recordings = list(file.recordings())
+        stored = file.points()
+        loops = file.series()
+        entry = [each for each in recordings if each.entry == 1]
+        again = PROTOCOL.point(("sine", 20.0, 1.0), entry, simulated=True)
+    assert again.capacitance == measured.points[1].capacitance == stored["capacitance"][1]
+    assert len(loops) == 5
+    assert loops[3].x.max() > 900
+    assert np.ptp(loops[3].y) == pytest.approx(1.4e-9 * np.ptp(loops[3].x), rel=0.6)
+
+
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        ({"electrodes": "open"}, "not connected"),
+        ({"electrodes": "damaged"}, "short-circuited or damaged"),
+        ({"electrodes": "reversed"}, "wrong way round"),
+    ],
+)
+def test_a_faulty_connection_gets_no_higher_voltage(load: dict[str, Any], words: str, tmp_path: Path) -> None:
+    with laboratory(electrical_bench(electrical=load)) as lab:
+        ran = run(PROTOCOL, tmp_path, lab)
+        seen = lab.control.plant.specimen_voltage(
+            np.arange(lab.control.clock.now() - 5, lab.control.clock.now() - 0.1, 1e-3)
+        )
+    assert ran.status is RunStatus.FAILED
+    assert words in ran.reason
+    assert "no higher voltage" in ran.reason
+    assert not ran.points
+    assert np.abs(seen).max() < 65  # 0.1 V above rest are 60 V
+
+
+def test_a_specimen_that_does_not_move_is_refused(tmp_path: Path) -> None:
+    with laboratory(electrical_bench(tactor={"mu": -1e-9})) as lab:
+        ran = run(PROTOCOL, tmp_path, lab)
+    assert (ran.status, ran.points) == (RunStatus.FAILED, [])
+    assert "does not move" in ran.reason
+
+
+def test_a_bench_without_the_channel_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    only_voltage = with_inputs(simulated(), MONITORS[0])
+    with laboratory(only_voltage) as lab:
+        with pytest.raises(CannotRunError, match="amplifier_voltage"):
+            rehearse(PROTOCOL, lab.bench.amplifier, channels=lab.bench.channels)
+        ran = run(PROTOCOL, tmp_path, lab)
+    assert ran.status is RunStatus.FAILED
+    assert "current-monitor or charge" in ran.reason
+    assert ran.report.live_s == 0
+
+
+def test_without_a_voltage_monitor_the_characteristic_gives_the_volts(tmp_path: Path) -> None:
+    short = Electrical(frequencies_hz=(20,), drives_v=(2.0,), levels_v=(), record_s=0.5)
+    with laboratory(with_inputs(simulated(), MONITORS[1])) as lab:
+        ran = run(short, tmp_path, lab)
+    truth = simulated().simulation_parameters
+    p = ran.points[-1]
+    assert abs(p.capacitance - true_capacitance(truth, np.array([20.0]))[0]) < 3 * p.capacitance_total
