@@ -6,6 +6,7 @@ Independent of the front end (window, command line, Python API, tests).
 import logging
 import math
 import queue
+import re
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -376,6 +377,7 @@ class Session:
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
             left = request.protocol.restore
+            self._restore = self._restore or _left_in(request.folder)
             if self._restore is not None and self._restore != left:
                 request = replace(request, prepare=(self._restore, *request.prepare))
             self._restore = left or self._restore
@@ -506,6 +508,15 @@ def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
     conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
     expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
     return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
+
+
+def _left_in(folder: Path) -> Prompt | None:
+    """Return the prompt by which the set-up of the newest run in a folder, perhaps of another program, is restored."""
+    from protocols import PROTOCOLS
+
+    newest = max((path.stem for path in folder.glob("*.h5")), default="")
+    protocol = PROTOCOLS.get(re.sub(r"-\d+$", "", newest.rpartition("_")[2])) if newest else None
+    return None if protocol is None else protocol.restore
 
 
 def _complete_results(path: Path) -> str:

@@ -7,6 +7,7 @@ clipped into an admissible one, and nothing can be switched off: rest is 2.5 V, 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
@@ -374,7 +375,7 @@ class HvAmplifier:
 
             if isinstance(self._source, FailureReporter):
                 self._source.on_failure = report
-            for way in (self._stop, self._ramp_to_rest):
+            for way in (self._stop, partial(self._ramp_to_rest, report)):
                 try:
                     way()
                 except BaseException as error:
@@ -413,10 +414,11 @@ class HvAmplifier:
         """Close the link to the source; its output stays on, at rest."""
         self._source.close()
 
-    def _ramp_to_rest(self) -> None:
+    def _ramp_to_rest(self, report: Callable[[BaseException], None]) -> None:
         try:
             self._ramp(self.map.rest_v)
         except LinkError as unread:  # unknown idle level: assume the largest distance
+            report(unread)
             furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
             self._source.ramp_to(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
             if isinstance(unread, UnreadableLevelError):

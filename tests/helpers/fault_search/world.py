@@ -197,7 +197,9 @@ class Watch:
         self._armed = False
         self._rest: RestMeasured | None = None
         self._rate_hz = math.nan
-        self._started_s = -math.inf
+        self._started_s = self._recorded_s = -math.inf
+        self._recorded: Drive | None = None
+        """The drive of the entry's last recording."""
         self._touched: dict[int, bool] = {}
         self._good: dict[int, bool] = {}
         self._hv_seen = False
@@ -225,16 +227,18 @@ class Watch:
             case BenchArmed():
                 self._armed = True
             case EntryStarted(index):
-                self._touched[index] = False
+                self._touched[index], self._recorded = False, None
             case DriveStarted():
                 self._started_s = now_s
                 self._hv_seen |= self.world.bench.history.high_voltage_on
             case RecordingFinished(rows=(first, last), entry=entry, drive=drive, quality=quality):
                 begin_s = now_s - (last - first) / self._rate_hz - self._block_s
                 # The flags of a recording are those of its point: a point without them is of another recording.
-                self._touched[entry] = self._touched.get(entry, False) or (
-                    Quality(quality).usable and self.world.is_touched(begin_s, now_s, drive, self._started_s)
-                )
+                touched = Quality(quality).usable and self.world.is_touched(begin_s, now_s, drive, self._started_s)
+                # A drive that is played again is recorded for the specimen's sake first: the point is of the last one.
+                again = drive == self._recorded and self._started_s > self._recorded_s
+                self._touched[entry] = touched or (self._touched.get(entry, False) and not again)
+                self._recorded, self._recorded_s = drive, now_s
             case PointMeasured(point=point, entry=entry):
                 values = {name: getattr(point, name) for name in point.__slots__ if name != "quality"}
                 numbers = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
