@@ -31,7 +31,7 @@ from drivers import (
     ScansLostError,
     UnsafeError,
     is_memory_short,
-    overdue_s,
+    overdue,
     threads_left_behind,
 )
 from drivers.watchdog import take_unreported_lines
@@ -458,6 +458,7 @@ class Session:
     def signs(self) -> Signs:
         """Return the signs of life of the session's thread, from another thread."""
         now_s, bench, runner, ended = time.monotonic(), self.bench, self.runner, self.outcome
+        call, call_overdue_s = overdue(self._thread)
         return Signs(
             connecting=self.state is SessionState.CONNECTING,
             running=self.state is SessionState.RUNNING,
@@ -470,7 +471,8 @@ class Session:
             else now_s - self._closing_s,
             quiet_s=now_s - self._last_event_s,
             stopped_s=now_s - self._stop_requested_s,
-            call_overdue_s=overdue_s(self._thread),
+            call=call,
+            call_overdue_s=call_overdue_s,
             silent_s=bench.watchdog.overdue_s if bench is not None else -math.inf,
             watchdog_acts=bench is not None and bool(bench.watchdog.takeover_reason or bench.watchdog.inactive_reason),
         )

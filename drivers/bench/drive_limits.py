@@ -11,6 +11,7 @@ from functools import partial
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
+from drivers.deadlines import Deadline, in_progress
 from drivers.drive_shapes import Drive, Hold, LevelPulse
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
@@ -222,14 +223,14 @@ class HvAmplifier:
 
     def is_source_at_rest(self) -> bool:
         """Whether the source reports that it idles at rest with its output on."""
-        with self._watchdog.allow_silence():
+        with self._watchdog.allow_silence(), in_progress(Deadline.SOURCE_SETUP):
             return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def is_left_live(self) -> bool:
         """Whether the source reports a drive or a level of an earlier program."""
         if not isinstance(self._source, LiveChecker):
             return False
-        with self._watchdog.allow_silence():
+        with self._watchdog.allow_silence(), in_progress(Deadline.SOURCE_SETUP):
             return self._source.is_left_live(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def may_be_left_live(self) -> bool:
@@ -241,7 +242,7 @@ class HvAmplifier:
 
     def initialize_at_rest(self) -> None:
         """Bring the source up at rest. High voltage must be disabled."""
-        with self._watchdog.allow_silence():
+        with self._watchdog.allow_silence(), in_progress(Deadline.SOURCE_SETUP):
             self._source.initialize_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def predict_rest_s(self) -> float:

@@ -158,6 +158,42 @@ def test_a_card_that_hangs_between_runs_does_not_keep_the_program(
         session._thread.join()
 
 
+@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("method", ["is_at_rest", "initialize_at_rest", "start_drive"])
+def test_a_generators_driver_that_hangs_before_high_voltage_ends_the_run_in_a_sentence_with_cause_and_remedy(
+    method: str, stopped: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    over, begun = threading.Event(), threading.Event()
+
+    def hangs(*_: object) -> None:
+        begun.set()
+        over.wait()
+        raise SystemExit
+
+    monkeypatch.setattr(Deadline.EARLY_STOP if stopped else Deadline.SOURCE_SETUP, "seconds", 0.05)
+    events: list[object] = []
+    with connect(simulated(), None) as connection:
+        monkeypatch.setattr(connection.bench.amplifier._source, method, hangs)
+        session = Session(lambda: nullcontext(connection), [events.append], None)  # type: ignore[arg-type]
+        try:
+            session.start()
+            session.run(RunRequest(SineDwell(), tmp_path, "T1"))
+            assert begun.wait(30.0)
+            if stopped:
+                session.stop()
+            assert session.finished.wait(30.0)
+        finally:
+            over.set()
+            session.close()
+            session._thread.join()
+        assert not connection.control.report().live_s
+    assert session.outcome is not None
+    assert session.outcome.status is (RunStatus.STOPPED if stopped else RunStatus.FAILED)
+    assert isinstance(events[-1], BenchFailed)
+    for words in (session.outcome.reason, events[-1].words):
+        assert_names(words, "generator", "driver", "voltage", "switch", "cable")
+
+
 @pytest.mark.one_in(1)  # both sides of each deadline
 @pytest.mark.parametrize(
     ("signs", "given_up"),
