@@ -362,6 +362,25 @@ def test_what_counts_as_the_commanded_drive(drive: Any, volts: Any, agrees: bool
     assert (deviation(drive, volts) is None) is agrees
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("drive", [SINE, LEVEL, SWEEP, SQUARE, Sine(0.5, 2.5, 2.5, 10)], ids=lambda drive: drive.kind)
+def test_a_drive_that_is_off_to_either_side_is_seen_beyond_its_limit_and_not_within(drive: Any, side: int) -> None:
+    slow = drive.high_v > 4.0  # its begin is not known exactly, and single samples of it are not compared
+    within_v, beyond_v = (0.17, 0.6) if slow else (0.035, 0.08)
+
+    def off(by_v: float, scans: slice = slice(None)) -> Any:
+        at = np.zeros(250)
+        at[scans] = side * by_v
+        return lambda t: drive.volts(t) + at
+
+    assert deviation(drive, off(within_v), 0.475) is None
+    for beyond in (off(beyond_v), *([] if slow else [off(1.5, slice(100, 101))])):
+        seen = deviation(drive, beyond, 0.475)
+        assert seen is not None
+        assert seen.value_v > seen.limit_v
+
+
 def test_the_end_of_the_previous_drive_and_the_ramp_are_no_deviation() -> None:
     before = Hold(4.0, 5.0)
     assert deviation(SINE, lambda t: np.clip(4.0 - 40 * t, 2.5, 4.0), 0.0, before) is None
