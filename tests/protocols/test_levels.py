@@ -417,6 +417,24 @@ def test_a_lost_drive_is_seen_until_it_is_back_or_the_source_rests_whatever_its_
     assert found_in(lambda t: 2.5 + 0 * t) == []
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("anew", [False, True])
+def test_scans_without_a_target_are_counted_on_from_block_to_block_of_one_drive(anew: bool) -> None:
+    """40 ms at the end of a block and at the begin of the next: beyond the 50 ms of the level, if the drive is the same."""
+    with laboratory() as lab:
+        monitor = LevelMonitor(LevelSettings(laser_lost=LevelAction.WARNING), lab.bench.sensor, 2.5, VirtualClock())
+    monitor.attach((VOLTS, Scale((0.0, 3.5e-4))), RATE_HZ, 0.0)
+    scans, lost = np.arange(500), []
+    for first, lost_at in ((1000, scans >= 300), (1500, scans < 200)):
+        if first == 1000 or anew:
+            monitor.drive_changed(SINE)
+        drive_v = SINE.volts((first + scans) / RATE_HZ)
+        counts = np.rint([drive_v / 2e-4, np.where(lost_at, 11.0, 0.0) / 3.5e-4])
+        monitor.block_read(Block(first, counts.astype(np.int16)))
+        lost += [e.value for e in monitor.take_events() if isinstance(e, LevelExceeded) and e.level == "laser_lost"]
+    assert lost == ([] if anew else [pytest.approx(0.08)])
+
+
 def test_a_drive_that_is_over_is_not_seen_again() -> None:
     readback = DriveReadback(SINE, 0, 250, RATE_HZ, 2.5, 0.1)
     for start_s, compared in ((0.0, False), (0.2, True), (SINE.duration_s + 0.1, False)):
