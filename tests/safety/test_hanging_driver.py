@@ -201,6 +201,7 @@ def test_a_generators_driver_that_hangs_before_high_voltage_ends_the_run_in_a_se
         (Signs(running=True, may_be_live=True, silent_s=14.9), False),
         (Signs(running=True, may_be_live=True, silent_s=15.1), True),
         (Signs(running=True, may_be_live=False, silent_s=15.1), False),
+        (Signs(running=False, may_be_live=True, silent_s=15.1), False),  # of the run before
         (Signs(call_overdue_s=-0.1), False),
         (Signs(call_overdue_s=0.1), True),
         (Signs(connecting=True, quiet_s=119.0), False),
@@ -346,6 +347,7 @@ LIVE = Signs(running=True, may_be_live=True)
         ([replace(LIVE, silent_s=0.4)], []),  # a busy computer: the watchdog knows
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True)] * 3, ["warned"]),
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True, may_be_live=False)], []),
+        ([replace(LIVE, silent_s=0.4, watchdog_acts=True, running=False)], []),
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True), Signs()] * 2, ["warned", "warned"]),
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True), LIVE] * 2, ["warned"]),  # once in a run
         ([replace(LIVE, quiet_s=1.6, stopped_s=1.6)] * 3, ["said"]),
