@@ -151,7 +151,7 @@ specimen moves as one with another gain would; a voltage monitor at the amplifie
 Corrected in the requirements: a live source is timed from when it was live, not from the begin of the acquisition (417); a setting that the program sets again before its drive does not count (650); a recording that
 the program itself has flagged gives no good point (1352); a failure is seen when the reply is overdue, not when it was asked for (1637); a person
 does not set the sensor while the membrane is under it (4188, 4244, 4435, 4481); a point is of the last recording of a drive that is played
-twice (4511); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
+twice (4511); a recording begins with a block, and a drive at its trigger (5012, 5068); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
 the ramp to a level is not part of it (2865).
 """
 
