@@ -142,17 +142,16 @@ FOUND = """## Found and mended
 | 1898 | the response to a step still moved at its end, for the same reason | such a point is `UNSETTLED` |
 | 1276 | a source that played 10 mV was confirmed at rest, since its mean was rest | noise above 5 mV rms is not rest |
 | 366 | the message of another program that a 33511B had refused failed the next run | the errors of the source are cleared when it is found at rest |
-
-Open: a warning that came 2.0 s after another model had answered in the place of a DG1032Z (4473); a latency that a hand at the front panel had
-changed, and that was good (4511); a second run with the sensor as it was set for a membrane, which the person of the search does not set
-back there (4188, 4244, 4435, 4481).
+| 366 | a program that was started after a membrane sag did not ask to put the tactor back under the sensor | the newest run of the folder tells what the next one has to ask for |
+| 4473 | the warning came 2.0 s after another model had answered in the place of a DG1032Z: the reply with the level was overdue, and the ramp was begun first | the first failure of a way to rest is told before the next message or wait, on every generator |
 
 Not seen: an amplifier at its current limit on a bench without a voltage monitor (481, 2144, 2351, 3226). The drive at its input is right, and the
 specimen moves as one with another gain would; a voltage monitor at the amplifier's output shows it (abort levels, `[[channels]]` of the bench file).
 
 Corrected in the requirements: a live source is timed from when it was live, not from the begin of the acquisition (417); a setting that the program sets again before its drive does not count (650); a recording that
 the program itself has flagged gives no good point (1352); a failure is seen when the reply is overdue, not when it was asked for (1637); a person
-sets the sensor again after a run that has set it for a membrane (366); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
+does not set the sensor while the membrane is under it (4188, 4244, 4435, 4481); a point is of the last recording of a drive that is played
+twice (4511); a recording begins with a block, and a drive at its trigger (5012, 5068); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
 the ramp to a level is not part of it (2865).
 """
 

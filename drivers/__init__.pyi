@@ -29,7 +29,7 @@ from .deadlines import AbandonableThread as AbandonableThread
 from .deadlines import CallThread as CallThread
 from .deadlines import Deadline as Deadline
 from .deadlines import OverdueError as OverdueError
-from .deadlines import overdue_s as overdue_s
+from .deadlines import overdue as overdue
 from .deadlines import threads_left_behind as threads_left_behind
 from .drive_shapes import Drive as Drive
 from .drive_shapes import Hold as Hold

@@ -33,6 +33,11 @@ class Deadline(Enum):
         20.0,
         "the run is given up, and its thread is left behind",
     )
+    SOURCE_SETUP = (
+        "the source, with high voltage off: its driver's set-up or self-test at arming",
+        120.0,
+        "the run is given up, and its thread is left behind",
+    )
     SOURCE_OPENING = (
         "VISA and serial ports: looking up the address, connecting",
         5.0,
@@ -169,25 +174,28 @@ def threads_left_behind() -> list[str]:
     ]
 
 
-_IN_PROGRESS: dict[int, tuple[Deadline, float]] = {}
+_IN_PROGRESS: dict[int, dict[Deadline, float]] = {}
 """Calls that cannot be broken off, by the thread that makes them: which, and since when."""
 
 
 @contextlib.contextmanager
 def in_progress(deadline: Deadline) -> Iterator[None]:
-    """Note that this thread makes calls that only `overdue_s` of another thread notices; an outer one counts."""
-    thread = threading.get_ident()
-    if thread in _IN_PROGRESS:
+    """Note that this thread makes calls that only `overdue` of another thread notices; an outer one of the same kind counts."""
+    calls = _IN_PROGRESS.setdefault(threading.get_ident(), {})
+    if deadline in calls:
         yield
         return
-    _IN_PROGRESS[thread] = deadline, time.monotonic()
+    calls[deadline] = time.monotonic()
     try:
         yield
     finally:
-        del _IN_PROGRESS[thread]
+        del calls[deadline]
+        if not calls:
+            del _IN_PROGRESS[threading.get_ident()]
 
 
-def overdue_s(thread: threading.Thread) -> float:
-    """Return for how long a thread has been in calls beyond their deadline; negative or 0 if it is not."""
-    deadline, since_s = _IN_PROGRESS.get(thread.ident or 0, (Deadline.CARD_DRIVER, float("inf")))
-    return time.monotonic() - since_s - deadline.seconds
+def overdue(thread: threading.Thread) -> tuple[Deadline, float]:
+    """Return which calls of a thread are longest beyond their deadline, and for how many seconds; negative if none is."""
+    now_s, calls = time.monotonic(), dict(_IN_PROGRESS.get(thread.ident or 0, {}))
+    late = [(deadline, now_s - since_s - deadline.seconds) for deadline, since_s in calls.items()]
+    return max(late, key=lambda each: each[1], default=(Deadline.CARD_DRIVER, -math.inf))

@@ -6,6 +6,7 @@ Independent of the front end (window, command line, Python API, tests).
 import logging
 import math
 import queue
+import re
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +31,7 @@ from drivers import (
     ScansLostError,
     UnsafeError,
     is_memory_short,
-    overdue_s,
+    overdue,
     threads_left_behind,
 )
 from drivers.watchdog import take_unreported_lines
@@ -376,6 +377,7 @@ class Session:
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
             left = request.protocol.restore
+            self._restore = self._restore or _left_in(request.folder)
             if self._restore is not None and self._restore != left:
                 request = replace(request, prepare=(self._restore, *request.prepare))
             self._restore = left or self._restore
@@ -456,6 +458,7 @@ class Session:
     def signs(self) -> Signs:
         """Return the signs of life of the session's thread, from another thread."""
         now_s, bench, runner, ended = time.monotonic(), self.bench, self.runner, self.outcome
+        call, call_overdue_s = overdue(self._thread)
         return Signs(
             connecting=self.state is SessionState.CONNECTING,
             running=self.state is SessionState.RUNNING,
@@ -468,7 +471,8 @@ class Session:
             else now_s - self._closing_s,
             quiet_s=now_s - self._last_event_s,
             stopped_s=now_s - self._stop_requested_s,
-            call_overdue_s=overdue_s(self._thread),
+            call=call,
+            call_overdue_s=call_overdue_s,
             silent_s=bench.watchdog.overdue_s if bench is not None else -math.inf,
             watchdog_acts=bench is not None and bool(bench.watchdog.takeover_reason or bench.watchdog.inactive_reason),
         )
@@ -506,6 +510,15 @@ def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
     conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
     expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
     return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
+
+
+def _left_in(folder: Path) -> Prompt | None:
+    """Return the prompt by which the set-up of the newest run in a folder, perhaps of another program, is restored."""
+    from protocols import PROTOCOLS
+
+    newest = max((path.stem for path in folder.glob("*.h5")), default="")
+    protocol = PROTOCOLS.get(re.sub(r"-\d+$", "", newest.rpartition("_")[2])) if newest else None
+    return None if protocol is None else protocol.restore
 
 
 def _complete_results(path: Path) -> str:

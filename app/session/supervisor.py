@@ -19,6 +19,16 @@ WARNING_S = 0.3
 WAITING = "The stop waits for an answer of an instrument or of the disk; after its deadline the run ends all the same"
 
 
+CALLS = {
+    Deadline.CARD_DRIVER: ("A call of the card's driver", ""),
+    Deadline.SOURCE_SETUP: (
+        "The generator's driver",
+        ". High voltage was not switched on for this run: switch the generator off and on, look at its cable and driver",
+    ),
+}
+"""Calls that cannot be broken off: what hangs, and the remedy."""
+
+
 @dataclass(frozen=True, slots=True)
 class Signs:
     """Signs of life of a session's thread; times in seconds, negative where there is nothing to wait for.
@@ -29,7 +39,7 @@ class Signs:
         closing_s: since the session was to close, without a run.
         quiet_s: since its last event.
         stopped_s: since a stop was requested.
-        call_overdue_s: for which it is in a call of the card's driver beyond its deadline.
+        call, call_overdue_s: which call it is in that cannot be broken off, and for how long beyond its deadline.
         silent_s: for which it has given no sign of life to the watchdog beyond what is allowed.
         watchdog_acts: whether the watchdog has taken the source over, or nothing watches on a bench in real time.
     """
@@ -43,6 +53,7 @@ class Signs:
     closing_s: float = -1.0
     quiet_s: float = 0.0
     stopped_s: float = -1.0
+    call: Deadline = Deadline.CARD_DRIVER
     call_overdue_s: float = -1.0
     silent_s: float = -1.0
     watchdog_acts: bool = False
@@ -51,7 +62,8 @@ class Signs:
         """Return why the session is to be given up; empty if it is not."""
         live = self.running and self.may_be_live
         if self.call_overdue_s > 0:
-            return f"A call of the card's driver has not returned for {self.call_overdue_s + Deadline.CARD_DRIVER.seconds:.0f} s"
+            hangs, remedy = CALLS[self.call]
+            return f"{hangs} has not returned for {self.call_overdue_s + self.call.seconds:.0f} s{remedy}"
         if live and self.silent_s > Deadline.RUN_THREAD.seconds:
             return f"The run hangs: its thread has given no sign of life for {self.silent_s:.0f} s, in an instrument's driver or in this program"
         if self.connecting and self.quiet_s > Deadline.BENCH_OPENING.seconds:
@@ -63,7 +75,10 @@ class Signs:
         waits_s = min(self.quiet_s, self.stopped_s)
         early = self.connecting or self.watching_card or (self.running and not live and not self.at_end)
         if early and waits_s > early_stop.seconds:
-            return f"The bench did not answer within {waits_s:.1f} s of the stop, before anything was driven"
+            hangs, remedy = (
+                CALLS[self.call] if self.call_overdue_s > -self.call.seconds else ("An instrument's driver", "")
+            )
+            return f"{hangs} has not returned within {waits_s:.1f} s of the stop, before anything was driven{remedy}"
         if self.running and waits_s > Deadline.STOPPED_RUN.seconds:
             return f"The stopped run hangs in an instrument's driver or in this program: it has not ended after {waits_s:.0f} s"
         return ""

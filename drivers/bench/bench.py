@@ -21,6 +21,7 @@ from drivers.bench.interlock import Interlock
 from drivers.bench.rest import REST_TIMEOUT_S, REST_TOLERANCE_V, LiveWarning, SafeShutdown, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
+from drivers.deadlines import Deadline, in_progress
 from drivers.errors import (
     MANUAL_SHUTDOWN_INSTRUCTIONS,
     AcquisitionError,
@@ -366,7 +367,8 @@ class Bench:
             switch.disable()
             armed.high_voltage_may_be_on = self._high_voltage_enabled = False
         self._source_tested = False
-        armed.test_source(self.clock)
+        with in_progress(Deadline.SOURCE_SETUP):
+            armed.test_source(self.clock)
         self._source_tested = True
 
     def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:

@@ -7,9 +7,11 @@ clipped into an admissible one, and nothing can be switched off: rest is 2.5 V, 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
+from drivers.deadlines import Deadline, in_progress
 from drivers.drive_shapes import Drive, Hold, LevelPulse
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
@@ -221,14 +223,14 @@ class HvAmplifier:
 
     def is_source_at_rest(self) -> bool:
         """Whether the source reports that it idles at rest with its output on."""
-        with self._watchdog.allow_silence():
+        with self._watchdog.allow_silence(), in_progress(Deadline.SOURCE_SETUP):
             return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def is_left_live(self) -> bool:
         """Whether the source reports a drive or a level of an earlier program."""
         if not isinstance(self._source, LiveChecker):
             return False
-        with self._watchdog.allow_silence():
+        with self._watchdog.allow_silence(), in_progress(Deadline.SOURCE_SETUP):
             return self._source.is_left_live(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def may_be_left_live(self) -> bool:
@@ -240,7 +242,7 @@ class HvAmplifier:
 
     def initialize_at_rest(self) -> None:
         """Bring the source up at rest. High voltage must be disabled."""
-        with self._watchdog.allow_silence():
+        with self._watchdog.allow_silence(), in_progress(Deadline.SOURCE_SETUP):
             self._source.initialize_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def predict_rest_s(self) -> float:
@@ -374,7 +376,7 @@ class HvAmplifier:
 
             if isinstance(self._source, FailureReporter):
                 self._source.on_failure = report
-            for way in (self._stop, self._ramp_to_rest):
+            for way in (self._stop, partial(self._ramp_to_rest, report)):
                 try:
                     way()
                 except BaseException as error:
@@ -413,10 +415,11 @@ class HvAmplifier:
         """Close the link to the source; its output stays on, at rest."""
         self._source.close()
 
-    def _ramp_to_rest(self) -> None:
+    def _ramp_to_rest(self, report: Callable[[BaseException], None]) -> None:
         try:
             self._ramp(self.map.rest_v)
         except LinkError as unread:  # unknown idle level: assume the largest distance
+            report(unread)
             furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
             self._source.ramp_to(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
             if isinstance(unread, UnreadableLevelError):

@@ -134,7 +134,8 @@ class BurstOutput:
         self._level = None  # only once
         try:
             self._dialect.set_rate(ratio / pulse.duration_s, size)
-        except InstrumentError:
+        except InstrumentError as error:
+            self.on_failure(error)
             return
         self.burst_end_s = self._clock.now() + (end_s - begin_s) / ratio
 
@@ -227,11 +228,12 @@ class BurstOutput:
         if self.burst_end_s is None:  # started by another program, in the worst case just now
             try:
                 longest_s = self._dialect.burst_duration_s()
-            except LinkError:
+            except LinkError as error:
+                self.on_failure(error)
                 longest_s = MAX_UNSTOPPABLE_DRIVE_S
             self.burst_end_s = self._clock.now() + min(longest_s, MAX_UNSTOPPABLE_DRIVE_S)
         self._clock.sleep(self.burst_end_s - self._clock.now())
-        RampDown(self._scpi.link).query(self._shorten_next_burst)
+        self._ramp_down().query(self._shorten_next_burst)
 
     def _shorten_next_burst(self) -> None:
         """Set one short cycle: a program that connects later cannot know when a burst began and waits for its full duration."""

@@ -26,7 +26,7 @@ from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import ResumableRun
-from protocols.runfile import RunFileWriter, StorageError
+from protocols.runfile import RunFileWriter, StorageError, read_mountings
 from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from sim_hardware.plant.setup_state import initial_state
@@ -255,6 +255,24 @@ def test_what_a_run_left_is_asked_for_by_the_next_one_that_begins(
         events.clear()
     assert one.close(60)
     assert asked == [0, 0, 1]
+
+
+def test_what_the_newest_run_of_a_folder_left_is_asked_for_by_the_first_run_of_another_program(tmp_path: Path) -> None:
+    """Else the tactor is measured through the membrane, by a sensor that is out of its range there."""
+    sag = MembraneSag(repeats=1, settle_s=0.25, record_s=0.5)
+    asked = []
+    for protocols in ((sag,), (SHORT, SHORT)):
+        events: list = []
+        one, _ = session(events)
+        one.start()
+        for protocol in protocols:
+            one.run(RunRequest(protocol, tmp_path, "T1"))
+            assert one.finished.wait(60)
+            asked.append(sum(isinstance(e, PromptShown) and e.prompt == sag.restore for e in events))
+            events.clear()
+        assert one.close(60)
+    assert asked == [0, 1, 0]
+    assert [each.part for each in read_mountings(tmp_path, "T1")] == ["laser"]
 
 
 def test_signs_of_life_are_of_the_present_phase_and_the_last_readings_are_kept(tmp_path: Path) -> None:

@@ -340,6 +340,44 @@ def test_a_level_that_ends_by_itself_is_held_at_least_from_its_trigger_and_lasts
     assert (amplifier.remaining_s, amplifier.level_remaining_s) == (0.0, math.inf)
 
 
+class RenewedSource(PlayedSource):
+    """Holds a level for a few seconds at a time."""
+
+    lease_s = 5.0
+
+    def renew_hold(self) -> None:
+        self._send("renewed")
+
+
+def test_a_level_is_renewed_while_it_is_held_and_no_other_drive_is() -> None:
+    source = RenewedSource()
+    amplifier = commanded(source)
+    amplifier.renew_hold()
+    amplifier.start_drive(BURST)
+    amplifier.renew_hold()
+    amplifier.start_drive(Hold(3.0, 9.0))
+    assert "renewed" not in source.sent
+    amplifier.renew_hold()
+    assert source.sent[-1] == "renewed"
+    amplifier.return_to_rest()
+    amplifier.renew_hold()
+    assert source.sent.count("renewed") == 1
+
+
+def test_nothing_of_a_level_is_left_when_it_is_at_rest() -> None:
+    """The next drive is stopped as a drive, and no longer waited for than it lasts."""
+    clock = VirtualClock()
+    source = HoldingSource(clock)
+    amplifier = commanded(source, clock)
+    amplifier.start_drive(Hold(3.0, 5.0))
+    amplifier.start_drive(BURST)
+    assert amplifier.level_remaining_s == math.inf
+    source.sent.clear()
+    amplifier.return_to_rest()
+    assert source.sent[0] == "stop"
+    assert (amplifier.remaining_s, amplifier.stop_wait_s) == (0.0, 0.0)
+
+
 @pytest.mark.parametrize("rest_v", [1.0, 4.0])
 def test_the_time_without_a_change_is_of_the_replies_alone_whichever_side_of_rest_is_farther(rest_v: float) -> None:
     amplifier = HvAmplifier(PlayedSource(), AmplifierMap(rest_v=rest_v), DriveLimits(), VirtualClock())

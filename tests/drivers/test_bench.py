@@ -4,7 +4,7 @@ import math
 import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -56,7 +56,8 @@ class Hand:
 
 
 @pytest.fixture
-def lab() -> Iterator[BenchConnection]:
+def lab(monkeypatch: pytest.MonkeyPatch) -> Iterator[BenchConnection]:
+    monkeypatch.setattr("drivers.bench.armed_bench.CATCH_UP_S", 60.0)  # a busy computer is no card that is not read
     with laboratory() as lab:
         yield lab
 
@@ -319,6 +320,38 @@ def test_a_stream_that_is_broken_is_replaced_by_a_second_one_that_sees_the_rest(
     assert armed.final_rest is not None
     assert armed.final_rest.confirmed
     assert armed.final_rest.measured_v == pytest.approx(2.5, abs=0.01)
+    ended_well(lab)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("back_s", "seen"), [(4.0, True), (6.0, False)])
+def test_a_card_that_is_back_five_seconds_after_the_source_obeyed_sees_the_rest_and_a_later_one_does_not(
+    lab: BenchConnection, monkeypatch: pytest.MonkeyPatch, back_s: float, seen: bool
+) -> None:
+    """However long the source took to obey."""
+    bench, amplifier, obeyed_s = lab.bench, lab.bench.amplifier, math.inf
+    monkeypatch.setattr(rest, "time", SimpleNamespace(monotonic=lambda: 0.0))  # bench time alone
+    opened, force_rest = bench.open_stream, amplifier.force_rest
+
+    def open_stream(rate_hz: float) -> Any:
+        if bench.clock.now() > obeyed_s + back_s:
+            lab.control.clear("card-unplugged")
+        return opened(rate_hz)
+
+    def force_rest_slowly() -> None:
+        nonlocal obeyed_s
+        bench.clock.sleep(6.0)
+        force_rest()
+        obeyed_s = bench.clock.now()
+        lab.control.inject("card-unplugged")
+
+    monkeypatch.setattr(bench, "open_stream", open_stream)
+    with nullcontext() if seen else pytest.raises(UnsafeError), live(lab) as armed:
+        armed.start_drive(Hold(3.5, 60.0))
+        monkeypatch.setattr(amplifier, "force_rest", force_rest_slowly)
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed is seen
+    lab.control.clear()
     ended_well(lab)
 
 

@@ -94,7 +94,8 @@ class Journal(NoWatchdog):
 
 
 @pytest.fixture
-def lab() -> Iterator[BenchConnection]:
+def lab(monkeypatch: pytest.MonkeyPatch) -> Iterator[BenchConnection]:
+    monkeypatch.setattr("drivers.bench.armed_bench.CATCH_UP_S", 60.0)  # a busy computer is no card that is not read
     with laboratory() as lab:
         yield lab
 
@@ -631,6 +632,27 @@ def test_the_heartbeat_of_the_interlock_ends_at_rest_before_the_operator_is_aske
             assert journal.volts[-2] == pytest.approx(2.5, abs=1e-3)
         begun = [line for line in journal.lines if line.startswith(("operator", "interlock"))]
         assert begun[-2:] == ["operator: on", "interlock: begun"]
+
+
+def test_the_heartbeat_of_the_interlock_lasts_from_the_operators_on_until_rest_was_measured(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lab.bench.interlock, "end", lambda: journal.note("interlock: ended"))
+    monkeypatch.setattr(lab.bench.interlock, "begin", lambda _: journal.note("interlock: begun"))
+    with armed_bench(lab, journal, high_voltage=False):
+        assert "interlock: begun" not in journal.lines, "without high voltage"
+    journal.lines.clear()
+    journal.volts.clear()
+    with armed_bench(lab, journal) as armed:
+        assert journal.lines[-2:] == ["operator: on", "interlock: begun"]
+        armed.start_drive(Hold(3.5, 9.0))
+    assert journal.lines[-2:] == ["watchdog: disarmed", "interlock: ended"]
+    assert journal.volts[-4:] == pytest.approx([2.5] * 4, abs=0.01)
+    journal.lines.clear()
+    lab.control.inject("drive-cable-off")
+    with pytest.raises(UnsafeError), armed_bench(lab, journal):
+        raise AssertionError("it was armed")
+    assert "interlock: begun" not in journal.lines, "rest was not measured"
 
 
 @pytest.mark.parametrize("moved", ["off", "on"])

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import grpc
 import pytest
 
-from drivers.deadlines import CallThread, Deadline, OverdueError, in_progress, overdue_s, threads_left_behind
+from drivers.deadlines import CallThread, Deadline, OverdueError, in_progress, overdue, threads_left_behind
 from drivers.errors import LinkError
 from drivers.nidaq.grpc_channel import REPLY_MARGIN_S, DeadlineInterceptor
 from drivers.transport.serial_port import SerialPort
@@ -57,12 +57,18 @@ def test_a_call_that_does_not_return_is_given_up_with_all_that_follow(answer: th
 def test_a_call_that_cannot_be_broken_off_is_overdue_for_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Deadline.CARD_DRIVER, "seconds", -1.0)
     here = threading.current_thread()
-    assert overdue_s(here) <= 0.0
-    with in_progress(Deadline.CARD_DRIVER), in_progress(Deadline.DISK):
-        assert overdue_s(here) >= 1.0
+    assert overdue(here)[1] <= 0.0
+    with in_progress(Deadline.CARD_DRIVER), in_progress(Deadline.SOURCE_SETUP), in_progress(Deadline.CARD_DRIVER):
+        assert overdue(here)[0] is Deadline.CARD_DRIVER
+        assert overdue(here)[1] >= 1.0
+    monkeypatch.setattr(Deadline.SOURCE_SETUP, "seconds", -2.0)
+    with in_progress(Deadline.SOURCE_SETUP):
+        with in_progress(Deadline.CARD_DRIVER):
+            assert overdue(here)[0] is Deadline.SOURCE_SETUP, "the calls inside it hide it not"
+        assert overdue(here)[0] is Deadline.SOURCE_SETUP
     with pytest.raises(LinkError), in_progress(Deadline.CARD_DRIVER):
         raise LinkError("no answer")
-    assert overdue_s(here) <= 0.0, "a failed call is over, too"
+    assert overdue(here)[1] <= 0.0, "a failed call is over, too"
 
 
 Details = namedtuple("Details", "method timeout")

@@ -1,18 +1,20 @@
 """Ramp to rest of a generator despite foreign errors and unreadable replies."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
 
 from app.config.driver_registry import open_generator
+from drivers.bench.drive_limits import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
-from drivers.drive_shapes import Sine, Steps
+from drivers.drive_shapes import Hold, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst import BurstGenerator
 from drivers.transport.scpi import Link
 from drivers.transport.visa import VisaLink
+from model.amplifier_map import AmplifierMap
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.service.served_bench import ServedBench
@@ -249,3 +251,74 @@ def test_supply_with_foreign_errors_in_queue_is_set_up_and_rests() -> None:
     assert source.is_at_rest(2.5, 0.0, 5.0)
     press(panel, "CURR 0.002,(@1)")
     assert not source.is_at_rest(2.5, 0.0, 5.0)
+
+
+def plays_a_sine(amplifier: HvAmplifier) -> HvAmplifier:
+    amplifier.start_drive(Sine(40.0, 1.0, 2.5, 40))
+    return amplifier
+
+
+def holds_a_level(amplifier: HvAmplifier) -> HvAmplifier:
+    amplifier.hastens_levels = True
+    amplifier.start_drive(Hold(2.7, 3.0))
+    return amplifier
+
+
+def holds_a_level_by_offset(amplifier: HvAmplifier) -> HvAmplifier:
+    amplifier.holds_by_offset = True
+    return holds_a_level(amplifier)
+
+
+def found_playing(amplifier: HvAmplifier) -> HvAmplifier:
+    plays_a_sine(amplifier)
+    amplifier._source._output.burst_end_s = None  # another program has started it
+    return amplifier
+
+
+def since_failure(
+    model: str, prepare: Callable[[HvAmplifier], HvAmplifier], failed_at: int, patch: pytest.MonkeyPatch
+) -> list[str]:
+    """Bring a source to rest while no answer arrives from a message on; return what the program did since the first of them."""
+    source, bench, _ = made(model)
+    link, done, left = source._scpi.link, list[str](), failed_at
+    amplifier = HvAmplifier(source, AmplifierMap(), DriveLimits(), bench.clock)
+    amplifier.initialize_at_rest()
+    prepare(amplifier).on_failure = lambda _: done.append("told")
+    read, write, sleep = link.read, link.write, bench.clock.sleep
+
+    def breaks() -> str:
+        nonlocal left
+        left -= 1
+        if left >= 0:
+            return read()
+        done.append("failed")
+        raise LinkError("no answer")
+
+    def sends(message: str) -> None:
+        done.extend(["asked"] if done else [])
+        write(message)
+
+    def waits(seconds: float) -> None:
+        done.extend(["waited"] if done and seconds > 0.1 else [])
+        sleep(seconds)
+
+    with suppress(InstrumentError):
+        patch.setattr(link, "read", breaks)
+        patch.setattr(link, "write", sends)
+        patch.setattr(bench.clock, "sleep", waits)
+        amplifier.return_to_rest()
+    source.close()
+    return done
+
+
+@pytest.mark.parametrize("prepare", [plays_a_sine, holds_a_level, holds_a_level_by_offset, found_playing])
+@pytest.mark.parametrize("model", BOXES)
+def test_the_first_answer_that_fails_on_a_way_to_rest_is_told_before_the_program_waits_or_asks_again(
+    model: str, prepare: Callable[[HvAmplifier], HvAmplifier], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whichever message it is: each next one may wait for its timeout, and the operator must know by then."""
+    failed_at = 0
+    while done := since_failure(model, prepare, failed_at, monkeypatch):
+        failed_at += 1
+        assert done[:2] in (["failed"], ["failed", "told"]), f"message {failed_at}: {done[:6]}"
+    assert failed_at > 2

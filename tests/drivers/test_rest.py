@@ -28,19 +28,21 @@ def watched(
     before: RestMeasurement | None = None,
     begin_s: float = 0.0,
     start_time_s: float = 0.0,
+    rate_hz: float = RATE_HZ,
+    block: int = BLOCK,
 ) -> RestMeasurement:
     """Return the verdict on a drive `volts(t)`, measured from `begin_s` for two seconds; the card started at `start_time_s`."""
     clock = VirtualClock(start_time_s)
     clock.sleep(begin_s)
-    index = int(begin_s * RATE_HZ)
+    index = int(begin_s * rate_hz)
 
     def next_volts() -> tuple[int, np.ndarray]:
         nonlocal index
-        start, index = index, index + BLOCK
-        clock.sleep(BLOCK / RATE_HZ)
-        return start, np.asarray(volts(np.arange(start, index) / RATE_HZ), float)
+        start, index = index, index + block
+        clock.sleep(block / rate_hz)
+        return start, np.asarray(volts(np.arange(start, index) / rate_hz), float)
 
-    return verify_rest(next_volts, clock, start_time_s, RATE_HZ, REST_V, 2.0, before)
+    return verify_rest(next_volts, clock, start_time_s, rate_hz, REST_V, 2.0, before)
 
 
 def steady(level_v: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -70,6 +72,15 @@ def test_every_sample_of_a_tenth_of_a_second_lies_there() -> None:
 
     assert watched(a_spike_every(151)).confirmed  # a block ends somewhere behind a hundred good ones
     assert not watched(a_spike_every(100)).confirmed  # 99: the mean is rest to 2 mV
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("period_s", "still"), [(0.09, False), (0.11, True)])
+def test_rest_begins_behind_the_last_of_several_excursions_in_a_block(period_s: float, still: bool) -> None:
+    """So short that they show neither in the mean nor in the noise."""
+    period = round(period_s * 10e3)
+    seen = watched(lambda t: np.where(np.rint(t * 10e3) % period == 0, 2.56, 2.5), rate_hz=10e3, block=2000)
+    assert seen.confirmed is still
 
 
 def test_samples_from_before_the_command_count_for_nothing() -> None:

@@ -362,6 +362,25 @@ def test_what_counts_as_the_commanded_drive(drive: Any, volts: Any, agrees: bool
     assert (deviation(drive, volts) is None) is agrees
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("drive", [SINE, LEVEL, SWEEP, SQUARE, Sine(0.5, 2.5, 2.5, 10)], ids=lambda drive: drive.kind)
+def test_a_drive_that_is_off_to_either_side_is_seen_beyond_its_limit_and_not_within(drive: Any, side: int) -> None:
+    slow = drive.high_v > 4.0  # its begin is not known exactly, and single samples of it are not compared
+    within_v, beyond_v = (0.17, 0.6) if slow else (0.035, 0.08)
+
+    def off(by_v: float, scans: slice = slice(None)) -> Any:
+        at = np.zeros(250)
+        at[scans] = side * by_v
+        return lambda t: drive.volts(t) + at
+
+    assert deviation(drive, off(within_v), 0.475) is None
+    for beyond in (off(beyond_v), *([] if slow else [off(1.5, slice(100, 101))])):
+        seen = deviation(drive, beyond, 0.475)
+        assert seen is not None
+        assert seen.value_v > seen.limit_v
+
+
 def test_the_end_of_the_previous_drive_and_the_ramp_are_no_deviation() -> None:
     before = Hold(4.0, 5.0)
     assert deviation(SINE, lambda t: np.clip(4.0 - 40 * t, 2.5, 4.0), 0.0, before) is None
@@ -396,6 +415,24 @@ def test_a_lost_drive_is_seen_until_it_is_back_or_the_source_rests_whatever_its_
     monitor.drive_changed(None)
     assert found_in(lambda t: 2.5 + 0 * t) == [False]
     assert found_in(lambda t: 2.5 + 0 * t) == []
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("anew", [False, True])
+def test_scans_without_a_target_are_counted_on_from_block_to_block_of_one_drive(anew: bool) -> None:
+    """40 ms at the end of a block and at the begin of the next: beyond the 50 ms of the level, if the drive is the same."""
+    with laboratory() as lab:
+        monitor = LevelMonitor(LevelSettings(laser_lost=LevelAction.WARNING), lab.bench.sensor, 2.5, VirtualClock())
+    monitor.attach((VOLTS, Scale((0.0, 3.5e-4))), RATE_HZ, 0.0)
+    scans, lost = np.arange(500), []
+    for first, lost_at in ((1000, scans >= 300), (1500, scans < 200)):
+        if first == 1000 or anew:
+            monitor.drive_changed(SINE)
+        drive_v = SINE.volts((first + scans) / RATE_HZ)
+        counts = np.rint([drive_v / 2e-4, np.where(lost_at, 11.0, 0.0) / 3.5e-4])
+        monitor.block_read(Block(first, counts.astype(np.int16)))
+        lost += [e.value for e in monitor.take_events() if isinstance(e, LevelExceeded) and e.level == "laser_lost"]
+    assert lost == ([] if anew else [pytest.approx(0.08)])
 
 
 def test_a_drive_that_is_over_is_not_seen_again() -> None:

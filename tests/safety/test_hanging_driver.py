@@ -158,6 +158,42 @@ def test_a_card_that_hangs_between_runs_does_not_keep_the_program(
         session._thread.join()
 
 
+@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("method", ["is_at_rest", "initialize_at_rest", "start_drive"])
+def test_a_generators_driver_that_hangs_before_high_voltage_ends_the_run_in_a_sentence_with_cause_and_remedy(
+    method: str, stopped: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    over, begun = threading.Event(), threading.Event()
+
+    def hangs(*_: object) -> None:
+        begun.set()
+        over.wait()
+        raise SystemExit
+
+    monkeypatch.setattr(Deadline.EARLY_STOP if stopped else Deadline.SOURCE_SETUP, "seconds", 0.05)
+    events: list[object] = []
+    with connect(simulated(), None) as connection:
+        monkeypatch.setattr(connection.bench.amplifier._source, method, hangs)
+        session = Session(lambda: nullcontext(connection), [events.append], None)  # type: ignore[arg-type]
+        try:
+            session.start()
+            session.run(RunRequest(SineDwell(), tmp_path, "T1"))
+            assert begun.wait(30.0)
+            if stopped:
+                session.stop()
+            assert session.finished.wait(30.0)
+        finally:
+            over.set()
+            session.close()
+            session._thread.join()
+        assert not connection.control.report().live_s
+    assert session.outcome is not None
+    assert session.outcome.status is (RunStatus.STOPPED if stopped else RunStatus.FAILED)
+    assert isinstance(events[-1], BenchFailed)
+    for words in (session.outcome.reason, events[-1].words):
+        assert_names(words, "generator", "driver", "voltage", "switch", "cable")
+
+
 @pytest.mark.one_in(1)  # both sides of each deadline
 @pytest.mark.parametrize(
     ("signs", "given_up"),
@@ -165,6 +201,7 @@ def test_a_card_that_hangs_between_runs_does_not_keep_the_program(
         (Signs(running=True, may_be_live=True, silent_s=14.9), False),
         (Signs(running=True, may_be_live=True, silent_s=15.1), True),
         (Signs(running=True, may_be_live=False, silent_s=15.1), False),
+        (Signs(running=False, may_be_live=True, silent_s=15.1), False),  # of the run before
         (Signs(call_overdue_s=-0.1), False),
         (Signs(call_overdue_s=0.1), True),
         (Signs(connecting=True, quiet_s=119.0), False),
@@ -310,6 +347,7 @@ LIVE = Signs(running=True, may_be_live=True)
         ([replace(LIVE, silent_s=0.4)], []),  # a busy computer: the watchdog knows
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True)] * 3, ["warned"]),
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True, may_be_live=False)], []),
+        ([replace(LIVE, silent_s=0.4, watchdog_acts=True, running=False)], []),
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True), Signs()] * 2, ["warned", "warned"]),
         ([replace(LIVE, silent_s=0.4, watchdog_acts=True), LIVE] * 2, ["warned"]),  # once in a run
         ([replace(LIVE, quiet_s=1.6, stopped_s=1.6)] * 3, ["said"]),

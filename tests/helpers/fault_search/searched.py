@@ -335,6 +335,12 @@ class Played:
         }
         self.tell(self.facts)
 
+    @property
+    def later_folder(self) -> Path:
+        """Folder of the run afterwards: the same one, where its files do not belong to those that fail."""
+        fails = any(hazard.kind == "file" for hazard in self.trial.hazards)
+        return self.folder.parent / "afterwards" if fails else self.folder
+
     def _session(self, person: Person) -> Session:
         session = Session(
             partial(opened, self.world, self.trial, person), [self.watching, self.hazards], person, ends_at_stop=False
@@ -364,8 +370,6 @@ class Played:
         if not bench.history.high_voltage_on:
             bench.perform_action("tidy-up", {})
         bench.clock.sleep(5.0)
-        if not bench.history.high_voltage_on:
-            bench.perform_action("zero-sensor", {})  # it may have been set for a membrane
         self.world.begin_part()
         made, reason = PROTOCOLS["sine-dwell"](**AFTERWARDS), ""
         person._kind, person.absent_s = "prompt", float("inf")
@@ -375,7 +379,7 @@ class Played:
                     session.close()
                 session = self._session(person)
             assert session is not None
-            watch = self._run(session, made, self.folder.parent / "afterwards", person)
+            watch = self._run(session, made, self.later_folder, person)
             if watch.ended is not None and watch.ended.status is RunStatus.COMPLETED:
                 session.close()
                 return [f"afterwards {each}" for each in (*watch.conclude(True), *self.world.wrong_volts())]
@@ -412,7 +416,7 @@ class Played:
         self.world.begin_part()
         person = Person(bench, "prompt", 0)
         session = self._session(person)
-        watch = self._run(session, PROTOCOLS["sine-dwell"](**AFTERWARDS), self.folder.parent / "afterwards", person)
+        watch = self._run(session, PROTOCOLS["sine-dwell"](**AFTERWARDS), self.later_folder, person)
         session.close()
         wrong = watch.conclude(True)
         if not disturbed:

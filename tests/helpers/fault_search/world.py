@@ -48,6 +48,9 @@ TOUCHES = ("sensor-stuck", "sensor-out-of-range")
 """Faults that make a recording worthless. An amplifier at its current limit is none of them: on these benches, without a voltage
 monitor, it is a specimen with another gain."""
 
+COMMAND_S = 0.1
+"""Longest time from the begin of a drive at the source to its report."""
+
 RESTS_S = 0.05
 """Time for which the input must stay at rest."""
 
@@ -173,7 +176,7 @@ class World:
     def _differs(self, times: Any, drive: Drive, first_s: float, last_s: float) -> bool:
         """Whether the volts differ from a drive, whichever change of the source between two times began it."""
         seen = self.volts(times[0], times[-1], times.size)
-        begins = [e.start_s for e in self.bench.history.entries() if first_s < e.start_s <= last_s]
+        begins = [e.start_s for e in self.bench.history.entries() if first_s - COMMAND_S < e.start_s <= last_s]
         most = min(TOUCHED_SHARE, TOUCHED_DRIVE_SHARE * drive.duration_s / (times[-1] - times[0]))
         return all(np.mean(np.abs(seen - drive.volts(times - begin_s)) > TOUCHED_V) > most for begin_s in begins)
 
@@ -197,7 +200,9 @@ class Watch:
         self._armed = False
         self._rest: RestMeasured | None = None
         self._rate_hz = math.nan
-        self._started_s = -math.inf
+        self._started_s = self._recorded_s = -math.inf
+        self._recorded: Drive | None = None
+        """The drive of the entry's last recording."""
         self._touched: dict[int, bool] = {}
         self._good: dict[int, bool] = {}
         self._hv_seen = False
@@ -225,16 +230,23 @@ class Watch:
             case BenchArmed():
                 self._armed = True
             case EntryStarted(index):
-                self._touched[index] = False
+                self._touched[index], self._recorded = False, None
             case DriveStarted():
                 self._started_s = now_s
                 self._hv_seen |= self.world.bench.history.high_voltage_on
             case RecordingFinished(rows=(first, last), entry=entry, drive=drive, quality=quality):
-                begin_s = now_s - (last - first) / self._rate_hz - self._block_s
+                seconds = (
+                    last - first
+                ) / self._rate_hz  # it begins with a block, and was read to the end of another one
+                begin_s = now_s - self._block_s * math.ceil(seconds / self._block_s - 1e-6)
                 # The flags of a recording are those of its point: a point without them is of another recording.
-                self._touched[entry] = self._touched.get(entry, False) or (
-                    Quality(quality).usable and self.world.is_touched(begin_s, now_s, drive, self._started_s)
+                touched = Quality(quality).usable and self.world.is_touched(
+                    begin_s, begin_s + seconds, drive, self._started_s
                 )
+                # A drive that is played again is recorded for the specimen's sake first: the point is of the last one.
+                again = drive == self._recorded and self._started_s > self._recorded_s
+                self._touched[entry] = touched or (self._touched.get(entry, False) and not again)
+                self._recorded, self._recorded_s = drive, now_s
             case PointMeasured(point=point, entry=entry):
                 values = {name: getattr(point, name) for name in point.__slots__ if name != "quality"}
                 numbers = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
