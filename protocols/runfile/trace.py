@@ -216,7 +216,7 @@ class RunTrace:
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings of this file, in order, exactly as in the live run."""
-        delay_s = self._displacement_delay_s()
+        delay_s = _displacement_delay_s(self._sensor(), self)
         rows = self._recordings[:]
         if (
             int(np.abs(rows["stop_row"] - rows["start_row"]).astype(float).sum())
@@ -233,7 +233,9 @@ class RunTrace:
 
     def recording(self, index: int) -> Recording:
         """Return one recording, without reading the others; a negative index counts from the end."""
-        return self._recording(index % self.recording_count, self._recordings[index], self._displacement_delay_s())
+        return self._recording(
+            index % self.recording_count, self._recordings[index], _displacement_delay_s(self._sensor(), self)
+        )
 
     def recording_rows(self) -> list[tuple[int, int, int]]:
         """Return start row, stop row and plan entry of every recording, without reading their samples."""
@@ -251,10 +253,6 @@ class RunTrace:
     @property
     def _recordings(self) -> "h5py.Dataset":
         return table(self._entry, "recordings", RECORDING_FIELDS)
-
-    def _displacement_delay_s(self) -> float:
-        """Return the delay of displacement against drive: the sensor's delay less the card's skew."""
-        return self._sensor().delay_s - channel_skew_s([self.channel_scale(name) for name in CHANNELS])
 
     def _recording(self, index: int, row: Any, delay_s: float) -> Recording:
         rows = (int(row["start_row"]), int(row["stop_row"]))
@@ -278,3 +276,8 @@ class RunTrace:
                 lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **attributes
             )
         return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **attributes)
+
+
+def _displacement_delay_s(sensor: LaserSensor, trace: RunTrace) -> float:
+    """Return the delay of displacement against drive: the sensor's delay less the card's skew."""
+    return sensor.delay_s - channel_skew_s([trace.channel_scale(name) for name in CHANNELS])
