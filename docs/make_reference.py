@@ -60,15 +60,23 @@ BEGIN, END = "<!-- assumptions: written by docs/make_reference.py from the code 
 
 def with_assumptions(text: str) -> str:
     """Return the page on generators with its table of assumptions."""
+    rows = assumptions()
+    quoted, at_arming = sum(bool(row.quotes) for row in rows), sum(row.at_arming is not None for row in rows)
     lines = [
-        "| driver | models | property | value assumed | evidence | measured by `commission` |",
-        "|---|---|---|---|---|---|",
+        f"{len(rows)} assumptions: {quoted} are quoted, {at_arming} are checked at every arming before high voltage (by the *card*, within the limits of the",
+        f"self-test, or by the instrument's *reply*), and {sum(row.is_unproven for row in rows)} are only *unproven*.",
+        "",
+        "| driver | models | property | value assumed | evidence | at arming | measured by `commission` |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for each in assumptions():
-        evidence = cell(each.evidence) or "*unproven*"
-        checks = "; ".join(each.checks) or "-"
+    for each in rows:
+        parts = [f"“{quote.text}” ({quote.document}, {quote.place})" for quote in each.quotes]
+        evidence = cell("; ".join([*parts, *([each.evidence] if each.evidence else [])]))
+        if each.is_unproven and "unproven" not in evidence:
+            evidence = f"{evidence}: *unproven*" if evidence else "*unproven*"
+        checks, arming = "; ".join(each.checks) or "-", each.at_arming or "-"
         lines.append(
-            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)} | {evidence} | {checks} |"
+            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)} | {evidence} | {arming} | {checks} |"
         )
     before, _, rest = text.partition(BEGIN)
     return "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{rest.partition(END)[2]}"])

@@ -59,9 +59,6 @@ class BurstGenerator:
 
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
         self.capabilities = self.dialect_type.capabilities
-        if self.capabilities.usb_problem and link.name.upper().startswith("USB"):
-            link.close()
-            raise InstrumentError(f"{link.name}: {self.capabilities.usb_problem}")
         self._scpi = ScpiSession(link, f"function generator at {link.name}", clock.now)
         self._clock, self._step_v = clock, step_v
         self.identity: Identity = self._scpi.identify()
@@ -73,10 +70,14 @@ class BurstGenerator:
             raise InstrumentError(
                 f"{link.name} answered as '{self.identity}'; this driver is for {self.capabilities.product_names}. {remedy[0].upper()}{remedy[1:]}"
             )
+        if link.name.upper().startswith("USB") and (problem := self.capabilities.usb_problem_of(self.identity.model)):
+            link.close()
+            raise InstrumentError(f"{link.name}: {problem}")
         self._scpi.instrument = f"function generator {self.identity.model}"
         self.dialect = self.dialect_type(self._scpi, clock, self.identity.model)
         self.playable = PlayableDrives(self.capabilities, self._scpi.instrument, self.dialect.max_points, step_v, clock)
         self._output = BurstOutput(self._scpi, clock, self.dialect, step_v, step_interval_s)
+        self.use_other_byte_order = self._output.use_other_byte_order
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         self._output.on_failure = lambda error: self.on_failure(error)  # noqa: PLW0108 - it is replaced later
         self.plays_to_the_end = not self.capabilities.holds_range

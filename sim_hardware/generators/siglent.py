@@ -9,7 +9,8 @@ first byte 0x0A ends a waveform's message; a waveform written by WVDT is selecte
 without an index; a quoted name is ignored; numbers have six digits; queries are not answered while a waveform is being stored;
 one session is served; the third waveform above 64 kB hangs remote and panel while the output continues, and one of less than four
 bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X. An SDG6022X
-with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode (a public driver of it).
+with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode; both take big-endian points in a block
+with their size (nacs-lab/pyctrl at 3ea197b).
 """
 
 import math
@@ -67,7 +68,15 @@ TRAITS = (
     ),
     RETIME,
 )
-DEVIATIONS = deviations()
+DEVIATIONS = (
+    *deviations(),
+    Trait(
+        "byte-order",
+        ("big", "little"),
+        "order of the bytes of a waveform: big-endian in a public driver of two SDG6022X (nacs-lab/pyctrl), little-endian in Siglent's application note",
+        models="SDG6",
+    ),
+)
 
 
 class SimulatedSiglentSdg:
@@ -79,6 +88,9 @@ class SimulatedSiglentSdg:
         self.identity, self.traits = unit.identity, unit.traits
         self._is_sdg1000 = unit.model.startswith("SDG1")
         self._is_sdg2000 = unit.model.startswith("SDG2")
+        self._is_sdg6000 = unit.model.startswith("SDG6")
+        little = not self._is_sdg6000 or self.traits.get("byte-order") == "little"
+        self._point_type = "<i2" if little else ">i2"
         self._random = random.Random(f"{unit.identity} {unit.seed}")
         self.hung = False
         self._large_downloads = 0
@@ -276,12 +288,12 @@ class SimulatedSiglentSdg:
         if len(parameters) % 2 == 0 or parameters[-1] != "WAVEDATA":
             return
         requested = _parse_pairs(parameters[:-1])
-        raw = data.encode("latin-1")
-        if self._is_sdg2000 and len(requested) > 1:
+        raw = _without_block_header(data.encode("latin-1")) if self._is_sdg6000 else data.encode("latin-1")
+        if (self._is_sdg2000 and len(requested) > 1) or self._is_sdg6000 != (requested.get("WVTP") == "USER"):
             return  # silently not stored
         self._large_downloads += len(raw) > LARGE_BYTES
         self.hung = self.hung or self._large_downloads >= 3 or len(raw) < 4
-        points = np.frombuffer(raw[: len(raw) // 2 * 2], "<i2") / FULL_SCALE
+        points = np.frombuffer(raw[: len(raw) // 2 * 2], self._point_type) / FULL_SCALE
         self._stored_waveforms[requested["WVNM"]] = points, requested
         self._switch_to(requested["WVNM"])
         self._be_silent(len(raw))
@@ -313,7 +325,7 @@ class SimulatedSiglentSdg:
     def _query_waveform(self, a: Arguments) -> str:
         name = a[-1]
         raw = (
-            np.rint(self._stored_waveforms[name][0] * FULL_SCALE).astype("<i2").tobytes()
+            np.rint(self._stored_waveforms[name][0] * FULL_SCALE).astype(self._point_type).tobytes()
             if name in self._stored_waveforms
             else b""
         )
@@ -321,6 +333,12 @@ class SimulatedSiglentSdg:
 
 
 _STORED_PARAMETERS = (("FRQ", "FREQ"), ("AMP", "AMPL"), ("OFST", "OFST"))
+
+
+def _without_block_header(block: bytes) -> bytes:
+    """Return the bytes of a block, as many as its header announces; none without a header."""
+    digits = int(block[1:2]) if block[:1] == b"#" else 0
+    return block[2 + digits :][: int(block[2 : 2 + digits])] if digits else b""
 
 
 def _parse_pairs(arguments: Sequence[str]) -> dict[str, str]:
