@@ -76,13 +76,13 @@ class PlayedBurst:
                 "did not start. Look at the generator's trigger source and delay, burst, gate and sequencer settings, and at the cable "
                 "from the generator to the card"
             )
-        if self.before_v > OFFSET_LIMIT_V >= abs(self.after_v):
-            return "begins with a pulse, or follows another one. Look at the generator's trigger source and burst mode, and at its output relay"
         if self.form > FORM_LIMIT:
             return (
                 "has another form. Look at the generator's waveform (byte order, interpolation, advance), modulation, sweep, added "
                 "channel and filter settings"
             )
+        if self.before_v > OFFSET_LIMIT_V >= abs(self.after_v):
+            return "begins with a pulse, or follows another one. Look at the generator's trigger source and burst mode, and at its output relay"
         if self.gain < 0:
             return "is inverted. Look at the generator's polarity setting, and at the cable"
         if abs(self.gain - 1) > AMPLITUDE_LIMIT:
