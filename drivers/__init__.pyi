@@ -22,6 +22,7 @@ from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISA
 from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
 from .bench.watchdog_interface import NoWatchdog as NoWatchdog
 from .bench.watchdog_interface import Watchdog as Watchdog
+from .clock import LATE_PER_SPEED_S as LATE_PER_SPEED_S
 from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock

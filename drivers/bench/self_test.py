@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.bench.card_reading import WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.rest import REST_NOISE_V, REST_TOLERANCE_V, drive_voltage
-from drivers.clock import Clock
+from drivers.clock import LATE_PER_SPEED_S, Clock
 from drivers.drive_shapes import Sine
 from drivers.errors import BenchError
 from drivers.interfaces import Block
@@ -28,9 +28,9 @@ FREQUENCY_HZ, CYCLES = 130.0, 3
 LEAD_S, OBSERVED_S = 0.05, 0.3
 """Time before a burst for the idle level, and after it for an end that does not come and for a late begin."""
 
-LATEST_START_S, LATE_PER_SPEED_S = 0.04, 0.025
+LATEST_START_S = 0.04
 """Latest begin of a burst after the driver had the reply to its trigger: a busy computer delays the reply and the time of the first
-scan, on a clock faster than real time in proportion to its speed."""
+scan."""
 
 MAX_FIT_RATE_HZ = 10_000.0
 """Rate to which a faster recording is averaged for the fit."""

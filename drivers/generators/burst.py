@@ -14,6 +14,7 @@ The commands of a family, and what its instruments can do, are a `Dialect`.
 """
 
 import math
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from typing import ClassVar
@@ -28,7 +29,7 @@ from drivers.generators.dialect import LEVEL_TOLERANCE_V, Dialect, Levels, misma
 from drivers.generators.output import HASTENED_END_S, BurstOutput
 from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
-from drivers.transport import Link, ScpiSession
+from drivers.transport import Link, ScpiSession, reply_remedy
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 """Slope of the ramp to rest of an earlier program's level, before the instrument is configured."""
@@ -248,7 +249,9 @@ def first_mismatch(dialect: Dialect, levels: Levels) -> str:
     """Describe the first setting that differs from the armed state at rest; empty if none does."""
     settings = dialect.expected_settings(levels)
     for setting, answer in mismatches(settings, dialect.query_setting, dialect.query_optional_setting):
-        return f"{setting.name} is {answer[:40]}, not {setting.expected}"
+        odd = not setting.keywords and not re.fullmatch(r"[-+.\dE]+", answer, re.IGNORECASE)
+        why = f"; {reply_remedy('the connection', f'{setting.name}?', answer)}" if odd else ""
+        return f"{setting.name} is {answer[:40]}, not {setting.expected}{why}"
     return ""
 
 

@@ -64,6 +64,9 @@ REPLY_DIGITS = 1e-5
 NOTHING = "nothing"
 """Placeholder for a parameter missing in a reply."""
 
+DECIMAL_COMMA = re.compile(r",-?\d+,\d+(?:E[+-]?\d+)?(?:HZ|S|V)\b", re.IGNORECASE)
+"""A number with a decimal comma in a list of parameters, `OFST,2,5V`."""
+
 COUPLED = "any"
 """Placeholder for any switch of a reply."""
 
@@ -80,11 +83,19 @@ class SiglentSession:
         query = f"{'' if command == 'COUP' else 'C1:'}{command}?"
         answer = self.scpi.query(query)
         header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
+        if header is None or header[1] != command:  # another user may have chosen long headers, or none
+            self.scpi.link.write("CHDR SHORT")
+            answer = self.scpi.query(query)
+            header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
         if header is None or header[1] != command:
             self.scpi.link.clear()
             raise LinkError(
                 f"{self.scpi.instrument}: '{query}' was answered by '{answer[:60]}', which is not a list of parameters; "
-                f"check the cable at {self.scpi.link.name}"
+                f"check the cable at {self.scpi.link.name}, and that its response headers are short (CHDR SHORT)"
+            )
+        if DECIMAL_COMMA.search(answer):
+            raise LinkError(
+                f"{self.scpi.instrument}: '{query}' was answered with decimal commas ('{answer[:60]}'); set its number format to a decimal point"
             )
         fields = [field.strip() for field in answer[header.end() :].split(",")]
         if command in ("OUTP", "INVT", "CMBN") and fields[0] != "STATE":

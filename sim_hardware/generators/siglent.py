@@ -16,6 +16,7 @@ with their size (nacs-lab/pyctrl at 3ea197b).
 import math
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -29,6 +30,18 @@ from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires import Arguments, ScpiCommand, ScpiError
 
 FULL_SCALE = 32767
+LONG_HEADERS = {
+    "OUTP": "OUTPUT",
+    "BSWV": "BASIC_WAVE",
+    "BTWV": "BURSTWAVE",
+    "ARWV": "ARBWAVE",
+    "INVT": "INVERT",
+    "CMBN": "COMBINE",
+    "COUP": "COUPLING",
+    "SWWV": "SWEEPWAVE",
+    "MDWV": "MODULATEWAVE",
+    "SRATE": "SAMPLERATE",
+}
 MAX_BURST_CYCLES = 1e6
 MAX_FREQUENCY_HZ = 30e6
 BUILT_IN_NAME = "StairUp"
@@ -79,6 +92,28 @@ DEVIATIONS = (
 )
 
 
+class ReplyHeaders:
+    """Form of the headers in replies: `CHDR SHORT`, `LONG` or `OFF`."""
+
+    def __init__(self) -> None:
+        self._form = "SHORT"
+
+    def around(self, commands: Sequence[ScpiCommand]) -> list[ScpiCommand]:
+        """Return the commands with replies in this form, and the command that chooses it."""
+        chosen = ScpiCommand("CHDR", self._choose, lambda _: f"CHDR {self._form}")
+        return [chosen, *(replace(each, query=each.query and partial(self._answer, each.query)) for each in commands)]
+
+    def _choose(self, a: Arguments) -> None:
+        self._form = a[0].upper()
+
+    def _answer(self, query: Callable[[Arguments], str], a: Arguments) -> str:
+        header, _, rest = query(a).partition(" ")
+        name = header.removeprefix("C1:")
+        if self._form == "OFF" and name in LONG_HEADERS:
+            return rest
+        return f"{header.replace(name, LONG_HEADERS.get(name, name)) if self._form == 'LONG' else header} {rest}"
+
+
 class SimulatedSiglentSdg:
     """One channel over a `SimulatedGenerator` (sim_hardware.wires.scpi_engine.ScpiInstrument)."""
 
@@ -104,6 +139,7 @@ class SimulatedSiglentSdg:
         self._high_z = False
         self._inverted = {"PLRT": False, "INVT": False}
         self._switches: dict[str, bool] = {}
+        self._headers = ReplyHeaders()
         self._selected_name = BUILT_IN_NAME
         self._stored_waveforms: dict[str, tuple[Array, dict[str, str]]] = {}
 
@@ -124,26 +160,28 @@ class SimulatedSiglentSdg:
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        return [
-            ScpiCommand("C[1]:OUTP", self._set_output, lambda _: self._query_output()),
-            ScpiCommand(
-                "C[1]:BSWV", lambda a: self._set_basic_wave(_parse_pairs(a)), lambda _: self._query_basic_wave()
-            ),
-            ScpiCommand("C[1]:BTWV", self._set_burst, lambda _: self._query_burst()),
-            ScpiCommand("C[1]:WVDT", self._download),
-            ScpiCommand("WVDT", None, self._query_waveform),
-            ScpiCommand("C[1]:ARWV", self._select, lambda _: self._query_selection()),
-            ScpiCommand("C[1]:INVT", self._set_inversion, lambda _: f"C1:INVT {self._on(self._inverted['INVT'])}"),
-            ScpiCommand("C[1]:CMBN", self._set_combining, lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"),
-            ScpiCommand("COUP", self._set_coupling, lambda _: self._query_coupling()),
-            ScpiCommand("C[1]:SWWV", partial(self._set_mode, "SWWV"), partial(self._query_mode, "SWWV")),
-            ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
-            *(
-                []
-                if self._is_sdg1000 or self.traits.get("rate-mode") == "absent"
-                else [ScpiCommand("C[1]:SRATE", self._set_rate_mode, lambda _: self._query_rate())]
-            ),
-        ]
+        return self._headers.around(
+            [
+                ScpiCommand("C[1]:OUTP", self._set_output, lambda _: self._query_output()),
+                ScpiCommand(
+                    "C[1]:BSWV", lambda a: self._set_basic_wave(_parse_pairs(a)), lambda _: self._query_basic_wave()
+                ),
+                ScpiCommand("C[1]:BTWV", self._set_burst, lambda _: self._query_burst()),
+                ScpiCommand("C[1]:WVDT", self._download),
+                ScpiCommand("WVDT", None, self._query_waveform),
+                ScpiCommand("C[1]:ARWV", self._select, lambda _: self._query_selection()),
+                ScpiCommand("C[1]:INVT", self._set_inversion, lambda _: f"C1:INVT {self._on(self._inverted['INVT'])}"),
+                ScpiCommand("C[1]:CMBN", self._set_combining, lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"),
+                ScpiCommand("COUP", self._set_coupling, lambda _: self._query_coupling()),
+                ScpiCommand("C[1]:SWWV", partial(self._set_mode, "SWWV"), partial(self._query_mode, "SWWV")),
+                ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
+                *(
+                    []
+                    if self._is_sdg1000 or self.traits.get("rate-mode") == "absent"
+                    else [ScpiCommand("C[1]:SRATE", self._set_rate_mode, lambda _: self._query_rate())]
+                ),
+            ]
+        )
 
     @staticmethod
     def _on(on: bool) -> str:

@@ -398,6 +398,18 @@ def test_a_lost_drive_is_seen_until_it_is_back_or_the_source_rests_whatever_its_
     assert found_in(lambda t: 2.5 + 0 * t) == []
 
 
+@pytest.mark.parametrize(
+    ("volts", "words"),
+    [
+        (lambda t: 2.5 + 0 * t, "it did not start, and the cable is whole"),
+        (lambda t: np.minimum(SINE.volts(t), 2.7), "it is clipped"),
+        (lambda t: 0 * t, "check the cable"),
+    ],
+)
+def test_a_deviation_names_the_cause_that_fits(volts: Any, words: str) -> None:
+    assert words in deviation(SINE, volts).remedy
+
+
 def test_a_drive_that_is_over_is_not_seen_again() -> None:
     readback = DriveReadback(SINE, 0, 250, RATE_HZ, 2.5, 0.1)
     for start_s, compared in ((0.0, False), (0.2, True), (SINE.duration_s + 0.1, False)):
