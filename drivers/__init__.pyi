@@ -102,6 +102,7 @@ from .sensors.optoncdt import OptoNcdt as OptoNcdt
 from .supplies.dc_supply import DcSupply as DcSupply
 from .supplies.dialects import SUPPLY_DIALECTS as SUPPLY_DIALECTS
 from .transport.lock import InstrumentLocks as InstrumentLocks
+from .transport.message_record import MessageRecord as MessageRecord
 from .transport.observed_link import ObservedLink as ObservedLink
 from .transport.safe_ramp_down import RampDown as RampDown
 from .transport.scpi import Link as Link
