@@ -29,7 +29,7 @@ from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
 from protocols.runfile.schema import point_columns  # noqa: E402
-from tests.helpers.command_trees import DRIVERS, status, tree  # noqa: E402
+from tests.drivers.command_trees import DRIVERS, status, tree  # noqa: E402
 
 MADE = "<!-- Written by docs/make_reference.py from the code. -->\n\n"
 LISTED = "<!-- Written by docs/make_reference.py from the files beside it. -->\n\n"

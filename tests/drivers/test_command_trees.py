@@ -2,9 +2,9 @@
 
 import pytest
 
+from tests.drivers.command_trees import DRIVERS, EFFECTS, plain, rule, status, tree, used
 from tests.drivers.test_instrument_commands import FILES
 from tests.drivers.test_self_test import Switch, hidden, refusal
-from tests.helpers.command_trees import DRIVERS, EFFECTS, plain, rule, status, tree, used
 from tests.helpers.simulated_bench import laboratory, simulated
 
 SEEN = [(driver, header) for driver in DRIVERS for header in tree(driver)["card"]]
