@@ -29,6 +29,7 @@ from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
 from protocols.runfile.schema import point_columns  # noqa: E402
+from tests.drivers.command_trees import DRIVERS, status, tree  # noqa: E402
 
 MADE = "<!-- Written by docs/make_reference.py from the code. -->\n\n"
 LISTED = "<!-- Written by docs/make_reference.py from the files beside it. -->\n\n"
@@ -51,6 +52,7 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "reference/python.md", MADE + python_api()
     yield "reference/deadlines.md", MADE + deadlines()
     yield "generators.md", with_assumptions((HERE / "generators.md").read_text("utf-8"))
+    yield "command-trees.md", MADE + command_trees()
     yield "decisions/README.md", LISTED + decisions()
     yield "pictures/README.md", LISTED + pictures()
 
@@ -60,18 +62,56 @@ BEGIN, END = "<!-- assumptions: written by docs/make_reference.py from the code 
 
 def with_assumptions(text: str) -> str:
     """Return the page on generators with its table of assumptions."""
+    rows = assumptions()
+    quoted, at_arming = sum(bool(row.quotes) for row in rows), sum(row.at_arming is not None for row in rows)
     lines = [
-        "| driver | models | property | value assumed | evidence | measured by `commission` |",
-        "|---|---|---|---|---|---|",
+        f"{len(rows)} assumptions: {quoted} are quoted, {at_arming} are checked at every arming before high voltage (by the *card*, within the limits of the",
+        f"self-test, or by the instrument's *reply*), and {sum(row.is_unproven for row in rows)} are only *unproven*.",
+        "",
+        "| driver | models | property | value assumed | evidence | at arming | measured by `commission` |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for each in assumptions():
-        evidence = cell(each.evidence) or "*unproven*"
-        checks = "; ".join(each.checks) or "-"
+    for each in rows:
+        parts = [f"“{quote.text}” ({quote.document}, {quote.place})" for quote in each.quotes]
+        evidence = cell("; ".join([*parts, *([each.evidence] if each.evidence else [])]))
+        if each.is_unproven and "unproven" not in evidence:
+            evidence = f"{evidence}: *unproven*" if evidence else "*unproven*"
+        checks, arming = "; ".join(each.checks) or "-", each.at_arming or "-"
         lines.append(
-            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)} | {evidence} | {checks} |"
+            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)} | {evidence} | {arming} | {checks} |"
         )
     before, _, rest = text.partition(BEGIN)
     return "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{rest.partition(END)[2]}"])
+
+
+def command_trees() -> str:
+    """Return the page of the command trees of the generators."""
+    lines = [
+        "# Command trees of the generators",
+        "",
+        "Every header of each family that a public source names, and what the driver does with it: *set* by arming, *asked* by it, *neutral* for a reason, seen by",
+        "the *card* in the self-test at every arming (with the effect), or *unproven*. The trees are `docs/evidence/commands/*.toml`; `tests/drivers/test_command_trees.py`",
+        "finds headers that are unaccounted, and plants the effect of each that the card must see.",
+    ]
+    for driver in DRIVERS:
+        headers = tree(driver)["headers"]
+        found: dict[tuple[str, str], list[str]] = {}
+        for header in headers:
+            found.setdefault(status(driver, header), []).append(header)
+        lines += [
+            "",
+            f"## {driver}",
+            "",
+            f"{len(headers)} headers. Source: {tree(driver)['source']}. Complete: {tree(driver)['complete']}.",
+            "",
+            "| status | reason or effect | headers |",
+            "|---|---|---|",
+            *(
+                f"| {what} | {why or '-'} | {', '.join(f'`{each}`' for each in names)} |"
+                for (what, why), names in sorted(found.items())
+            ),
+        ]
+    return "\n".join([*lines, ""])
 
 
 def protocol(kind: type[Protocol]) -> str:

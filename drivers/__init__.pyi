@@ -22,6 +22,7 @@ from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISA
 from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
 from .bench.watchdog_interface import NoWatchdog as NoWatchdog
 from .bench.watchdog_interface import Watchdog as Watchdog
+from .clock import LATE_PER_SPEED_S as LATE_PER_SPEED_S
 from .clock import Clock as Clock
 from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
@@ -101,6 +102,7 @@ from .sensors.optoncdt import OptoNcdt as OptoNcdt
 from .supplies.dc_supply import DcSupply as DcSupply
 from .supplies.dialects import SUPPLY_DIALECTS as SUPPLY_DIALECTS
 from .transport.lock import InstrumentLocks as InstrumentLocks
+from .transport.message_record import MessageRecord as MessageRecord
 from .transport.observed_link import ObservedLink as ObservedLink
 from .transport.safe_ramp_down import RampDown as RampDown
 from .transport.scpi import Link as Link

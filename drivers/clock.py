@@ -22,6 +22,9 @@ class Clock(Protocol):
         """Wait for this bench time, s; return immediately if it is not positive."""
 
 
+LATE_PER_SPEED_S = 0.025
+"""Longest delay of a reply, and of the time of a first scan, on a busy computer: bench seconds per speed of a simulated bench."""
+
 READER_GONE_S = 0.5
 """Real time without a read after which bench time no longer waits for the reader."""
 

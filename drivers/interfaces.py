@@ -238,6 +238,14 @@ class DriveChecker(Protocol):
 
 
 @runtime_checkable
+class ByteOrderSwapper(Protocol):
+    """A source whose documents disagree on the byte order of its waveforms."""
+
+    def use_other_byte_order(self) -> bool:
+        """Upload waveforms in the other byte order from now on; return False if the order of this model is certain."""
+
+
+@runtime_checkable
 class RestTimer(Protocol):
     """A source that predicts the duration of its way to rest from its measured reply time."""
 

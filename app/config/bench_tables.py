@@ -220,6 +220,9 @@ class SourceTable(ConfigTable):
         Literal["", "ai/SampleClock"],
         "card-output: start trigger of a drive; with ai/SampleClock its first sample coincides with a scan of the input",
     ] = ""
+    record_messages: Annotated[
+        str, "file for every message of a session with times, for the instrument's vendor; empty: none is recorded"
+    ] = ""
 
 
 class SupplyTable(ConfigTable):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import BenchConfig
@@ -97,6 +98,7 @@ def connect(
     """
     control: BenchControls | None = None
     with ExitStack() as stack:
+        wrap_link = _recorded(config, stack, wrap_link)
         if not config.simulated:
             suspend_warning = stack.enter_context(suspend_inhibited())
             bench = _open_instruments(
@@ -122,8 +124,7 @@ def connect(
             )
             meters = open_meters(config.meters, clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
-            bench.block_s = block_s
-            bench.hold_s = UNATTENDED_HOLD_S if block_s >= UNATTENDED_BLOCK_S else 0.0
+            bench.block_s, bench.hold_s = block_s, UNATTENDED_HOLD_S if block_s >= UNATTENDED_BLOCK_S else 0.0
         else:
             from sim_hardware.service import BenchProcess
 
@@ -140,6 +141,16 @@ def connect(
         else:
             operator = SimulatedOperator(control, config.simulation_parameters.hands.patience_s)
             yield BenchConnection(bench, operator, control)
+
+
+def _recorded(config: BenchConfig, stack: ExitStack, wrap_link: LinkWrapper) -> LinkWrapper:
+    """Return the wrapper of the link to the source that also records its messages, if the bench file names a file."""
+    if not config.source.record_messages:
+        return wrap_link
+    from drivers import MessageRecord
+
+    record = stack.enter_context(MessageRecord(Path(config.source.record_messages).expanduser()))
+    return lambda link, clock: record.around(wrap_link(link, clock), clock.now)
 
 
 def _import_for_a_run() -> None:

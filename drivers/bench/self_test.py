@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.bench.card_reading import WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.rest import REST_NOISE_V, REST_TOLERANCE_V, drive_voltage
-from drivers.clock import Clock
+from drivers.clock import LATE_PER_SPEED_S, Clock
 from drivers.drive_shapes import Sine
 from drivers.errors import BenchError
 from drivers.interfaces import Block
@@ -28,9 +28,9 @@ FREQUENCY_HZ, CYCLES = 130.0, 3
 LEAD_S, OBSERVED_S = 0.05, 0.3
 """Time before a burst for the idle level, and after it for an end that does not come and for a late begin."""
 
-LATEST_START_S, LATE_PER_SPEED_S = 0.04, 0.025
+LATEST_START_S = 0.04
 """Latest begin of a burst after the driver had the reply to its trigger: a busy computer delays the reply and the time of the first
-scan, on a clock faster than real time in proportion to its speed."""
+scan."""
 
 MAX_FIT_RATE_HZ = 10_000.0
 """Rate to which a faster recording is averaged for the fit."""
@@ -55,6 +55,7 @@ class PlayedBurst:
         gain: fitted amplitude relative to the commanded one; negative if it is inverted.
         offset_v: level during the burst from the level before it.
         form: remainder of the fit, rms, relative to the amplitude.
+        before_v: rms deviation from rest in the duration of half a cycle before its begin.
         moved_v: largest standard deviation of the recording within the duration of a burst.
         after_v: level and rms noise after the burst, whichever is farther from the level before it.
     """
@@ -63,6 +64,7 @@ class PlayedBurst:
     gain: float
     offset_v: float
     form: float
+    before_v: float
     moved_v: float
     after_v: float
 
@@ -79,6 +81,8 @@ class PlayedBurst:
                 "has another form. Look at the generator's waveform (byte order, interpolation, advance), modulation, sweep, added "
                 "channel and filter settings"
             )
+        if self.before_v > OFFSET_LIMIT_V >= abs(self.after_v):
+            return "begins with a pulse, or follows another one. Look at the generator's trigger source and burst mode, and at its output relay"
         if self.gain < 0:
             return "is inverted. Look at the generator's polarity setting, and at the cable"
         if abs(self.gain - 1) > AMPLITUDE_LIMIT:
@@ -119,7 +123,12 @@ class SelfTest:
         sine = Sine(min(FREQUENCY_HZ, self.stream.rate_hz / 8), AMPLITUDE_V, rest_v, CYCLES)
         if self.amplifier.reason_unsupported(sine):
             return
-        if why := self._burst_deviation(sine):
+        why = self._burst_deviation(sine)
+        if why and self.amplifier.use_other_byte_order():
+            if not self._burst_deviation(sine):
+                return
+            self.amplifier.use_other_byte_order()  # it is not the order
+        if why:
             raise BenchError(
                 f"not armed: {self.amplifier.identity}, tested with {1e3 * AMPLITUDE_V:.0f} mV before high voltage, {why}"
             )
@@ -173,12 +182,14 @@ def _fit(volts: Volts, rate_hz: float, sine: Sine, replied_s: float) -> PlayedBu
     (offset_v, *parts), *_ = np.linalg.lstsq(columns, played, rcond=None)
     remainder = played - columns @ np.array([offset_v, *parts])
     after = volts[first + size + 1 :]
+    before = volts[max(first - size // (2 * CYCLES) - 1, 0) : max(first - 1, 1)]
     follows_v = max((float(after.mean()), float(after.std())), key=abs) if after.size > 1 else 0.0
     return PlayedBurst(
         delay_s=first / rate_hz - replied_s,
         gain=float(np.copysign(np.hypot(*parts), parts[0])) / sine.amplitude_v,
         offset_v=float(offset_v),
         form=float(remainder.std()) / sine.amplitude_v,
+        before_v=float(np.sqrt(np.mean(before**2))),
         moved_v=float(spreads.max()),
         after_v=follows_v,
     )

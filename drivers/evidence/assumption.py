@@ -28,6 +28,30 @@ class OutputCheck(StrEnum):
     INTERLOCK = "high voltage without the heartbeat"
 
 
+class ArmingCheck(StrEnum):
+    """Check of an assumption at every arming, before high voltage."""
+
+    CARD = "card"
+    """The card measures rest, and both bursts of the self-test, within its limits."""
+    REPLY = "reply"
+    """The instrument replies with the value, or rejects the command, and the source is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quote:
+    """A line of a public document.
+
+    Args:
+        document: title and revision; for a public repository its commit.
+        place: page, or path and line.
+        text: the line, as it stands there.
+    """
+
+    document: str
+    place: str
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class Assumption:
     """One property of an instrument that a driver relies on.
@@ -37,9 +61,12 @@ class Assumption:
         models: affected models.
         quantity: property of the instrument.
         value: assumed value.
-        evidence: guide and page, public driver with commit, or a measurement; empty if it is unproven.
+        evidence: guide and page, public driver with commit, or a measurement, that is not quoted; a restriction of the quotes.
         checks: measurements of it at the output; empty if the output does not show it.
         pattern: regular expression for the models, if `models` is a description.
+        quotes: lines that state it.
+        claims: words that the quotes must contain; empty: the headers and numbers of `value`.
+        at_arming: check at every arming; None if there is none.
     """
 
     driver: str
@@ -49,6 +76,14 @@ class Assumption:
     evidence: str = ""
     checks: tuple[OutputCheck, ...] = ()
     pattern: str = ""
+    quotes: tuple[Quote, ...] = ()
+    claims: tuple[str, ...] = ()
+    at_arming: ArmingCheck | None = None
+
+    @property
+    def is_unproven(self) -> bool:
+        """Whether neither a quoted line states it for all its models nor every arming checks it."""
+        return self.at_arming is None and (not self.quotes or "unproven" in self.evidence)
 
     def is_about(self, model: str) -> bool:
         """Whether it applies to a model: `DG1000Z` includes DG1032Z."""

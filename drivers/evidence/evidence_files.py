@@ -1,13 +1,13 @@
 """Evidence tables: assumptions of all drivers of sources and cards, and the families of function generators.
 
-A table `drivers.<name>` has its `models` and its `assumptions`: quantity, value, evidence and checks of `Assumption`, and the
-models if they differ. In a family of function generators it also has the `makers`, the maker in the reply to `*IDN?` by the begin
+A table `drivers.<name>` has its `models` and its `assumptions`: the fields of `Assumption`, with the models if they differ. A quote
+is a list of a key of `sources`, a place and a line. In a family of function generators it also has the `makers`, the maker in the reply to `*IDN?` by the begin
 of the model's name, and, for a held range of the attenuator, `idle_mv`, the largest deviation of the idle level in mV. The
 assumptions of all such drivers are in `every_generator.toml`: a family's row of the same quantity replaces them, and
 `not_assumed` lists quantities to leave out. `{name}` is replaced by a text under `sources`, or by `idle_mv`.
 
-The table of docs/generators.md is generated from these files. An assumption without evidence is unproven: `tactor-bench
-commission` measures the ones visible at the output, before high voltage is on.
+The table of docs/generators.md is generated from these files. An assumption that is neither quoted nor checked at every arming is
+unproven: `tactor-bench commission` measures the ones visible at the output, before high voltage is on.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _rows(tables: Mapping[str, Any]) -> Iterator[Assumption]:
 
 def _assumption(driver: str, table: Mapping[str, Any], row: Mapping[str, Any], tables: Mapping[str, Any]) -> Assumption:
     """Return a row of a driver's table as an assumption, with sources and numbers inserted."""
-    from drivers.evidence.assumption import Assumption, OutputCheck  # opening a bench needs none
+    from drivers.evidence.assumption import ArmingCheck, Assumption, OutputCheck, Quote  # opening a bench needs none
 
     names = tables.get("sources", {}) | {"idle_mv": table.get("idle_mv", "")}
     return Assumption(
@@ -122,4 +122,7 @@ def _assumption(driver: str, table: Mapping[str, Any], row: Mapping[str, Any], t
         row.get("evidence", "").format(**names),
         tuple(OutputCheck(check) for check in row.get("checks", ())),
         row.get("pattern", ""),
+        tuple(Quote(names[source], place, text) for source, place, text in row.get("quotes", ())),
+        tuple(row.get("claims", ())),
+        ArmingCheck(row["at_arming"]) if "at_arming" in row else None,
     )

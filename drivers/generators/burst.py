@@ -14,6 +14,7 @@ The commands of a family, and what its instruments can do, are a `Dialect`.
 """
 
 import math
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from typing import ClassVar
@@ -28,7 +29,7 @@ from drivers.generators.dialect import LEVEL_TOLERANCE_V, Dialect, Levels, misma
 from drivers.generators.output import HASTENED_END_S, BurstOutput
 from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
-from drivers.transport import Link, ScpiSession
+from drivers.transport import Link, ScpiSession, reply_remedy
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 """Slope of the ramp to rest of an earlier program's level, before the instrument is configured."""
@@ -59,9 +60,6 @@ class BurstGenerator:
 
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
         self.capabilities = self.dialect_type.capabilities
-        if self.capabilities.usb_problem and link.name.upper().startswith("USB"):
-            link.close()
-            raise InstrumentError(f"{link.name}: {self.capabilities.usb_problem}")
         self._scpi = ScpiSession(link, f"function generator at {link.name}", clock.now)
         self._clock, self._step_v = clock, step_v
         self.identity: Identity = self._scpi.identify()
@@ -73,10 +71,14 @@ class BurstGenerator:
             raise InstrumentError(
                 f"{link.name} answered as '{self.identity}'; this driver is for {self.capabilities.product_names}. {remedy[0].upper()}{remedy[1:]}"
             )
+        if link.name.upper().startswith("USB") and (problem := self.capabilities.usb_problem_of(self.identity.model)):
+            link.close()
+            raise InstrumentError(f"{link.name}: {problem}")
         self._scpi.instrument = f"function generator {self.identity.model}"
         self.dialect = self.dialect_type(self._scpi, clock, self.identity.model)
         self.playable = PlayableDrives(self.capabilities, self._scpi.instrument, self.dialect.max_points, step_v, clock)
         self._output = BurstOutput(self._scpi, clock, self.dialect, step_v, step_interval_s)
+        self.use_other_byte_order = self._output.use_other_byte_order
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         self._output.on_failure = lambda error: self.on_failure(error)  # noqa: PLW0108 - it is replaced later
         self.plays_to_the_end = not self.capabilities.holds_range
@@ -247,7 +249,9 @@ def first_mismatch(dialect: Dialect, levels: Levels) -> str:
     """Describe the first setting that differs from the armed state at rest; empty if none does."""
     settings = dialect.expected_settings(levels)
     for setting, answer in mismatches(settings, dialect.query_setting, dialect.query_optional_setting):
-        return f"{setting.name} is {answer[:40]}, not {setting.expected}"
+        odd = not setting.keywords and not re.fullmatch(r"[-+.\dE]+", answer, re.IGNORECASE)
+        why = f"; {reply_remedy('the connection', f'{setting.name}?', answer)}" if odd else ""
+        return f"{setting.name} is {answer[:40]}, not {setting.expected}{why}"
     return ""
 
 

@@ -37,6 +37,7 @@ class Capabilities:
         idle_amplitude_vpp: amplitude between drives with a held range: negligible, and possible.
         panel_lock: commands that lock and unlock the front panel; empty without such a command.
         usb_problem: reason why it cannot be used over USB, with the remedy; empty if it can.
+        models_without_usb_problem: regular expression for models that can be used over USB nevertheless; empty: none.
     """
 
     models: str
@@ -51,6 +52,12 @@ class Capabilities:
     idle_amplitude_vpp: float = 0.02
     panel_lock: tuple[str, str] = ("", "")
     usb_problem: str = ""
+    models_without_usb_problem: str = ""
+
+    def usb_problem_of(self, model: str) -> str:
+        """Return the reason why a model cannot be used over USB, with the remedy; empty if it can."""
+        fit = self.models_without_usb_problem
+        return "" if fit and re.match(fit, model, re.IGNORECASE) else self.usb_problem
 
     def supports_model(self, model: str) -> bool:
         """Return whether a model belongs to the family, by the name that `*IDN?` reports."""

@@ -187,6 +187,10 @@ class Dialect(Protocol):
     def forget_waveforms(self) -> None:
         """Forget the waveforms in the instrument: another program may have replaced them."""
 
+    def use_other_byte_order(self) -> bool:
+        """Upload waveforms in the other byte order from now on; return False if the order of this model is certain."""
+        ...
+
     def idle_level_v(self) -> float:
         """Query the offset."""
         ...

@@ -41,6 +41,9 @@ NORMAL_POLARITY = NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"))
 NORMAL_GATE = NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
 NO_DELAY = NeutralSetting("TRIG:DEL", "0", optional=True)
 NORMAL_ADVANCE = NeutralSetting("FUNC:ARB:ADV", "SRAT", ("SRAT", "SRATE"), optional=True)
+CONTINUOUS_TRIGGER = NeutralSetting("INIT1:CONT", "ON", ("1", "ON"))
+RATE_COUPLING = NeutralSetting("SOUR1:RATE:COUP", "OFF", ("0", "OFF"))
+"""Settings of a 33500B and 33600A: a trigger after the first one is ignored, and the sample rate follows the other channel."""
 TWO_CHANNEL_SETTINGS = (
     NeutralSetting("SOUR1:COMB:FEED", "NONE", ("NONE",)),
     NeutralSetting("SOUR1:VOLT:COUP", "OFF", ("0", "OFF")),
@@ -73,9 +76,17 @@ class TrueformDialect(ScpiDialect):
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:
         has_two_channels = re.search(r"33\d\d2", self.model)
+        is_33500 = self.model.startswith("33")
         # A query of an unknown header takes the time-out: it is not asked as optional where the header is known to exist.
-        of_waveform = [replace(each, optional=not self.model.startswith("33")) for each in (NO_DELAY, NORMAL_ADVANCE)]
-        return (NORMAL_POLARITY, NORMAL_GATE, *of_waveform, *(TWO_CHANNEL_SETTINGS if has_two_channels else ()))
+        of_waveform = [replace(each, optional=not is_33500) for each in (NO_DELAY, NORMAL_ADVANCE)]
+        return (
+            NORMAL_POLARITY,
+            NORMAL_GATE,
+            *of_waveform,
+            *((CONTINUOUS_TRIGGER,) if is_33500 else ()),
+            *(TWO_CHANNEL_SETTINGS if has_two_channels else ()),
+            *((RATE_COUPLING,) if is_33500 and has_two_channels else ()),
+        )
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         low_v, high_v = self._limits_v(levels)

@@ -57,6 +57,13 @@ class BurstOutput:
         self._step_v, self._step_interval_s = step_v, step_interval_s
         self.on_failure: Callable[[BaseException], None] = lambda _: None
 
+    def use_other_byte_order(self) -> bool:
+        """Upload waveforms in the other byte order from now on; return False if the order of this model is certain."""
+        if not self._dialect.use_other_byte_order():
+            return False
+        self.stored_waveform = None
+        return True
+
     def load_waveform(self, points: Points) -> None:
         """Download a waveform unless it is the stored one."""
         digest = hashlib.sha256(points.tobytes()).hexdigest()

@@ -1,7 +1,7 @@
 """Rigol DG1000Z, DG800, DG900, DG2000 and DG4000 function generators.
 
-Peculiarities: a packet of a waveform carries 16 384 bytes, half of the value in the guide, and 8 points at least; nothing follows
-a packet in its message; the trigger source is set anew before each burst. VOLT:OFFS? replies 0 for any DC level; only the query
+Peculiarities: a packet of a waveform carries 16 384 bytes on a DG1000Z, half of the value in the guide, and 8 points at least;
+other models, whose guides give 16 384 points, get two such packets, which suit both; nothing follows a packet in its message; the trigger source is set anew before each burst. VOLT:OFFS? replies 0 for any DC level; only the query
 APPL? reports it (the command APPL would switch the output on; the query does not); switches are replied as ON and OFF; a download
 to a DG1000Z selects the waveform function by itself, and one of more than 8192 points the sample-rate mode, so that mode is set
 from the start.
@@ -32,7 +32,8 @@ from drivers.generators.waveform import Points
 from drivers.transport import definite_length_block
 
 FULL_SCALE = 16383
-PACKET_POINTS, DG4000_POINTS = 8192, 16_384
+PACKET_POINTS, MEMORY_POINTS = 8192, 16_384
+"""Points of a packet, and of every waveform of a DG800, DG900, DG2000 or DG4000."""
 
 PANEL_LOCK = ":SYST:KLOC ON", ":SYST:KLOC OFF"
 NORMAL_POLARITY = NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
@@ -59,6 +60,21 @@ class RigolDialect(ScpiDialect):
     OUTPUT_HEADER = ":OUTP1"
     LOAD_HEADER = ":OUTP1:LOAD"
     TRIGGER_COMMAND = ":SOUR1:BURS:TRIG"
+
+    _packets_ended = False
+    """Whether the last packet that the instrument received was the last one of a waveform; False if unknown."""
+
+    def download_waveform(self, points: Points) -> None:
+        # Pieces of equal size: none is too small.
+        packets = np.array_split(points, math.ceil(points.size / PACKET_POINTS))
+        # Packets of a download that failed, or of a program that was killed, would be played before this waveform: sent twice, it
+        # ends them first. A shorter end would select a waveform also where this one is lost.
+        times, self._packets_ended = 1 if self._packets_ended else 2, False
+        for number, packet in enumerate(packets * times, 1):
+            flag = "CON" if number % len(packets) else "END"
+            block = definite_length_block(converter_codes(packet))
+            self.scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
+        self._packets_ended = True
 
     def idle_level_v(self) -> float:
         answer = self.scpi.query(":SOUR1:APPL?")
@@ -91,8 +107,6 @@ class Dg1000zDialect(RigolDialect):
     RATE_IS_SAMPLE_RATE = True
     neutral_settings = (NORMAL_POLARITY, NORMAL_GATE, *OTHER_CHANNEL_OFF)
     max_points = 1_000_000
-    _packets_ended = False
-    """Whether the last packet that the instrument received was the last one of a waveform; False if unknown."""
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield self.expected_load
@@ -120,18 +134,6 @@ class Dg1000zDialect(RigolDialect):
             ":SOUR1:BURS:TDEL 0", ":SOUR1:BURS:TRIG:SOUR MAN", ":SOUR1:BURS:IDLE FPT", ":SOUR1:BURS:STAT ON"
         )
         self.freeze_range(levels)
-
-    def download_waveform(self, points: Points) -> None:
-        # Pieces of equal size: none is too small.
-        packets = np.array_split(points, math.ceil(points.size / PACKET_POINTS))
-        # Packets of a download that failed, or of a program that was killed, would be played before this waveform: sent twice, it
-        # ends them first. A shorter end would select a waveform also where this one is lost.
-        times, self._packets_ended = 1 if self._packets_ended else 2, False
-        for number, packet in enumerate(packets * times, 1):
-            flag = "CON" if number % len(packets) else "END"
-            block = definite_length_block(converter_codes(packet))
-            self.scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
-        self._packets_ended = True
 
 
 NEUTRAL_DG4000 = (
@@ -163,7 +165,7 @@ class Dg800Dialect(RigolDialect):
     @property
     def max_points(self) -> int:
         """Number of points of every waveform; the instrument stretches fewer points."""
-        return DG4000_POINTS if self._is_dg4000 else PACKET_POINTS
+        return MEMORY_POINTS
 
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:
@@ -212,16 +214,17 @@ class Dg800Dialect(RigolDialect):
             )
 
     def download_waveform(self, points: Points) -> None:
-        block = definite_length_block(converter_codes(stretched(points, self.max_points)))
-        upload = ":TRAC:DATA:DAC VOLATILE," if self._is_dg4000 else ":SOUR1:TRAC:DATA:DAC16 VOLATILE,END,"
-        self.scpi.write_block_checked(upload + block)
-        if self._is_dg4000:
-            own, other = (self.query_setting(f":SOUR{channel}:FUNC").upper() for channel in (1, 2))
-            if own not in ("USER", "ARB") or other in ("USER", "ARB"):
-                raise InstrumentError(
-                    f"{self.scpi.instrument} took a waveform into channel 2, because that is selected on its front panel; it was "
-                    "not played. Press CH1 on the instrument, and arm again"
-                )
+        full = stretched(points, self.max_points)
+        if not self._is_dg4000:
+            super().download_waveform(full)
+            return
+        self.scpi.write_block_checked(f":TRAC:DATA:DAC VOLATILE,{definite_length_block(converter_codes(full))}")
+        own, other = (self.query_setting(f":SOUR{channel}:FUNC").upper() for channel in (1, 2))
+        if own not in ("USER", "ARB") or other in ("USER", "ARB"):
+            raise InstrumentError(
+                f"{self.scpi.instrument} took a waveform into channel 2, because that is selected on its front panel; it was "
+                "not played. Press CH1 on the instrument, and arm again"
+            )
 
 
 def stretched(points: Points, size: int) -> Points:

@@ -9,8 +9,12 @@ arrival, the instrument then does not reply for seconds, and a selection may hav
 they are played, are kept in the instrument and selected again, and stay below 64 kB: several larger ones hang the instrument's
 remote and panel with its output running. Over USB uploads are lost without an error. One connection is served.
 
+An SDG6000X differs: its waveforms are big-endian, follow the header of a block with their size, and arrive over USB. An application
+note of Siglent's names it among the little-endian models: the self-test at arming tries the other order, too.
+
 Sources: SDG Series Programming Guide PG02-E05B; benchctrl at 0c6e51e (SDG1032X, firmware 1.01.01.33R1B6);
-dmm6500-serial-decode at 0465be2 (SDG2122X, firmware 2.01.01.38R4 and 39R7).
+dmm6500-serial-decode at 0465be2 (SDG2122X, firmware 2.01.01.38R4 and 39R7); nacs-lab/pyctrl at 3ea197b (SDG6022X, firmware
+6.01.01.37R6 and 38R3).
 """
 
 import hashlib
@@ -38,7 +42,7 @@ from drivers.generators.dialect import (
     expect_value,
 )
 from drivers.generators.waveform import Points
-from drivers.transport import ScpiSession
+from drivers.transport import ScpiSession, definite_length_block
 
 T = TypeVar("T")
 
@@ -60,6 +64,9 @@ REPLY_DIGITS = 1e-5
 NOTHING = "nothing"
 """Placeholder for a parameter missing in a reply."""
 
+DECIMAL_COMMA = re.compile(r",-?\d+,\d+(?:E[+-]?\d+)?(?:HZ|S|V)\b", re.IGNORECASE)
+"""A number with a decimal comma in a list of parameters, `OFST,2,5V`."""
+
 COUPLED = "any"
 """Placeholder for any switch of a reply."""
 
@@ -76,11 +83,19 @@ class SiglentSession:
         query = f"{'' if command == 'COUP' else 'C1:'}{command}?"
         answer = self.scpi.query(query)
         header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
+        if header is None or header[1] != command:  # another user may have chosen long headers, or none
+            self.scpi.link.write("CHDR SHORT")
+            answer = self.scpi.query(query)
+            header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
         if header is None or header[1] != command:
             self.scpi.link.clear()
             raise LinkError(
                 f"{self.scpi.instrument}: '{query}' was answered by '{answer[:60]}', which is not a list of parameters; "
-                f"check the cable at {self.scpi.link.name}"
+                f"check the cable at {self.scpi.link.name}, and that its response headers are short (CHDR SHORT)"
+            )
+        if DECIMAL_COMMA.search(answer):
+            raise LinkError(
+                f"{self.scpi.instrument}: '{query}' was answered with decimal commas ('{answer[:60]}'); set its number format to a decimal point"
             )
         fields = [field.strip() for field in answer[header.end() :].split(",")]
         if command in ("OUTP", "INVT", "CMBN") and fields[0] != "STATE":
@@ -151,7 +166,20 @@ class WaveformStore:
     def __init__(self, session: SiglentSession, clock: Clock, model: str) -> None:
         self._session, self._clock, self._model = session, clock, model
         self._kept: dict[str, str] = {}  # digests of the waveforms in the instrument by name, the last used one last
+        self._byte_order = ">" if model.startswith("SDG6") else "<"
         self._selects_by_name = True  # an SDG6022X with firmware 6.01.01.37R6 ignores it, one with 38R3 does not
+
+    def use_other_byte_order(self) -> bool:
+        """Use the other byte order from now on; return False if that of the model is certain."""
+        if self._is_certain:
+            return False
+        self._byte_order = {">": "<", "<": ">"}[self._byte_order]
+        self.forget()
+        return True
+
+    @property
+    def _is_certain(self) -> bool:
+        return not self._model.startswith("SDG6")
 
     def forget(self) -> None:
         """Forget the waveforms: another program may have overwritten them."""
@@ -159,7 +187,8 @@ class WaveformStore:
 
     def play(self, points: Points) -> None:
         """Select the waveform of these points, upload it if it is not stored, and check that the levels have not changed."""
-        data = without_line_feeds(np.rint(points * FULL_SCALE).astype("<i2")).tobytes()
+        codes = without_line_feeds(np.rint(points * FULL_SCALE).astype(np.int16))
+        data = codes.astype(f"{self._byte_order}i2").tobytes()
         levels = [self._session.number(f"BSWV {name}") for name in ("FRQ", "AMP", "OFST")]
         # Selecting a waveform may restore the levels stored with it: only a waveform with the present levels is reused.
         digest = hashlib.sha256(data + repr(levels[1:]).encode()).hexdigest()
@@ -186,11 +215,15 @@ class WaveformStore:
         """Store a waveform and read it back; it is selected on arrival."""
         hertz, vpp, offset = levels
         # A header with levels works on an SDG1032X, one without on an SDG2122X, but neither on the other model.
-        # A public driver sends levels also to an SDG6022X.
-        bare = self._model.startswith("SDG2")
-        brought = "" if bare else f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0,"
+        brought = f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0,"
+        block = data.decode("latin-1")
+        if self._model.startswith("SDG2"):
+            brought = ""
+        elif self._model.startswith("SDG6"):
+            brought = f"WVTP,USER,AMPL,{vpp:.6g},OFST,{offset:.6g},FREQ,{hertz:.10g},"
+            block = definite_length_block(data)
         scpi = self._session.scpi
-        scpi.link.write(f"C1:WVDT WVNM,{name},{brought}WAVEDATA,{data.decode('latin-1')}")
+        scpi.link.write(f"C1:WVDT WVNM,{name},{brought}WAVEDATA,{block}")
         self._clock.sleep(UPLOAD_SETTLE_S + len(data) / UPLOAD_BYTES_PER_S)
         stored = self._repeat_until_answered(lambda: scpi.query_block(f"WVDT? USER,{name}", b"WAVEDATA,", _block_size))
         if stored != data:
@@ -242,6 +275,7 @@ class SiglentDialect:
         joins_commands=False,
         usb_problem="a Siglent generator loses uploaded waveforms on USB without an error. Connect its LAN port and "
         "give its address as the resource, TCPIP::...::5025::SOCKET",
+        models_without_usb_problem="SDG6",
     )
 
     def __init__(self, scpi: ScpiSession, clock: Clock, model: str) -> None:
@@ -264,6 +298,9 @@ class SiglentDialect:
 
     def forget_waveforms(self) -> None:
         self._waveforms.forget()
+
+    def use_other_byte_order(self) -> bool:
+        return self._waveforms.use_other_byte_order()
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield from (
@@ -385,7 +422,7 @@ def without_line_feeds(codes: NDArray[np.int16]) -> NDArray[np.int16]:
         moved[in_high_byte] < (LINE_FEED << 8) + 128, (LINE_FEED << 8) - 1, (LINE_FEED + 1) << 8
     )
     moved[(moved & 0xFF) == LINE_FEED] += 1
-    return moved.astype("<i2")
+    return moved.astype(np.int16)
 
 
 def _block_size(header: str) -> int:

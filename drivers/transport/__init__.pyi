@@ -1,4 +1,6 @@
+from .errors import reply_remedy as reply_remedy
 from .lock import lock_as_watchdog as lock_as_watchdog
+from .message_record import MessageRecord as MessageRecord
 from .observed_link import ObservedLink as ObservedLink
 from .safe_ramp_down import RampDown as RampDown
 from .scpi import Link as Link

@@ -1,6 +1,7 @@
 """Link errors: translates exceptions of the transport libraries, and passed deadlines, into `LinkError` with a remedy."""
 
 import contextlib
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
@@ -44,6 +45,29 @@ def within_deadline(
         return call
 
     return decorate
+
+
+def reply_remedy(connection: str, query: str, answer: str) -> str:
+    """Return what to do about a reply to a query that cannot be read, by its likely cause."""
+    text = answer.strip()
+    if "::5024::" in connection or "welcome" in text.lower() or text.endswith(">"):
+        return f"{connection} is a port for typing (Telnet); use the port for programs, 5025"
+    if text == query.strip():
+        return f"{connection} repeats what it is sent; switch its echo off"
+    if re.fullmatch(r"[+-]?\d+,\d+(E[+-]?\d+)?[A-Za-z%]*", text):
+        return "it writes numbers with a decimal comma; set its number format to a decimal point"
+    if re.match(r":?[A-Z]+(:[A-Z]+)* [^ ]", text):
+        return "it repeats the header in its replies; switch response headers off"
+    return f"check the cable at {connection}"
+
+
+def silence_remedy(connection: str) -> str:
+    """Return what to do about an instrument that does not answer, by its address."""
+    if "::5024::" in connection:
+        return "use the port for programs, 5025: port 5024 is for typing (Telnet)"
+    if "::5555::" in connection:
+        return "check the instrument's power and cable; a Rigol may not answer on LAN while its USB port is connected: unplug it"
+    return "check the instrument's power and cable"
 
 
 @contextlib.contextmanager

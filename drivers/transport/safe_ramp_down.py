@@ -105,10 +105,10 @@ class RampDown:
         if not self.blind:
             try:
                 self.flush()
-                begin_s = self._now()
+                begin_s, steps = self._now(), self._unconfirmed + 1
                 send_confirmed()
                 self._unconfirmed = 0
-                if self._slow_reply_s:
+                if self._slow_reply_s and steps > 1:  # one step takes one reply time on every slow connection
                     wire_limited = self._now() - begin_s <= WIRE_LIMITED * self._slow_reply_s
                     self._batch = PIPELINED_STEPS if wire_limited else 1
             except InstrumentError as error:

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
+from drivers.transport.errors import reply_remedy
 
 SCPI_INFINITY = 9.9e37
 """Infinity in SCPI; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
@@ -127,7 +128,7 @@ class ScpiSession:
             self.link.clear()
             raise LinkError(
                 f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is not a number; "
-                f"check the cable at {self.link.name}"
+                f"{reply_remedy(self.link.name, query, answer)}"
             ) from None
         if not abs(value) < SCPI_INFINITY:
             raise LinkError(f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is not a value")
@@ -187,7 +188,7 @@ class ScpiSession:
             self.link.clear()
             raise LinkError(
                 f"{self.instrument}: '{shown}' was answered by '{answer[:60]}', which is not an error report; "
-                f"check the cable at {self.link.name}"
+                f"{reply_remedy(self.link.name, command, answer)}"
             ) from None
         if refused:
             text = text.strip().strip('"')
@@ -198,7 +199,8 @@ class ScpiSession:
         parts = [part.strip() for part in self.query("*IDN?").split(",")]
         if len(parts) < 2:
             raise LinkError(
-                f"{self.instrument}: '*IDN?' was answered by '{','.join(parts)[:60]}'; is this the instrument?"
+                f"{self.instrument}: '*IDN?' was answered by '{','.join(parts)[:60]}'; is this the instrument? "
+                f"If it is, {reply_remedy(self.link.name, '*IDN?', ','.join(parts))}"
             )
         return Identity(*[*parts, "", ""][:4])
 

@@ -22,7 +22,7 @@ from pyvisa.errors import VisaIOError
 
 from drivers.deadlines import CallThread, Deadline
 from drivers.errors import LinkError
-from drivers.transport.errors import translate_errors, within_deadline
+from drivers.transport.errors import silence_remedy, translate_errors, within_deadline
 
 VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
 """Exceptions of pyvisa and pyvisa-py when a connection fails; the last three come from its HiSLIP."""
@@ -51,6 +51,8 @@ class VisaLink:
         self.name = resource
         self._baud = baud
         self._remedy = "check the cable and the address"
+        if "::5024::" in resource or "::5555::" in resource:
+            self._remedy += f"; {silence_remedy(resource)}"
         if resource.upper().startswith("USB") and backend == "@py" and sys.platform == "win32":
             self._remedy += f'; if a vendor\'s driver holds it, only {VENDOR_VISA} can open it: set backend = "@ivi" in the bench file'
         self.timeout_s = timeout_s
@@ -80,7 +82,7 @@ class VisaLink:
 
     @property
     def _silence_message(self) -> str:
-        return f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
+        return f"{self.name} was silent for {self.timeout_s:g} s; {silence_remedy(self.name)}"
 
     @within_deadline(bytes_s=lambda link, message: link.bytes_s(message))
     def write(self, message: str) -> None:

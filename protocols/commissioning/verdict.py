@@ -27,6 +27,13 @@ class OutputVerdict(StrEnum):
 
 SEVERITY = tuple(OutputVerdict)
 
+_OF_A_DRIVE = {OutputCheck.SCALE, OutputCheck.UNEVEN, OutputCheck.LONG_LEVEL, OutputCheck.STOP, OutputCheck.SKEW}
+FOLLOWERS = {
+    OutputCheck.START: _OF_A_DRIVE | {OutputCheck.SHAPE, OutputCheck.POLARITY, OutputCheck.START_ROUTE},
+    OutputCheck.SHAPE: _OF_A_DRIVE,
+}
+"""Checks that fail with another one: of drives that do not start, and of drives in another form."""
+
 
 @dataclass(frozen=True, slots=True)
 class CheckedOutput:
@@ -114,8 +121,17 @@ class CheckedAssumption:
 def checked_assumptions(
     assumptions: Iterable[Assumption], checks: Sequence[CheckedOutput]
 ) -> tuple[CheckedAssumption, ...]:
-    """Return the verdict on each assumption: the worst of the checks that measure it."""
+    """Return the verdict on each assumption: the worst of the checks that measure it.
+
+    A check that fails because another one does is not measured.
+    """
     verdicts = {check.check: check.verdict for check in checks}
+    failed = {
+        check for check, verdict in verdicts.items() if verdict in (OutputVerdict.DIFFERS, OutputVerdict.DANGEROUS)
+    }
+    for cause, followers in FOLLOWERS.items():
+        if cause in failed:
+            verdicts |= dict.fromkeys(failed & followers, OutputVerdict.NOT_MEASURED)
     checked = []
     for each in assumptions:
         measured = [verdicts.get(check, OutputVerdict.NOT_MEASURED) for check in each.checks]

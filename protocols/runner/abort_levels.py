@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from drivers import (
     DISPLACEMENT_CHANNEL,
     DRIVE_CHANNEL,
+    LATE_PER_SPEED_S,
     BenchError,
     Block,
     Clock,
@@ -28,7 +29,7 @@ RATE_WINDOW_S = 2e-4
 REST_TOLERANCE_V = 0.05
 """Largest distance of the drive from rest in a block that gives the displacement at rest."""
 
-MIN_LATENCY_S, LATENCY_PER_SPEED_S = 0.05, 0.02
+MIN_LATENCY_S = 0.05
 """Time after a command in which older scans may still be in transfer; on a simulated bench at raised speed, times the speed."""
 
 CONFIRMED_LATENCIES = 5
@@ -94,7 +95,7 @@ class LevelMonitor:
             if channel.kind in MONITOR_LEVELS
         ]
         speed = float(getattr(clock, "speed", 1.0))
-        self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * speed)
+        self._latency_s = max(MIN_LATENCY_S, LATE_PER_SPEED_S * speed)
         self._confirmed_s = CONFIRMED_LATENCIES * self._latency_s if speed > 1 else 0.0
         self._starting_s = math.nan
         """Time of the command of the present drive at raised speed, whose replies may have been late; otherwise NaN."""
@@ -219,8 +220,7 @@ class LevelMonitor:
                 "drive",
                 ("drive", deviation.value_v, deviation.limit_v, "V"),
                 f"the card sees {deviation.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
-                f"{deviation.value_v:.3f} V, limit {deviation.limit_v:.3f} V); check the cable from the generator to the card "
-                "and to the amplifier, the generator's output, and that no other program or person controls the generator",
+                f"{deviation.value_v:.3f} V, limit {deviation.limit_v:.3f} V); {deviation.remedy}",
             )
 
     def _set_drive_lost(self, lost: bool, block: Block) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,25 @@ COARSE_SAMPLES_LOSS = 0.06
 """Largest share of a sweep's amplitude lost by sampling, at ten samples per cycle."""
 
 
+CABLE = (
+    "check the cable from the generator to the card and to the amplifier, the generator's output, and that no other program or "
+    "person controls the generator"
+)
+NOT_STARTED = (
+    "it did not start, and the cable is whole: look at the generator's trigger source and delay, burst, gate and sequencer settings, "
+    "and that no other program or person controls it"
+)
+CLIPPED = "it is clipped: look at the generator's output limits, protection and load (high impedance), and at the card's range"
+
+
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """A deviation from the commanded drive: recorded drive as text, largest deviation and its limit, in volts."""
+    """A deviation from the commanded drive: recorded drive as text, largest deviation and its limit, in volts, and a remedy."""
 
     seen: str
     value_v: float
     limit_v: float
+    remedy: str = CABLE
 
 
 @dataclass
@@ -91,7 +103,17 @@ class DriveReadback:
         if stop - split <= shortest:
             return None
         self.compared = True
-        return self._check_drive(start + split, raw[split:stop], to_volts)
+        found = self._check_drive(start + split, raw[split:stop], to_volts)
+        return None if found is None else replace(found, remedy=self._remedy(*_extremes(raw[split:stop], to_volts)))
+
+    def _remedy(self, low: float, high: float) -> str:
+        """Return a remedy by the extremes of a block that deviates from the drive."""
+        if max(high - self.rest_v, self.rest_v - low) < FLAT_V:
+            return NOT_STARTED
+        short_v = (low - self.drive.low_v, self.drive.high_v - high)
+        if high - low > FLAT_V and min(short_v) < self.level_limit_v < max(short_v) and max(short_v) < high - low:
+            return CLIPPED
+        return CABLE
 
     def _deviation(self, low: float, high: float, beyond_v: float) -> Deviation | None:
         return (

@@ -106,6 +106,11 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
         super().__init__(generator, now, unit)
         self._reset_waveforms()
+        self._triggers_again = True
+
+    def trigger(self) -> None:
+        if self._triggers_again:  # otherwise it is idle and waits for INITiate
+            super().trigger()
 
     def _reset_waveforms(self) -> None:
         self._waveforms: dict[str, Array] = {}
@@ -115,6 +120,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
 
     def reset(self) -> None:
         super().reset()
+        self._triggers_again = True
         self._reset_waveforms()
         self._output_waveform(BUILT_IN_WAVEFORM)
 
@@ -127,6 +133,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
             *self._other_channel_commands(),
             self._gate_command(),
             self._keyword_command("SYSTem:COMMunicate:RLSTate", "LOCal", "REMote", "RWLock"),
+            self._setting("INITiate[1]:CONTinuous", "_triggers_again", wires.parse_boolean, self.format_switch),
             wires.ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
             wires.ScpiCommand(SOURCE + "DATA:ARBitrary[1]", self._download),
             wires.ScpiCommand(SOURCE + "DATA:VOLatile:CLEar", self._clear),
@@ -150,6 +157,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
             self._choice(SOURCE + "COMBine:FEED", "added_v", {"NONE": 0.0, "CH1": 0.0, "CH2": OTHER_CHANNEL_V}),
             self._stored_switch(SOURCE + "VOLTage:COUPle[:STATe]"),
             self._stored_switch(SOURCE + "FREQuency:COUPle[:STATe]"),
+            self._stored_switch(SOURCE + "RATE:COUPle[:STATe]"),
             self._keyword_command(SOURCE + "TRACk", "OFF", "ON", "INVerted"),
             self._keyword_command("SOURce2:TRACk", "OFF", "ON", "INVerted"),
         ]

@@ -28,7 +28,7 @@ from sim_hardware.generators.traits import RETIME, UNKNOWN_HEADER, Trait, deviat
 FULL_SCALE = 16383
 PACKET_POINTS, MIN_PACKET_POINTS = 8192, 8
 FREQUENCY_MODE_POINTS = 8192
-DG4000_POINTS = 16_384
+MEMORY_POINTS = 16_384
 OTHER_CHANNEL_NOISE_V = 0.3
 """Volts that represent the noise that a DG4000 can add to its output."""
 OTHER_FUNCTION = "SOURce2:FUNCtion[:SHAPe]"
@@ -264,18 +264,21 @@ class SimulatedRigolDg800(SimulatedRigolDg):
     def _download(self, a: wires.Arguments) -> None:
         wires.check_argument_count(a, 3)
         wires.match_keyword(a[0], "VOLATILE")
-        if wires.match_keyword(a[1], "CON", "END") == "CON":
-            raise wires.ScpiError(-225)  # support of several is unknown
-        self._play(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS), PACKET_POINTS)
+        last = wires.match_keyword(a[1], "CON", "END") == "END"
+        # A packet is no larger than on a DG1000Z, whose guide has the same value as theirs (DG800 Programming Guide 2-136).
+        self._packets.append(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS))
+        if last:
+            points, self._packets = np.concatenate(self._packets), []
+            self._play(points, MEMORY_POINTS)
 
     def _download_to_panel_channel(self, a: wires.Arguments) -> None:
         wires.check_argument_count(a, 2)
         wires.match_keyword(a[0], "VOLATILE")
-        points = _decoded_points(a[1], 2, DG4000_POINTS)
+        points = _decoded_points(a[1], 2, MEMORY_POINTS)
         if self._keyword_settings.get(PANEL_CHANNEL) == "CH2":
             self._keyword_settings[OTHER_FUNCTION] = "USER"
             return
-        self._play(points, DG4000_POINTS)
+        self._play(points, MEMORY_POINTS)
 
     def _play(self, points: Array, size: int) -> None:
         self._points = points if points.size == size else stretch(points, size)

@@ -9,12 +9,14 @@ first byte 0x0A ends a waveform's message; a waveform written by WVDT is selecte
 without an index; a quoted name is ignored; numbers have six digits; queries are not answered while a waveform is being stored;
 one session is served; the third waveform above 64 kB hangs remote and panel while the output continues, and one of less than four
 bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X. An SDG6022X
-with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode (a public driver of it).
+with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode; both take big-endian points in a block
+with their size (nacs-lab/pyctrl at 3ea197b).
 """
 
 import math
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -28,6 +30,18 @@ from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires import Arguments, ScpiCommand, ScpiError
 
 FULL_SCALE = 32767
+LONG_HEADERS = {
+    "OUTP": "OUTPUT",
+    "BSWV": "BASIC_WAVE",
+    "BTWV": "BURSTWAVE",
+    "ARWV": "ARBWAVE",
+    "INVT": "INVERT",
+    "CMBN": "COMBINE",
+    "COUP": "COUPLING",
+    "SWWV": "SWEEPWAVE",
+    "MDWV": "MODULATEWAVE",
+    "SRATE": "SAMPLERATE",
+}
 MAX_BURST_CYCLES = 1e6
 MAX_FREQUENCY_HZ = 30e6
 BUILT_IN_NAME = "StairUp"
@@ -67,7 +81,37 @@ TRAITS = (
     ),
     RETIME,
 )
-DEVIATIONS = deviations()
+DEVIATIONS = (
+    *deviations(),
+    Trait(
+        "byte-order",
+        ("big", "little"),
+        "order of the bytes of a waveform: big-endian in a public driver of two SDG6022X (nacs-lab/pyctrl), little-endian in Siglent's application note",
+        models="SDG6",
+    ),
+)
+
+
+class ReplyHeaders:
+    """Form of the headers in replies: `CHDR SHORT`, `LONG` or `OFF`."""
+
+    def __init__(self) -> None:
+        self._form = "SHORT"
+
+    def around(self, commands: Sequence[ScpiCommand]) -> list[ScpiCommand]:
+        """Return the commands with replies in this form, and the command that chooses it."""
+        chosen = ScpiCommand("CHDR", self._choose, lambda _: f"CHDR {self._form}")
+        return [chosen, *(replace(each, query=each.query and partial(self._answer, each.query)) for each in commands)]
+
+    def _choose(self, a: Arguments) -> None:
+        self._form = a[0].upper()
+
+    def _answer(self, query: Callable[[Arguments], str], a: Arguments) -> str:
+        header, _, rest = query(a).partition(" ")
+        name = header.removeprefix("C1:")
+        if self._form == "OFF" and name in LONG_HEADERS:
+            return rest
+        return f"{header.replace(name, LONG_HEADERS.get(name, name)) if self._form == 'LONG' else header} {rest}"
 
 
 class SimulatedSiglentSdg:
@@ -79,6 +123,9 @@ class SimulatedSiglentSdg:
         self.identity, self.traits = unit.identity, unit.traits
         self._is_sdg1000 = unit.model.startswith("SDG1")
         self._is_sdg2000 = unit.model.startswith("SDG2")
+        self._is_sdg6000 = unit.model.startswith("SDG6")
+        little = not self._is_sdg6000 or self.traits.get("byte-order") == "little"
+        self._point_type = "<i2" if little else ">i2"
         self._random = random.Random(f"{unit.identity} {unit.seed}")
         self.hung = False
         self._large_downloads = 0
@@ -92,6 +139,7 @@ class SimulatedSiglentSdg:
         self._high_z = False
         self._inverted = {"PLRT": False, "INVT": False}
         self._switches: dict[str, bool] = {}
+        self._headers = ReplyHeaders()
         self._selected_name = BUILT_IN_NAME
         self._stored_waveforms: dict[str, tuple[Array, dict[str, str]]] = {}
 
@@ -112,26 +160,28 @@ class SimulatedSiglentSdg:
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        return [
-            ScpiCommand("C[1]:OUTP", self._set_output, lambda _: self._query_output()),
-            ScpiCommand(
-                "C[1]:BSWV", lambda a: self._set_basic_wave(_parse_pairs(a)), lambda _: self._query_basic_wave()
-            ),
-            ScpiCommand("C[1]:BTWV", self._set_burst, lambda _: self._query_burst()),
-            ScpiCommand("C[1]:WVDT", self._download),
-            ScpiCommand("WVDT", None, self._query_waveform),
-            ScpiCommand("C[1]:ARWV", self._select, lambda _: self._query_selection()),
-            ScpiCommand("C[1]:INVT", self._set_inversion, lambda _: f"C1:INVT {self._on(self._inverted['INVT'])}"),
-            ScpiCommand("C[1]:CMBN", self._set_combining, lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"),
-            ScpiCommand("COUP", self._set_coupling, lambda _: self._query_coupling()),
-            ScpiCommand("C[1]:SWWV", partial(self._set_mode, "SWWV"), partial(self._query_mode, "SWWV")),
-            ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
-            *(
-                []
-                if self._is_sdg1000 or self.traits.get("rate-mode") == "absent"
-                else [ScpiCommand("C[1]:SRATE", self._set_rate_mode, lambda _: self._query_rate())]
-            ),
-        ]
+        return self._headers.around(
+            [
+                ScpiCommand("C[1]:OUTP", self._set_output, lambda _: self._query_output()),
+                ScpiCommand(
+                    "C[1]:BSWV", lambda a: self._set_basic_wave(_parse_pairs(a)), lambda _: self._query_basic_wave()
+                ),
+                ScpiCommand("C[1]:BTWV", self._set_burst, lambda _: self._query_burst()),
+                ScpiCommand("C[1]:WVDT", self._download),
+                ScpiCommand("WVDT", None, self._query_waveform),
+                ScpiCommand("C[1]:ARWV", self._select, lambda _: self._query_selection()),
+                ScpiCommand("C[1]:INVT", self._set_inversion, lambda _: f"C1:INVT {self._on(self._inverted['INVT'])}"),
+                ScpiCommand("C[1]:CMBN", self._set_combining, lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"),
+                ScpiCommand("COUP", self._set_coupling, lambda _: self._query_coupling()),
+                ScpiCommand("C[1]:SWWV", partial(self._set_mode, "SWWV"), partial(self._query_mode, "SWWV")),
+                ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
+                *(
+                    []
+                    if self._is_sdg1000 or self.traits.get("rate-mode") == "absent"
+                    else [ScpiCommand("C[1]:SRATE", self._set_rate_mode, lambda _: self._query_rate())]
+                ),
+            ]
+        )
 
     @staticmethod
     def _on(on: bool) -> str:
@@ -276,12 +326,12 @@ class SimulatedSiglentSdg:
         if len(parameters) % 2 == 0 or parameters[-1] != "WAVEDATA":
             return
         requested = _parse_pairs(parameters[:-1])
-        raw = data.encode("latin-1")
-        if self._is_sdg2000 and len(requested) > 1:
+        raw = _without_block_header(data.encode("latin-1")) if self._is_sdg6000 else data.encode("latin-1")
+        if (self._is_sdg2000 and len(requested) > 1) or self._is_sdg6000 != (requested.get("WVTP") == "USER"):
             return  # silently not stored
         self._large_downloads += len(raw) > LARGE_BYTES
         self.hung = self.hung or self._large_downloads >= 3 or len(raw) < 4
-        points = np.frombuffer(raw[: len(raw) // 2 * 2], "<i2") / FULL_SCALE
+        points = np.frombuffer(raw[: len(raw) // 2 * 2], self._point_type) / FULL_SCALE
         self._stored_waveforms[requested["WVNM"]] = points, requested
         self._switch_to(requested["WVNM"])
         self._be_silent(len(raw))
@@ -313,7 +363,7 @@ class SimulatedSiglentSdg:
     def _query_waveform(self, a: Arguments) -> str:
         name = a[-1]
         raw = (
-            np.rint(self._stored_waveforms[name][0] * FULL_SCALE).astype("<i2").tobytes()
+            np.rint(self._stored_waveforms[name][0] * FULL_SCALE).astype(self._point_type).tobytes()
             if name in self._stored_waveforms
             else b""
         )
@@ -321,6 +371,12 @@ class SimulatedSiglentSdg:
 
 
 _STORED_PARAMETERS = (("FRQ", "FREQ"), ("AMP", "AMPL"), ("OFST", "OFST"))
+
+
+def _without_block_header(block: bytes) -> bytes:
+    """Return the bytes of a block, as many as its header announces; none without a header."""
+    digits = int(block[1:2]) if block[:1] == b"#" else 0
+    return block[2 + digits :][: int(block[2 : 2 + digits])] if digits else b""
 
 
 def _parse_pairs(arguments: Sequence[str]) -> dict[str, str]:

@@ -1,15 +1,17 @@
 """Families of function generators: driver, evidence and simulated instruments are found by one name, and agree with each other."""
 
+import re
 from importlib import import_module
 
 import pytest
 
 from app.config.driver_registry import SOURCES, load_driver
 from drivers import generator_families
+from drivers.evidence.assumption import Assumption
 from drivers.evidence.evidence_files import assumptions
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.keysight import FULL_SCALES
-from drivers.generators.rigol import DG4000_POINTS, PACKET_POINTS
+from drivers.generators.rigol import MEMORY_POINTS, PACKET_POINTS
 from drivers.generators.siglent import FULL_SCALE
 
 FAMILIES = generator_families()
@@ -47,8 +49,8 @@ def test_idle_deviations_are_half_of_the_idle_amplitudes() -> None:
     [
         ("keysight-33200", "converter", "33250A", FULL_SCALES["33250"]),
         ("rigol-dg", "points of a packet", "DG1000Z", PACKET_POINTS),
-        ("rigol-dg800", "points of a waveform", "DG800, DG900, DG2000", PACKET_POINTS),
-        ("rigol-dg800", "points of a waveform", "DG4000", DG4000_POINTS),
+        ("rigol-dg800", "points of a waveform", "DG800, DG900, DG2000", MEMORY_POINTS),
+        ("rigol-dg800", "points of a waveform", "DG4000", MEMORY_POINTS),
         ("siglent-sdg", "full-scale code", "SDG2000X", FULL_SCALE),
     ],
 )
@@ -66,3 +68,34 @@ def test_a_number_of_the_table_is_the_driver_s(driver: str, quantity: str, model
 def test_the_smallest_amplitude_of_the_table_is_the_driver_s(driver: str, quantity: str, models: str) -> None:
     vpp = driver_of(driver).dialect_type.capabilities.idle_amplitude_vpp
     assert value_of(driver, quantity, models).startswith(f"{vpp * 1e3:g} mVpp")
+
+
+REVISION = re.compile(r" at [0-9a-f]{7}\b|issue \d+|Guide")
+"""What a quoted document names: a commit, the number of a thread, or the title of a guide, whose page is the place."""
+
+
+def claims_of(row: Assumption) -> list[str]:
+    """Return regular expressions for the headers and numbers that the value of a row claims; a header may be in its long form."""
+    if row.claims:
+        return [re.escape(claim) for claim in row.claims]
+    words = [word for text in re.findall(r"`([^`]+)`", row.value) for word in re.split(r"[ ,]+", text) if word != "OFF"]
+    headers = [r"\w*[^;]*:".join(re.escape(node) for node in word.split(":")) for word in words]
+    numbers = re.findall(r"\b(?:0x\w+|\d{3,})\b", re.sub(r"(?<=\d) (?=\d{3})", "", re.sub(r"`[^`]*`", "", row.value)))
+    return headers + numbers
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in assumptions() if row.quotes], ids=lambda row: f"{row.driver}-{row.quantity}"
+)
+def test_the_quotes_of_an_assumption_contain_what_it_claims(row: Assumption) -> None:
+    text = "\n".join(quote.text for quote in row.quotes)
+    assert not [claim for claim in claims_of(row) if not re.search(claim, text, re.IGNORECASE)]
+    assert claims_of(row) or row.quantity == "polarity"
+    for quote in row.quotes:
+        assert REVISION.search(quote.document), quote
+        assert quote.place
+        assert 8 < len(quote.text) < 200
+
+
+def test_at_most_fifty_assumptions_are_unproven() -> None:
+    assert len([row for row in assumptions() if row.is_unproven]) <= 50

@@ -198,13 +198,16 @@ def test_a_dg4000_whose_channel_is_changed_between_two_drives_plays_neither_and_
     assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
-@pytest.mark.parametrize(("model", "points"), [("DG812", 8192), ("DG4162", 16_384)])
-def test_a_waveform_is_sent_with_as_many_points_as_the_instrument_would_stretch_it_to(model: str, points: int) -> None:
+@pytest.mark.parametrize(("model", "packets"), [("DG812", [8192] * 2), ("DG4162", [16_384])])
+def test_a_waveform_is_sent_with_as_many_points_as_the_instrument_would_stretch_it_to(
+    model: str, packets: list[int]
+) -> None:
     source, _, link = opened(model)
     source.initialize_at_rest(2.5, 0.0, 5.0)
     source.start_drive(Steps((2.5, 2.6, 2.5), 0.05, 0.05))
-    sizes = [int(m.partition(",#5")[2][:5]) for m in sent(link, "DATA:DAC")]
-    assert sizes == [2 * points] * 2
+    sizes = [int(m.partition(",#5")[2][:5]) // 2 for m in sent(link, "DATA:DAC")]
+    assert sum(packets) == 16_384
+    assert sizes == packets * (len(sizes) // len(packets))
 
 
 def test_a_siglent_clips_without_a_word_and_is_caught_reading_back() -> None:

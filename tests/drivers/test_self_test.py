@@ -48,7 +48,10 @@ DEVIATIONS = [
     ("33220A", "scale=fourfold", "load (high impedance)"),
     ("DG1032Z", "start=sometimes-lost", "did not start"),
     ("DG1032Z", "after=zero", "does not end at rest"),
+    ("33511B", "surge=at-start", "begins with a pulse"),
+    ("SDG1032X", "surge=at-start", "begins with a pulse"),
     ("SDG1032X", "output-polarity=inverted", "is inverted"),
+    ("SDG6022X", "scale=quarter", "load (high impedance)"),
     ("SDG1032X", "scale=fourfold", "load (high impedance)"),
     ("AFG3022C", "after=zero", "does not end at rest"),
     ("DG812", "output-polarity=inverted", "is inverted"),
@@ -62,6 +65,18 @@ def test_an_instrument_that_does_not_play_as_commanded_is_refused_before_high_vo
     with laboratory(simulated(generator={"model": model, "traits": trait})) as lab:
         assert words in refusal(lab, Switch(lab.control))
         assert lab.control.report().live_s == 0
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+def test_a_source_arms_with_either_byte_order_where_its_documents_disagree(order: str) -> None:
+    """A public driver of two SDG6022X names one, Siglent's application note the other."""
+    with laboratory(simulated(generator={"model": "SDG6022X", "traits": f"byte-order={order}"})) as lab:
+        assert refusal(lab, Switch(lab.control)) == ""
+        live_s = lab.control.report().live_s
+        assert refusal(lab, Switch(lab.control)) == ""
+        report = lab.control.report()
+        assert report.live_s >= live_s
+        assert_safe_voltage(report)
 
 
 @contextlib.contextmanager

@@ -34,6 +34,7 @@ PROPERTIES = {
     "droop": "a level held as one waveform",
     "start": "trigger",
     "combining": "level between bursts",
+    "byte-order": "header and size of an upload",
 }
 """What each deviation of a simulated instrument contradicts in the table of assumptions."""
 

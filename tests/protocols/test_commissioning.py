@@ -186,10 +186,12 @@ def test_every_command_of_a_driver_is_sent_as_in_a_run() -> None:
 
 
 def test_every_deviation_contradicts_an_assumption() -> None:
-    assert {trait.name for trait in DEVIATIONS} == set(PROPERTIES)
+    found = {trait.name for trait in DEVIATIONS}
     for model in MODELS:
         quantities = {each.quantity for each in assumptions_about(model)}
         assert {PROPERTIES[trait.name] for trait in deviations_of(model)} <= quantities, model
+        found |= {trait.name for trait in deviations_of(model)}
+    assert found == set(PROPERTIES)
 
 
 def test_the_table_is_about_every_model_by_its_own_driver() -> None:
@@ -290,3 +292,16 @@ def test_the_time_of_each_command_is_from_its_message_to_its_reply() -> None:
         CommandTime("VOLT", 2, pytest.approx(0.02), pytest.approx(0.02)),
         CommandTime("VOLT?", 1, pytest.approx(0.01), pytest.approx(0.01)),
     )
+
+
+def test_what_follows_from_a_found_cause_is_not_measured() -> None:
+    lost = CheckedOutput(OutputCheck.START, 12.0, "drives lost", 0.0, 0.0)
+    level = CheckedOutput(OutputCheck.LONG_LEVEL, 0.2, "V", None, 0.05)
+    offset = CheckedOutput(OutputCheck.OFFSET, 0.5, "1", 0.9, 1.1)
+    rows = [
+        Assumption("x", "x", name, "x", checks=(check,))
+        for name, check in (("trigger", lost.check), ("held", level.check), ("scale", offset.check))
+    ]
+    verdicts = [each.verdict for each in checked_assumptions(rows, [lost, level, offset])]
+    assert verdicts == [OutputVerdict.DIFFERS, OutputVerdict.NOT_MEASURED, OutputVerdict.DIFFERS]
+    assert checked_assumptions(rows, [level, offset])[1].verdict is OutputVerdict.DANGEROUS

@@ -435,6 +435,18 @@ def test_scans_without_a_target_are_counted_on_from_block_to_block_of_one_drive(
     assert lost == ([] if anew else [pytest.approx(0.08)])
 
 
+@pytest.mark.parametrize(
+    ("volts", "words"),
+    [
+        (lambda t: 2.5 + 0 * t, "it did not start, and the cable is whole"),
+        (lambda t: np.minimum(SINE.volts(t), 2.7), "it is clipped"),
+        (lambda t: 0 * t, "check the cable"),
+    ],
+)
+def test_a_deviation_names_the_cause_that_fits(volts: Any, words: str) -> None:
+    assert words in deviation(SINE, volts).remedy
+
+
 def test_a_drive_that_is_over_is_not_seen_again() -> None:
     readback = DriveReadback(SINE, 0, 250, RATE_HZ, 2.5, 0.1)
     for start_s, compared in ((0.0, False), (0.2, True), (SINE.duration_s + 0.1, False)):
