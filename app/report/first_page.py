@@ -25,11 +25,12 @@ VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot 
 
 def identity_blocks(sheet: SpecimenSheet, runs: Sequence[ReportRun], photograph: bytes) -> Iterator[Block]:
     """Yield what was measured, by whom, when and in which air, with the photograph of the specimen; and the instruments."""
+    origin = sheet.description if sheet.path is None else sheet.description.replace(f" {sheet.path.name}", "")
     if photograph:
         yield Photograph(photograph, f"Photograph of specimen {sheet.specimen}")
     facts = {
         "specimen": "; ".join(
-            filter(None, (sheet.serial and f"serial {sheet.serial}", sheet.batch and f"batch {sheet.batch}", sheet.description))
+            filter(None, (sheet.serial and f"serial {sheet.serial}", sheet.batch and f"batch {sheet.batch}", origin))
         ),
         "measured": _measured_text(runs),
         "checked": _people(name for run in runs for name in run.summary.checked_by.split(", "))
@@ -155,7 +156,8 @@ def key_figure_table(
         for at, o in enumerate(found or [None]):
             if o is not None and o.verdict != "pass":
                 bad.add(len(rows))
-            judged = ("", "") if o is None else (o.asked, f"{o.verdict}{f': {o.why}' if o.why else ''}")
+            why = "" if o is None or merit is None else o.why
+            judged = ("", "") if o is None else (o.asked, f"{o.verdict}{f': {why}' if why else ''}")
             rows.append(
                 ((_label(name, merit), value, source) if at == 0 else ("", "" if o is None else o.found, "")) + judged
             )

@@ -323,12 +323,12 @@ def lay_out_table(table: Table, width: float) -> LaidOutTable:
 
 
 def _shrink_columns(natural: Sequence[float], min_widths: Sequence[float], available: float) -> list[float]:
-    """Shrink the widest columns until all fit, down to their longest words; then shrink all in proportion."""
-    widths = list(natural)
+    """Shrink the widest columns until all fit, down to their longest words; where these do not fit, long words are broken."""
+    widths, equal = list(natural), available / len(natural)
+    if sum(min_widths) > available:
+        min_widths = [min(low, equal) for low in min_widths]
     while (over := sum(widths) - available) > 1e-6:
         free = [i for i, (w, low) in enumerate(zip(widths, min_widths, strict=True)) if w > low + 1e-6]
-        if not free:
-            return [w * available / sum(widths) for w in widths]
         widest = max(free, key=lambda i: widths[i])
         widths[widest] = max(widths[widest] - min(over, SHRINK_STEP), min_widths[widest])
     return widths
