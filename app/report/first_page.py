@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from app.common import Column, Table, pluralize
+from app.common import OUTCOME_SYMBOLS, Column, Table, pluralize
 from app.identification import SpecimenSheet
 from app.report.document import Block, LimitOutcome, Paragraph, Photograph, Report, Verdict
 from app.report.figures_of_merit import MODEL_SOURCE, SpecimenSummary
@@ -20,6 +20,8 @@ KEY_FIGURES = (
 )  # fmt: skip
 FLEET_FIGURES = ("natural_frequency", "amplitude_at_resonance", "quality_factor", "latency", "smallest_margin")
 NOT_RECORDED = "not recorded"
+DOUBTFUL = OUTCOME_SYMBOLS[Outcome.DOUBTFUL]
+"""Behind the run of a value: the run is doubtful, as a note says."""
 VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "not decided"}
 
 
@@ -57,7 +59,11 @@ def operators_text(runs: Sequence[ReportRun]) -> str:
 
 def _measured_text(runs: Sequence[ReportRun]) -> str:
     times = sorted(format_time(run.summary.start_time) for run in runs if run.summary.start_time)
-    span = " to ".join(dict.fromkeys((times[0], times[-1]))) + " UTC" if times else "at an unknown time"
+    span = "at an unknown time"
+    if times:
+        day, end = times[0].partition(" ")[0], times[-1]
+        last = "" if end == times[0] else f" to {end.removeprefix(f'{day} ')}"
+        span = f"{times[0]}{last} UTC"
     benches = ", ".join(dict.fromkeys(filter(None, (run.summary.bench for run in runs))))
     by = _people(run.summary.operator for run in runs) or "an operator who is not recorded"
     return f"{span} by {by}{f' at {benches}' if benches else ''}"
@@ -163,6 +169,8 @@ def key_figure_table(
             )
     heads: tuple[str, ...] = ("quantity", "value ± total", "measured in, or model", "limit", "verdict")
     note = _key_figure_note(summary, limits)
+    if any(DOUBTFUL in row[2] for row in rows):
+        note += f" {DOUBTFUL}: doubtful run, see page 2."
     if limits is None:
         heads, rows = heads[:3], [row[:3] for row in rows]
     return Table.of_rows("Key figures", heads, rows, note, frozenset(bad))  # fmt: skip
@@ -192,13 +200,10 @@ def fleet_summary(reports: Sequence[Report]) -> Table:
 
 
 def _key_figure_note(summary: SpecimenSummary, limits: Limits | None) -> str:
-    specimen = summary.specimen
-    volts = 2 * specimen.full_amplitude_v
     notes = ["±: total standard uncertainty"]
     if summary.largest_at_hz:
-        drive = f"{volts:g} V peak to peak at the amplifier's input"
         notes.append(
-            f"largest response: at {summary.largest_at_hz:.4g} Hz among the points, {drive}; its peak frequency is below the natural (undamped) one"
+            f"largest response: at {summary.largest_at_hz:.4g} Hz among the points; the peak frequency is below the natural (undamped) one"
         )
     if margins := summary.perception_margins:
         where = (f"{each.condition} at {each.frequency_hz:g} Hz" for each in (margins[0], margins[-1]))
@@ -222,6 +227,6 @@ def _source_text(merit: EstimatedQuantity, by_stem: Mapping[str, ReportRun]) -> 
     stem = str(merit.source).partition(" ")[0]  # behind it the part of a series
     if (run := by_stem.get(stem)) is None:
         return str(merit.source)
-    doubts = [run.summary.verdict_text if run.summary.outcome is Outcome.DOUBTFUL else ""]
-    doubts += ["sensor drifting"] * any(each.drift for each in run.instruments)
-    return ", ".join((run_label(run), *filter(None, doubts)))
+    doubt = f" {DOUBTFUL}" if run.summary.outcome is Outcome.DOUBTFUL else ""
+    drift = ", sensor drifting" if any(each.drift for each in run.instruments) else ""
+    return f"{run_label(run)}{doubt}{drift}"
