@@ -58,7 +58,7 @@ class CompareCommand:
             with Run(self.runs[0]) as a, Run(self.runs[1]) as b, translate_read_errors(self.runs[1]):
                 return render(_comparison_result(a, b), self.json)
         fields = {name: getattr(self, name) for name in ("quantity", "relation", "over", "model")}
-        fields["reference"] = self.reference.name if self.reference else ""
+        fields["reference"] = str(self.reference or "")
         comparison = compare_files(self.runs, **{name: value for name, value in fields.items() if value})
         folder = self.runs[0].parent
         if self.plot:

@@ -283,6 +283,10 @@ def compare_files(paths: Sequence[Path], **changes: object) -> Comparison:
         view, folder = read_view(paths[0]), paths[0].parent
         paths = [folder / name for name in view.runs]
     names = [path.name for path in paths]
+    given = Path(str(changes.get("reference", "")))
+    if given.name and given.parent != Path() and given.resolve() not in {path.resolve() for path in paths}:
+        raise ComparisonError(f"the reference {given} is not one of the compared runs; add it to them")
+    changes |= {"reference": given.name} if given.name else {}
     try:
         chosen = ComparisonView.model_validate(view.model_dump() | {"runs": names} | changes)
     except ValidationError as error:
