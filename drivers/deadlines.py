@@ -89,7 +89,12 @@ class Deadline(Enum):
     AFTER_RUN = "the command of `--after-run`", 600.0, "it is killed"
     MAT_READER = "the process that reads a MATLAB file", 120.0, "it is killed"
     SIGNATURE = "`ssh-keygen`, which may ask for a passphrase: signing a report", 120.0, "it is killed"
-    WEB_PAGE = "the web page: a connection that sends nothing", 5.0, "it is closed"
+    WEB_REQUEST = "web pages: a request, from its connection to its last byte", 5.0, "the connection is closed"
+    WEB_ANSWER = (
+        "web pages: a request and its answer, such as a download",
+        120.0,
+        "the connection is closed, and what is computed for it is given up",
+    )
 
     def __init__(self, calls: str, seconds: float, then: str = "") -> None:
         self.calls, self.seconds, self.then = calls, seconds, then

@@ -39,6 +39,7 @@ from .quantities import Quantity as Quantity
 from .quantities import current_column as current_column
 from .quantities import current_name as current_name
 from .quantities import current_parameter as current_parameter
+from .quantities import quality_factor as quality_factor
 from .quantities import quantity_label as quantity_label
 from .quantities import shown_unit as shown_unit
 from .series import COHERENCE as COHERENCE

@@ -6,7 +6,7 @@ An estimate has the name of a quantity, which a comma separates from a condition
 
 import re
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 SCALES = {
@@ -248,3 +248,10 @@ class EstimatedQuantity:
         if (quantity := find_quantity(name)) is None:
             raise KeyError(name)
         return cls(name, value, standard_error, quantity.unit, source)
+
+
+def quality_factor(damping: EstimatedQuantity) -> EstimatedQuantity:
+    """Return Q = 1 / (2 ζ) of a damping ratio, with its relative uncertainty."""
+    q = 0.5 / damping.value
+    error = q * damping.standard_error / damping.value
+    return replace(damping, name="quality_factor", value=q, standard_error=error)

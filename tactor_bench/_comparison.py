@@ -7,13 +7,10 @@ from app.archive import Format
 from app.comparison import (
     Comparison,
     ComparisonError,
-    ComparisonView,
+    compare_files,
     draw_comparison,
     export_comparison,
-    open_comparison,
-    read_view,
     save_view,
-    with_model,
 )
 from tactor_bench._run import MeasuredRun
 
@@ -51,17 +48,8 @@ def compare(
         >>> c.layers[1].series.y, c.layers[1].series.total_errors  # doctest: +SKIP
         (array([0.98, 0.99]), array([0.004, 0.005]))
     """
-    if isinstance(runs, str | Path):
-        saved, folder = read_view(Path(runs)), Path(runs).parent
-        paths = [folder / name for name in saved.runs]
-    else:
-        saved, paths = ComparisonView(), [run.path if isinstance(run, MeasuredRun) else Path(run) for run in runs]
-    try:
-        chosen = ComparisonView.model_validate(saved.model_dump() | {"runs": [path.name for path in paths]} | view)
-    except ValueError as error:
-        raise ComparisonError(f"the view cannot be used: {error}") from None
-    comparison = open_comparison(paths, chosen)
-    comparison = with_model(comparison) if chosen.model else comparison
+    given = [runs] if isinstance(runs, str | Path) else runs
+    comparison = compare_files([each.path if isinstance(each, MeasuredRun) else Path(each) for each in given], **view)
     if save is not None:
         save_view(comparison.view, Path(save))
     if picture is not None:

@@ -24,8 +24,10 @@ from .problem_report import CONTENTS as CONTENTS
 from .problem_report import NOT_IN as NOT_IN
 from .problem_report import ProblemFacts as ProblemFacts
 from .problem_report import write_problem_report as write_problem_report
+from .replay import NO_SKETCH as NO_SKETCH
 from .replay import LoadedRun as LoadedRun
 from .replay import MeasuredResponse as MeasuredResponse
+from .replay import Sketch as Sketch
 from .replay import TraceWindow as TraceWindow
 from .replay import load_run as load_run
 from .replay import load_trace_window as load_trace_window

@@ -39,6 +39,10 @@ from protocols.runfile import (
 ROWS_PER_CHUNK = 1_000_000
 TRACE_COLUMNS = 2000
 
+Sketch = tuple[Array, Array]
+"""Places of the points of a thumbnail in a unit square, each (N,); empty without points."""
+NO_SKETCH: Sketch = (np.empty(0), np.empty(0))
+
 
 @dataclass(frozen=True, slots=True)
 class TraceWindow:
@@ -177,18 +181,30 @@ def read_measured_response(path: Path) -> MeasuredResponse:
         )
 
 
-def read_sketch(path: Path) -> Series | None:
-    """Return what a thumbnail of a run shows: its points on the axes of the protocol, else its last curve; None without both.
+def read_sketch(path: Path, most: int) -> Sketch:
+    """Return what a thumbnail of a run shows: its points on the axes of the protocol, else its last curve, of about `most` points.
 
     Raises:
         RunReadError: it cannot be read.
     """
     with Run(path) as run, translate_read_errors(path):
-        points, (x, y) = run.points(), run.record.axes
-        if {x, y} <= points.keys() and points[x].size > 1:
-            return Series(points[x], points[y], usable=usable_mask(points["quality"]))
-        curves = run.series()
-        return curves[-1] if curves and curves[-1].x.size > 1 else None
+        points, (x_name, y_name) = run.points(), run.record.axes
+        if {x_name, y_name} <= points.keys() and points[x_name].size > 1:
+            series = Series(points[x_name], points[y_name], usable=usable_mask(points["quality"]))
+        elif (curves := run.series()) and curves[-1].x.size > 1:
+            series = curves[-1]
+        else:
+            return NO_SKETCH
+        x, y = series.x, series.plotted
+    good = np.isfinite(x) & np.isfinite(y) & (True if series.usable is None else series.usable)
+    order = np.argsort(x[good], kind="stable")[:: max(int(good.sum()) // most, 1)]
+    x, y = x[good][order], y[good][order]
+    return (_unit(x), _unit(y)) if x.size > 1 else NO_SKETCH
+
+
+def _unit(values: Array) -> Array:
+    span = float(np.ptp(values))
+    return (values - values.min()) / span if span > 0 else np.full(values.size, 0.5)
 
 
 def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) -> TraceWindow:

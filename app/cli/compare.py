@@ -13,18 +13,14 @@ from app.cli.options import JSON_OBJECT, argument, command, option
 from app.cli.output import PICTURE_SUFFIXES, CommandResult, render, writing_output
 from app.common import Column, Table, UsageError, print_message, usage_errors
 from app.comparison import (
-    ORDERS,
     VIEW_SUFFIX,
     Comparison,
     ComparisonError,
-    ComparisonView,
+    compare_files,
     draw_comparison,
     export_comparison,
-    open_comparison,
-    read_view,
     save_view,
     view_path,
-    with_model,
 )
 from model import Relation, shown_unit
 from model.identification import format_p_value
@@ -61,7 +57,10 @@ class CompareCommand:
         if len(self.runs) == 2 and not any(asked):
             with Run(self.runs[0]) as a, Run(self.runs[1]) as b, translate_read_errors(self.runs[1]):
                 return render(_comparison_result(a, b), self.json)
-        comparison, folder = self._opened()
+        fields = {name: getattr(self, name) for name in ("quantity", "relation", "over", "model")}
+        fields["reference"] = str(self.reference or "")
+        comparison = compare_files(self.runs, **{name: value for name, value in fields.items() if value})
+        folder = self.runs[0].parent
         if self.plot:
             with writing_output(self.plot, PICTURE_SUFFIXES):
                 draw_comparison(comparison, self.plot)
@@ -74,26 +73,6 @@ class CompareCommand:
         if self.save:
             save_view(comparison.view, view_path(folder, self.save))
         return render(_summary(comparison), self.json)
-
-    def _opened(self) -> tuple[Comparison, Path]:
-        """Return the comparison that is asked for, and the folder of its files."""
-        first, view = self.runs[0], ComparisonView()
-        paths, folder = list(self.runs), first.parent
-        if first.name.endswith(VIEW_SUFFIX):
-            view = read_view(first)
-            paths = [folder / name for name in view.runs]
-        chosen: dict[str, object] = {"runs": tuple(path.name for path in paths)}
-        for name, value, known in (("relation", self.relation, tuple(Relation)), ("over", self.over, ORDERS)):
-            if value and value not in known:
-                raise UsageError(f"--{name} {value} is not known; write one of: {', '.join(filter(None, known))}")
-            chosen |= {name: value} if value else {}
-        if self.reference is not None and self.reference.name not in [path.name for path in paths]:
-            raise UsageError(f"the reference {self.reference} is not one of the compared runs; add it to them")
-        chosen |= {"quantity": self.quantity} if self.quantity else {}
-        chosen |= {"reference": self.reference.name} if self.reference else {}
-        chosen |= {"model": True} if self.model else {}
-        comparison = open_comparison(paths, ComparisonView.model_validate(view.model_dump() | chosen))
-        return (with_model(comparison) if comparison.view.model else comparison), folder
 
 
 def _summary(comparison: Comparison) -> CommandResult:

@@ -75,6 +75,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "laboratory.audit:VERBS",
         "keep an audit trail of a folder, which detects any later change: start, verify, show, head",
     ),
+    "serve": (
+        "laboratory.serve:ServeCommand",
+        "serve a folder of runs to colleagues' browsers, read-only: list, search, plots, downloads, reports",
+    ),
     "backup": (
         "laboratory.backup:BackupCommand",
         "copy new and changed runs to a second folder, verified by their hashes",

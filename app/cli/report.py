@@ -6,7 +6,7 @@ from pathlib import Path
 from app.cli.options import FOLDER, THRESHOLD, argument, command, option
 from app.cli.output import print_json, writing_output
 from app.cli.runs import check_folder
-from app.common import NO_PROGRESS, ExitCode, Progress, UsageError, print_message, terminal_progress, usage_errors
+from app.common import ExitCode, UsageError, print_message, terminal_progress, usage_errors
 from app.config import EXAMPLE_LABORATORY, read_laboratory
 from app.identification import SheetError, chosen_threshold
 from app.report import (
@@ -15,28 +15,20 @@ from app.report import (
     SHORT_SECTIONS,
     Limits,
     LimitsError,
-    Report,
     ReportError,
-    ReportRun,
-    SpecimenModel,
     build_fleet_report,
     build_report,
-    draw_report,
     example_limits,
     fit_first_page,
     read_limits,
+    read_logo,
     sign_files,
     specimen_names,
     verification_command,
-    write_html,
-    write_pdf,
+    write_report,
 )
 from model import ParameterError
-from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.base import open_regular
-from protocols.runfile import RunReadError, safe_name
-
-MAX_LOGO_BYTES = 2_000_000
+from protocols.runfile import RunReadError
 
 
 @command("example: tactor-bench report T7 --limits limits.toml --out reports")
@@ -97,7 +89,7 @@ class ReportCommand:
             if self.laboratory:
                 laboratory = replace(laboratory, name=self.laboratory)
             threshold = chosen_threshold(self.folder, self.threshold)
-            logo = _read_logo(self.logo or laboratory.logo)
+            logo = read_logo(self.logo or laboratory.logo)
             out.mkdir(parents=True, exist_ok=True)
             with terminal_progress("report") as progress:
                 names = specimen_names(self.folder, progress) if self.specimen is None else (self.specimen,)
@@ -126,30 +118,6 @@ class ReportCommand:
         return ExitCode.DONE if content.passed else ExitCode.FAILED
 
 
-def write_report(
-    report: Report,
-    specimen: SpecimenModel,
-    runs: tuple[ReportRun, ...],
-    out: Path,
-    progress: Progress = NO_PROGRESS,
-    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
-) -> tuple[Path, Path]:
-    """Write PDF and HTML.
-
-    Raises:
-        RunReadError: a run file is damaged.
-        OSError: one cannot be written; an existing file is unchanged then.
-    """
-    name = safe_name(report.specimen)
-    pdf, html = out / f"{name}_report.pdf", out / f"{name}_report.html"
-    report = fit_first_page(report)
-    drawings = draw_report(report, specimen, [run for run in runs if not run.problem], progress, threshold)
-    progress.update(0.9, "writing")
-    write_pdf(report, drawings, pdf)
-    write_html(report, drawings, html)
-    return pdf, html
-
-
 def _read_limits(options: ReportCommand) -> Limits | None:
     """Return the limits of the option, or of the folder of the runs; None without limits.
 
@@ -172,26 +140,6 @@ def _read_limits(options: ReportCommand) -> Limits | None:
             "give --golden T0"
         )
     return limits
-
-
-def _read_logo(path: Path | None) -> bytes:
-    """Return the PNG picture of a file; nothing without one.
-
-    Raises:
-        UsageError: it cannot be read, or is no PNG picture of usual size.
-    """
-    if path is None:
-        return b""
-    try:
-        with open_regular(path) as file:
-            data: bytes = file.read(MAX_LOGO_BYTES + 1)
-    except OSError as error:
-        raise UsageError(f"--logo {path} cannot be read: {error.strerror or error}; give a PNG picture") from None
-    if not data.startswith(b"\x89PNG\r\n\x1a\n") or len(data) > MAX_LOGO_BYTES:
-        raise UsageError(
-            f"--logo {path} is no PNG picture of at most {MAX_LOGO_BYTES / 1e6:g} MB; convert it, or leave it out"
-        )
-    return data
 
 
 def _write_example(path: Path, text: str) -> int:

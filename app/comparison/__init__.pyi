@@ -4,6 +4,7 @@ from .compared_run import ComparedRun as ComparedRun
 from .compared_run import ComparisonError as ComparisonError
 from .comparison import Comparison as Comparison
 from .comparison import ComparisonLayer as ComparisonLayer
+from .comparison import compare_files as compare_files
 from .comparison import model_in as model_in
 from .comparison import model_request as model_request
 from .comparison import open_comparison as open_comparison

@@ -9,12 +9,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from app.archive import RunDifference, compare_runs
 from app.common import Column, Table
 from app.comparison.compared_run import LETTERS, MAX_RUNS, ComparedRun, ComparisonError, RunCurve
-from app.comparison.view import ComparisonView
-from model import COVERAGE_FACTOR_95, EstimatedQuantity, Relation, Role, Series, SeriesAxis, related, rising, shown_unit
+from app.comparison.view import VIEW_SUFFIX, ComparisonView, read_view, view_problem
+from model import (
+    COVERAGE_FACTOR_95,
+    EstimatedQuantity,
+    Relation,
+    Role,
+    Series,
+    SeriesAxis,
+    quality_factor,
+    related,
+    rising,
+    shown_unit,
+)
 
 WATERFALL_STEP = 0.35
 """Distance of two curves that stand above each other, as a share of the largest value."""
@@ -259,6 +271,32 @@ def open_comparison(
     return Comparison([*map(ComparedRun.read, paths)], view.model_copy(update={"runs": view.runs or names}), model)
 
 
+def compare_files(paths: Sequence[Path], **changes: object) -> Comparison:
+    """Return the comparison of run files, or of the runs of one saved view, with changes of fields of the view and the model where the view has it.
+
+    Raises:
+        RunReadError: a run cannot be read.
+        ComparisonError: they are too many, have no such quantity, or a field of the view is wrong.
+    """
+    view = ComparisonView()
+    if len(paths) == 1 and paths[0].name.endswith(VIEW_SUFFIX):
+        view, folder = read_view(paths[0]), paths[0].parent
+        paths = [folder / name for name in view.runs]
+    names = [path.name for path in paths]
+    given = Path(str(changes.get("reference", "")))
+    if given.name and given.parent != Path() and given.resolve() not in {path.resolve() for path in paths}:
+        raise ComparisonError(f"the reference {given} is not one of the compared runs; add it to them")
+    changes |= {"reference": given.name} if given.name else {}
+    try:
+        chosen = ComparisonView.model_validate(view.model_dump() | {"runs": names} | changes)
+    except ValidationError as error:
+        raise ComparisonError(f"the comparison cannot be made: {view_problem(error)}") from None
+    if (reference := Path(chosen.reference).name) and reference not in names:
+        raise ComparisonError(f"the reference {reference} is not one of the compared runs; add it to them")
+    comparison = open_comparison(paths, chosen)
+    return with_model(comparison) if chosen.model else comparison
+
+
 def model_in(curves: Any, amplitude_v: float) -> dict[str, Series]:
     """Return a free tactor's model curves (`ModelCurves`) by quantity; errors are a standard error from the 95 % band."""
     found = {}
@@ -308,11 +346,10 @@ def _peak_row(run: ComparedRun, curves: Sequence[Series]) -> dict[str, tuple[flo
     """Return value and standard error of each peak quantity; NaN where it is unknown."""
     unknown = (math.nan, math.nan)
     row = dict.fromkeys((*PEAK_NAMES, "largest", "at"), unknown)
-    for each in run.summary.record.estimates:
-        if each.name in PEAK_NAMES:
-            row[each.name] = each.value, each.standard_error
-        if each.name == "damping_ratio" and each.value > 0 and row["quality_factor"] == unknown:
-            row["quality_factor"] = 0.5 / each.value, 0.5 * each.standard_error / each.value**2
+    found = {each.name: each for each in run.summary.record.estimates}
+    if (damping := found.get("damping_ratio")) is not None and damping.value > 0:
+        found.setdefault("quality_factor", quality_factor(damping))
+    row |= {name: (found[name].value, found[name].standard_error) for name in PEAK_NAMES if name in found}
     for one in map(rising, curves):
         if one.x.size and not row["largest"][0] >= (most := float(one.y.max())):
             at = int(one.y.argmax())

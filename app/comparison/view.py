@@ -81,6 +81,11 @@ def read_view(path: Path) -> ComparisonView:
         there = ", ".join(views_in(path.parent)) or "none"
         raise ComparisonError(f"there is no view {path}: {error.strerror or error}; views there: {there}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise ComparisonError(f"{path} is not a view of a comparison: {where}: {first['msg']}; save it again") from None
+        raise ComparisonError(f"{path} is not a view of a comparison: {view_problem(error)}; save it again") from None
+
+
+def view_problem(error: ValidationError) -> str:
+    """Return the first wrong field of a view, and what is wrong."""
+    first = error.errors()[0]
+    given = "" if first["type"] in ("missing", "extra_forbidden") else f", not {first['input']!r}"
+    return f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}{given}"

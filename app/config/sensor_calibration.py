@@ -14,6 +14,11 @@ MIN_VOLTS_OVER_NOISE = 10.0
 """Least span of the volts, in standard errors of one reading, through which a line is drawn."""
 
 
+POLYNOMIAL_POINTS = 2001
+"""Volts at which the polynomial of a certificate is compared with its line."""
+HIGHEST_ORDER = 9
+
+
 class SensorCalibrationError(ValueError):
     """No line can be drawn; the message names the reason and the remedy."""
 
@@ -115,14 +120,19 @@ def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
     )
 
 
-def calibration_of_certificate(certificate: Certificate) -> SensorCalibration:
-    """Return the line of a displacement sensor's certificate: of its gain, or through its table of displacements and voltages.
+def calibration_of_certificate(
+    certificate: Certificate, valid_v: tuple[float, float] = (-10.0, 10.0)
+) -> SensorCalibration:
+    """Return the line of a displacement sensor's certificate: of its gain, of its polynomial, or through its table of displacements and voltages.
 
-    A table that is not a line, such as that of a polynomial, has its residuals in the uncertainty of the gain.
+    What is not a line has its residuals in the uncertainty of the gain. The coefficients of a polynomial are columns of one value in mm, mm/V,
+    mm/V^2 ...; its line is the best one between the volts `valid_v`, the sensor's valid range.
 
     Raises:
         SensorCalibrationError: the certificate has neither, or no line fits.
     """
+    if len(terms := _polynomial(certificate)) > 2:
+        return _line_of_polynomial(terms, valid_v)
     named: dict[str, tuple[CertificateColumn, float]] = {}
     for column in certificate.columns:
         for unit in ("m/V", "m", "V"):
@@ -151,3 +161,30 @@ def calibration_of_certificate(certificate: Certificate) -> SensorCalibration:
     return calibrate_sensor(
         [CalibrationPoint(metres * x, metres * u, per_volt * v, per_volt * e) for x, u, v, e in rows]
     )
+
+
+def _polynomial(certificate: Certificate) -> list[tuple[float, float]]:
+    """Return the coefficients of a polynomial with their standard uncertainties, m/V^n, by their order; at most two are a gain and a zero."""
+    found: dict[int, tuple[float, float]] = {}
+    for column in certificate.columns:
+        for order in range(HIGHEST_ORDER + 1) if len(set(column.values)) == 1 else ():
+            with suppress(UnitError):
+                factor = to_number(f"1 {column.unit}", f"m/V**{order}" if order else "m")
+                found[order] = factor * column.values[0], factor * max(column.standard_uncertainties or (0.0,))
+                break
+    return [found.get(order, (0.0, 0.0)) for order in range(max(found, default=-1) + 1)]
+
+
+def _line_of_polynomial(terms: Sequence[tuple[float, float]], valid_v: tuple[float, float]) -> SensorCalibration:
+    v = np.linspace(*valid_v, POLYNOMIAL_POINTS)
+    powers = v[:, None] ** np.arange(len(terms))
+    coefficients, errors = np.transpose(terms)
+    x = powers @ coefficients
+    gain, offset = np.polyfit(v, x, 1)
+    if gain == 0:
+        raise SensorCalibrationError("the polynomial has no slope: check the coefficients and their units")
+    slopes = np.polyfit(v, powers, 1)[0]  # of the line, by each coefficient
+    residuals = x - gain * v - offset
+    misfit = float(np.std(residuals) / np.std(gain * v))
+    stated = float(np.sqrt(np.sum((slopes * errors) ** 2))) / abs(float(gain))
+    return SensorCalibration(float(gain), float(-offset / gain), math.hypot(stated, misfit), tuple(residuals.tolist()))

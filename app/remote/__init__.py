@@ -1,4 +1,4 @@
-"""Read-only web page of the window's state, for a phone or a second screen."""
+"""Read-only web pages: the state of a running bench for a phone or a second screen, and the catalogue of a folder of runs."""
 
 import lazy_loader
 

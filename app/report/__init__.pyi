@@ -18,3 +18,6 @@ from .runs import ReportRun as ReportRun
 from .signature import sign_files as sign_files
 from .signature import verification_command as verification_command
 from .specimen import SpecimenModel as SpecimenModel
+from .writing import read_logo as read_logo
+from .writing import write_folder_report as write_folder_report
+from .writing import write_report as write_report

@@ -16,7 +16,7 @@ from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSe
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.first_page import fleet_summary, identity_blocks, key_figure_table, operators_text, verdict_paragraph
 from app.report.limits import Limits, judge_limits
-from app.report.plots import TITLE, response_figure, specimen_plots, threshold_caption
+from app.report.plots import TITLE, response_figure, specimen_plots
 from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
@@ -192,7 +192,10 @@ def _first_page(
     yield from identity_blocks(summary.specimen.sheet, runs, photograph)
     yield key_figure_table(summary, runs, limits, outcomes)
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
-        caption = f"Δ: measured less model. Bars and band: 95 %. Hollow: flagged. {threshold_caption(threshold)}"
+        felt = threshold.marked_label if threshold == ABDOMEN_THRESHOLD else threshold.description
+        caption = (
+            f"Δ: measured less model. Bars, band: 95 %. Hollow: flagged. Dashed: felt, {felt}. Shaded: uncomfortable."
+        )
         first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
         yield ReportPlot("Frequency response", (first,), caption, row_height_in=3.0)
     elif plots:

@@ -14,7 +14,7 @@ from app.identification import SpecimenSheet
 from app.report.limits import FIGURES_OF_MERIT
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, Effects, SpecimenModel, acting_tactor, fit_specimen
-from model import AmplifierMap, Array, EstimatedQuantity, Membrane, Tactor
+from model import AmplifierMap, Array, EstimatedQuantity, Membrane, Tactor, quality_factor
 from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import (
     ABDOMEN_THRESHOLD,
@@ -138,10 +138,8 @@ def measured_figures(runs: Sequence[ReportRun], amplifier: AmplifierMap) -> Mapp
             if (f := found.get(stored)) is not None:
                 figures[name] = figure_of_merit(stored, f.value, f.total, run.path.stem)
         if free and (ratio := found.get("damping_ratio")) is not None and "quality_factor" not in found:
-            q = 1 / (2 * ratio.value)
-            figures["quality_factor"] = figure_of_merit(
-                "quality_factor", q, q * ratio.total / ratio.value, run.path.stem
-            )
+            damping = figure_of_merit("damping_ratio", ratio.value, ratio.total, run.path.stem)
+            figures["quality_factor"] = quality_factor(damping)
     return figures
 
 

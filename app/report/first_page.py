@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from app.common import Column, Table, pluralize
+from app.common import OUTCOME_SYMBOLS, Column, Table, pluralize
 from app.identification import SpecimenSheet
 from app.report.document import Block, LimitOutcome, Paragraph, Photograph, Report, Verdict
 from app.report.figures_of_merit import MODEL_SOURCE, SpecimenSummary
@@ -20,16 +20,19 @@ KEY_FIGURES = (
 )  # fmt: skip
 FLEET_FIGURES = ("natural_frequency", "amplitude_at_resonance", "quality_factor", "latency", "smallest_margin")
 NOT_RECORDED = "not recorded"
+DOUBTFUL = OUTCOME_SYMBOLS[Outcome.DOUBTFUL]
+"""Behind the run of a value: the run is doubtful, as a note says."""
 VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "not decided"}
 
 
 def identity_blocks(sheet: SpecimenSheet, runs: Sequence[ReportRun], photograph: bytes) -> Iterator[Block]:
     """Yield what was measured, by whom, when and in which air, with the photograph of the specimen; and the instruments."""
+    origin = sheet.description if sheet.path is None else sheet.description.replace(f" {sheet.path.name}", "")
     if photograph:
         yield Photograph(photograph, f"Photograph of specimen {sheet.specimen}")
     facts = {
         "specimen": "; ".join(
-            filter(None, (sheet.serial and f"serial {sheet.serial}", sheet.batch and f"batch {sheet.batch}", sheet.description))
+            filter(None, (sheet.serial and f"serial {sheet.serial}", sheet.batch and f"batch {sheet.batch}", origin))
         ),
         "measured": _measured_text(runs),
         "checked": _people(name for run in runs for name in run.summary.checked_by.split(", "))
@@ -56,7 +59,11 @@ def operators_text(runs: Sequence[ReportRun]) -> str:
 
 def _measured_text(runs: Sequence[ReportRun]) -> str:
     times = sorted(format_time(run.summary.start_time) for run in runs if run.summary.start_time)
-    span = " to ".join(dict.fromkeys((times[0], times[-1]))) + " UTC" if times else "at an unknown time"
+    span = "at an unknown time"
+    if times:
+        day, end = times[0].partition(" ")[0], times[-1]
+        last = "" if end == times[0] else f" to {end.removeprefix(f'{day} ')}"
+        span = f"{times[0]}{last} UTC"
     benches = ", ".join(dict.fromkeys(filter(None, (run.summary.bench for run in runs))))
     by = _people(run.summary.operator for run in runs) or "an operator who is not recorded"
     return f"{span} by {by}{f' at {benches}' if benches else ''}"
@@ -155,12 +162,15 @@ def key_figure_table(
         for at, o in enumerate(found or [None]):
             if o is not None and o.verdict != "pass":
                 bad.add(len(rows))
-            judged = ("", "") if o is None else (o.asked, f"{o.verdict}{f': {o.why}' if o.why else ''}")
+            why = "" if o is None or merit is None else o.why
+            judged = ("", "") if o is None else (o.asked, f"{o.verdict}{f': {why}' if why else ''}")
             rows.append(
                 ((_label(name, merit), value, source) if at == 0 else ("", "" if o is None else o.found, "")) + judged
             )
     heads: tuple[str, ...] = ("quantity", "value ± total", "measured in, or model", "limit", "verdict")
     note = _key_figure_note(summary, limits)
+    if any(DOUBTFUL in row[2] for row in rows):
+        note += f" {DOUBTFUL}: doubtful run, see page 2."
     if limits is None:
         heads, rows = heads[:3], [row[:3] for row in rows]
     return Table.of_rows("Key figures", heads, rows, note, frozenset(bad))  # fmt: skip
@@ -190,13 +200,10 @@ def fleet_summary(reports: Sequence[Report]) -> Table:
 
 
 def _key_figure_note(summary: SpecimenSummary, limits: Limits | None) -> str:
-    specimen = summary.specimen
-    volts = 2 * specimen.full_amplitude_v
     notes = ["±: total standard uncertainty"]
     if summary.largest_at_hz:
-        drive = f"{volts:g} V peak to peak at the amplifier's input"
         notes.append(
-            f"largest response: at {summary.largest_at_hz:.4g} Hz among the points, {drive}; its peak frequency is below the natural (undamped) one"
+            f"largest response: at {summary.largest_at_hz:.4g} Hz among the points; the peak frequency is below the natural (undamped) one"
         )
     if margins := summary.perception_margins:
         where = (f"{each.condition} at {each.frequency_hz:g} Hz" for each in (margins[0], margins[-1]))
@@ -220,6 +227,6 @@ def _source_text(merit: EstimatedQuantity, by_stem: Mapping[str, ReportRun]) -> 
     stem = str(merit.source).partition(" ")[0]  # behind it the part of a series
     if (run := by_stem.get(stem)) is None:
         return str(merit.source)
-    doubts = [run.summary.verdict_text if run.summary.outcome is Outcome.DOUBTFUL else ""]
-    doubts += ["sensor drifting"] * any(each.drift for each in run.instruments)
-    return ", ".join((run_label(run), *filter(None, doubts)))
+    doubt = f" {DOUBTFUL}" if run.summary.outcome is Outcome.DOUBTFUL else ""
+    drift = ", sensor drifting" if any(each.drift for each in run.instruments) else ""
+    return f"{run_label(run)}{doubt}{drift}"

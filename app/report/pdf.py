@@ -31,7 +31,7 @@ from reportlab.platypus import Table as Grid
 
 from app.common import Table
 from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in
-from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Photograph, Report
+from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Photograph, Report, ReportSection
 from app.report.drawings import Drawings
 from protocols.base import replacing
 
@@ -42,14 +42,18 @@ SIGNATURE_HEIGHT = 0.5 * INCH
 """Height reserved at the bottom of the first page."""
 LOGO = (1.6 * INCH, 0.6 * INCH)
 """Largest width and height of the laboratory's picture."""
-MIN_PLOT_HEIGHT_IN = 1.6
-"""Smallest height of a plot on the first page."""
-SECTION_SPACE = 2.0 * INCH
+MIN_PLOT_HEIGHT_IN, MIN_SKIN_HEIGHT_IN = 1.0, 0.9
+"""Smallest height of a plot on the first page, and of the last plot of the second."""
+TITLE_SIZES = (18, 16, 14, 12)
+"""Of the heading: the largest one in which it is one line."""
+SECTION_SPACE = 1.5 * INCH
 """A section begins on a new page where less is left."""
 LINE_SPACING = 1.25
 """Ratio of line height to font size."""
 COLUMN_GAP = 0.12 * INCH
 SHRINK_STEP = 0.05 * INCH
+MOST_BALANCED_ROWS = 40
+"""Rows of a table whose columns are shrunk by the number of lines; a longer one takes too long."""
 MAX_FONT = MIN_FONT = 8.0
 """Of tables; nothing is smaller."""
 RED, GREY = "#C00018", "#444444"
@@ -90,23 +94,42 @@ def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:
 
 
 def fit_first_page(report: Report) -> Report:
-    """Return the report with the plots of its first page as high as the space that its other blocks leave."""
-    plots = [block for block in report.first_page if isinstance(block, ReportPlot)]
-    if not plots:
+    """Return the report with the plots of its first page as high as the space that its other blocks leave; also the last plot, where the rest of its pages leaves it one."""
+    first = _fit_plots(
+        report.first_page, [*_headings(report)], PAGE[1] - TOP - BOTTOM - SIGNATURE_HEIGHT, MIN_PLOT_HEIGHT_IN
+    )
+    report = replace(report, first_page=first)
+    if not report.appendix or report.appendix[-1].own_page:
         return report
-    others = [*_headings(report)]
-    for block in report.first_page:
-        others += _plot_texts(block) if isinstance(block, ReportPlot) else _block(block, iter(()))
-    needed = sum(each.wrap(WIDTH, 1e6)[1] + each.getSpaceBefore() + each.getSpaceAfter() for each in others)
-    left_in = (
-        (PAGE[1] - TOP - BOTTOM - SIGNATURE_HEIGHT - needed) / INCH / len(plots) - legend_height_in(plots[0]) - 0.05
+    *before, last = report.appendix
+    others = [part for section in before for part in (*_section(section, None), Spacer(0, 6))] + [_section_title(last)]
+    fitted = _fit_plots(last.blocks, others, PAGE[1] - TOP - BOTTOM, MIN_SKIN_HEIGHT_IN, titled=False)
+    return replace(report, appendix=(*before, replace(last, blocks=fitted)))
+
+
+def _fit_plots(
+    blocks: Sequence[Block], others: list[Any], available: float, smallest_in: float, titled: bool = True
+) -> tuple[Block, ...]:
+    """Return the blocks with plots of the height that `others` and the other blocks leave of an available height, no higher than they are.
+
+    Where the smallest height does not fit either, as in a report of many pages, the plots of an appendix stay as they are.
+    """
+    plots = [block for block in blocks if isinstance(block, ReportPlot)]
+    for block in blocks:
+        others += _plot_texts(block)[not titled :] if isinstance(block, ReportPlot) else _block(block, None)
+    left_in = (available - _height(others)) / INCH / max(len(plots), 1)
+
+    def height_in(plot: ReportPlot) -> float:
+        fitting = (left_in - legend_height_in(plot) - 0.05) / plot.rows
+        return plot.row_height_in if fitting < smallest_in and not titled else max(fitting, smallest_in)
+
+    return tuple(
+        replace(b, row_height_in=min(height_in(b), b.row_height_in)) if isinstance(b, ReportPlot) else b for b in blocks
     )
-    height_in = max(left_in, MIN_PLOT_HEIGHT_IN)
-    blocks = (
-        replace(b, row_height_in=min(height_in, b.row_height_in)) if isinstance(b, ReportPlot) else b
-        for b in report.first_page
-    )
-    return replace(report, first_page=tuple(blocks))
+
+
+def _height(parts: Sequence[Any]) -> float:
+    return float(sum(each.wrap(WIDTH, 1e6)[1] + each.getSpaceBefore() + each.getSpaceAfter() for each in parts))
 
 
 def _frame(reserved: float = 0.0) -> Any:
@@ -141,14 +164,19 @@ class _Picture(Flowable):  # type: ignore[misc]
         self.drawing.paint(self.canv)
 
 
-def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
-    right = PAGE[0] - LEFT
+def _pictures(report: Report) -> Iterator[tuple[Any, float, float]]:
+    """Yield the pictures beside the heading, from the right, with width and height."""
     photographs = (block.data for block in report.first_page if isinstance(block, Photograph))
     for data in filter(None, (report.logo, *photographs)):
         picture = ImageReader(BytesIO(data))
         width, height = picture.getSize()
         scale = min(LOGO[0] / width, LOGO[1] / height)
-        width, height = scale * width, scale * height
+        yield picture, scale * width, scale * height
+
+
+def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
+    right = PAGE[0] - LEFT
+    for picture, width, height in _pictures(report):
         canvas.drawImage(picture, right - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto")
         right -= width + COLUMN_GAP
     step = WIDTH / len(report.signatures)
@@ -208,10 +236,7 @@ def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
         yield from _block(block, plots)
     for at, section in enumerate(report.appendix):
         yield from (PageBreak(),) if at == 0 or section.own_page else (CondPageBreak(SECTION_SPACE), Spacer(0, 6))
-        yield _lines(section.title, 11.5, "-Bold", after=4, keep=True)
-        for number, block in enumerate(section.blocks):
-            named = number > 0 or not isinstance(block, Table | ReportPlot)
-            yield from _block(block, plots, titled=named or section.own_page)
+        yield from _section(section, plots)
     if drawings.runs:
         yield NextPageTemplate("pictures")
     for name, drawing in drawings.runs:
@@ -220,20 +245,40 @@ def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
         yield _Picture(drawing)
 
 
+def _section(section: ReportSection, plots: Iterator[Sequence[VectorDrawing]] | None) -> Iterator[Any]:
+    """Yield title and blocks of a section; without drawings, space in place of its plots."""
+    yield _section_title(section)
+    for number, block in enumerate(section.blocks):
+        named = number > 0 or not isinstance(block, Table | ReportPlot)
+        yield from _block(block, plots, titled=named or section.own_page)
+
+
+def _section_title(section: ReportSection) -> Any:
+    return _lines(section.title, 11.5, "-Bold", after=4, keep=True)
+
+
 def _headings(report: Report) -> Iterator[Any]:
     if report.laboratory.name:
         yield _lines(report.laboratory.name, 10, "-Bold", after=3)
-    yield _lines(report.title, 18, "-Bold", after=4)
+    pictures = sum(width + COLUMN_GAP for _, width, _ in _pictures(report))
+    fitting = (size for size in TITLE_SIZES if stringWidth(report.title, font("-Bold"), size) <= WIDTH - pictures)
+    yield _lines(report.title, next(fitting, TITLE_SIZES[-1]), "-Bold", after=4, right=pictures)
 
 
-def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]], titled: bool = True) -> list[Any]:
-    """Return a block in the flow of the text; not `titled`: without the title of a plot or table, whose section has one."""
+def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]] | None, titled: bool = True) -> list[Any]:
+    """Return a block in the flow of the text; not `titled`: without the title of a plot or table, whose section has one.
+
+    Without drawings, `plots` None, space stands in the place of a plot.
+    """
     match block:
         case Paragraph():
             color, style = TONE_STYLES[block.tone]
             return [_lines(block.text, 8.5, style, color)]
         case ReportPlot():
             title, *caption = _plot_texts(block)
+            if plots is None:
+                height_in = block.row_height_in * block.rows + legend_height_in(block)
+                return [*([title] if titled else ()), Spacer(0, INCH * height_in), *caption]
             first, *others = next(plots)
             return [
                 KeepTogether([title, _Picture(first)] if titled else [_Picture(first)]),
@@ -257,11 +302,11 @@ def _plot_texts(plot: ReportPlot) -> list[Any]:
 
 
 def _lines(
-    text: str, size: float, style: str = "", color: str = "#000000", after: float = 4, before: float = 0, keep: bool = False
+    text: str, size: float, style: str = "", color: str = "#000000", after: float = 4, before: float = 0, keep: bool = False, right: float = 0
 ) -> Any:  # fmt: skip
     look = ParagraphStyle(
         "", fontName=font(style), fontSize=size, leading=LINE_SPACING * size, textColor=color, spaceBefore=before,
-        spaceAfter=after, keepWithNext=keep,
+        spaceAfter=after, keepWithNext=keep, rightIndent=right,
     )  # fmt: skip
     return TextLines(escape(text), look)
 
@@ -315,22 +360,48 @@ def lay_out_table(table: Table, width: float) -> LaidOutTable:
     word_ems = [widest(lambda cell: cell.split(" "), i) for i in columns]
     available = width - COLUMN_GAP * len(columns)
     size = min(max(available / max(sum(natural_ems), 1e-6), MIN_FONT), MAX_FONT)
-    widths = _shrink_columns([size * w for w in natural_ems], [size * w for w in word_ems], available)
+
+    @cache
+    def line_counts(column: int, width: float) -> tuple[int, ...]:
+        texts = ((row[column], face(at, column)) for at, row in enumerate(every))
+        return tuple(len(wrap_text(text, width + 0.5, size, of)) for text, of in texts)
+
+    counted = line_counts if len(every) <= MOST_BALANCED_ROWS else None
+    widths = _shrink_columns([size * w for w in natural_ems], [size * w for w in word_ems], available, counted)
     rows = tuple(
         tuple(wrap_text(row[i], widths[i] + 0.5, size, face(at, i)) for i in columns) for at, row in enumerate(every)
     )
     return LaidOutTable(size, tuple(w + COLUMN_GAP for w in widths), rows)
 
 
-def _shrink_columns(natural: Sequence[float], min_widths: Sequence[float], available: float) -> list[float]:
-    """Shrink the widest columns until all fit, down to their longest words; then shrink all in proportion."""
-    widths = list(natural)
+def _shrink_columns(
+    natural: Sequence[float],
+    min_widths: Sequence[float],
+    available: float,
+    line_counts: Callable[[int, float], Sequence[int]] | None,
+) -> list[float]:
+    """Shrink columns until all fit, down to their longest words: the one that adds fewest lines to the table, or else the widest.
+
+    Where the longest words do not fit, long ones are broken.
+    """
+    widths, equal = list(natural), available / len(natural)
+    if sum(min_widths) > available:
+        min_widths = [min(low, equal) for low in min_widths]
     while (over := sum(widths) - available) > 1e-6:
-        free = [i for i, (w, low) in enumerate(zip(widths, min_widths, strict=True)) if w > low + 1e-6]
-        if not free:
-            return [w * available / sum(widths) for w in widths]
-        widest = max(free, key=lambda i: widths[i])
-        widths[widest] = max(widths[widest] - min(over, SHRINK_STEP), min_widths[widest])
+        narrower = {
+            i: max(w - min(over, SHRINK_STEP), low)
+            for i, (w, low) in enumerate(zip(widths, min_widths, strict=True))
+            if w > low + 1e-6
+        }
+
+        def lines(column: int, shrunk: dict[int, float] = narrower) -> int:
+            if line_counts is None:
+                return 0
+            counts = (line_counts(i, shrunk[i] if i == column else w) for i, w in enumerate(widths))
+            return sum(map(max, zip(*counts, strict=True)))
+
+        chosen = min(narrower, key=lambda i: (lines(i), -widths[i]))
+        widths[chosen] = narrower[chosen]
     return widths
 
 

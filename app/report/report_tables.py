@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import reduce
 from typing import Any
 
 from app.common import Table, pluralize, typeset_unit
@@ -34,7 +35,7 @@ from app.report.rounding import (
     typeset_probability,
     typeset_with_error,
 )
-from app.report.runs import ReportRun
+from app.report.runs import ReportRun, run_label
 from app.report.specimen import SpecimenModel
 from model import QUANTITIES, Membrane, Tactor, format_time, quantity_label, shown_unit
 from protocols.base import Outcome
@@ -48,17 +49,23 @@ TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
 def parameter_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
     """Yield the result of the identification, the parameters by source, and what was left out and why."""
-    specimen = summary.specimen
-    yield from _fit_blocks(specimen)
+    specimen, labels = summary.specimen, {run.path.stem: run_label(run) for run in runs}
+    yield from (replace(each, text=_relabelled(each.text, labels)) for each in _fit_blocks(specimen))
     if specimen.estimates:
-        yield parameter_grid(specimen)
+        grid = parameter_grid(specimen)
+        yield replace(grid, note=_relabelled(grid.note, labels))
         yield known_values(specimen)
     if specimen.identification is not None and not summary.perception_margins:
         yield Paragraph("No statement on threshold and latency: the free response is not determined by these runs.")
     yield from _run_blocks(runs)
 
 
-def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
+def _relabelled(text: str, labels: Mapping[str, str]) -> str:
+    """Return a text with the short names of runs in place of their files' names."""
+    return reduce(lambda text, name: text.replace(name, labels[name]), labels, text)
+
+
+def _fit_blocks(specimen: SpecimenModel) -> Iterator[Paragraph]:
     """Yield the result of the identification, its basis, and the parameters that it leaves open."""
     identification = specimen.identification
     if identification is None:
@@ -84,8 +91,15 @@ def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
     for run in runs:
         if run.without_result and not run.exclusion_reason:
             yield Paragraph(f"{run.name} is not used: {run.summary.verdict}: {run.summary.explanation}.", "bad")
-        elif run.summary.outcome is Outcome.DOUBTFUL:
-            yield Paragraph(f"{run.name} is doubtful: {run.summary.explanation}.")
+    doubtful: dict[str, list[str]] = {}
+    for run in runs:
+        if run.summary.outcome is Outcome.DOUBTFUL and (run.exclusion_reason or not run.without_result):
+            for reason in run.summary.record.verdict.reasons:
+                doubtful.setdefault(reason.partition("; ")[0].partition(":")[0], []).append(run_label(run))
+    if doubtful:
+        yield Paragraph(
+            f"Doubtful: {'; '.join(reason + ' in ' + ', '.join(names) for reason, names in doubtful.items())}."
+        )
 
 
 def _capitalized(text: str) -> str:
@@ -285,7 +299,7 @@ def budget_blocks(specimen: SpecimenModel, table: bool = True) -> Iterator[Block
 def _budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     stacked = tuple(StackedBar(bar.name, bar.shares, bar.size_text) for bar in bars)
     panel = PlotPanel("", "share of the squared total", "", bars=stacked)
-    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece shows what to improve first; gray: further sources."
+    caption = "Right: total standard uncertainty and its statistical part, of the value. Improve the longest piece first; gray: further sources."
     return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
 
 

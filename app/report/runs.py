@@ -41,7 +41,7 @@ class InstrumentRecord:
     def state(self, day: str) -> str:
         """Return the state of its calibration on a day, ISO 8601."""
         if not self.expires:
-            return "due date not stated" if self.calibrated else "no calibration stated"
+            return "due date not stated" if self.calibrated else "not stated"
         try:
             return REPORTED_STATES[calibration_state(self.expires, Day.fromisoformat(day))]
         except ValueError:

@@ -16,7 +16,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, PeriodicSweep
-from model import format_quantity, format_with_uncertainty
+from model import format_quantity, format_with_uncertainty, quality_factor
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -264,7 +264,7 @@ class Sweep(Protocol):
         relative = zeta_error / zeta
         return (
             *modal_estimates(natural, natural_error, zeta, zeta_error, SOURCE),
-            EstimatedQuantity.listed("quality_factor", 0.5 / zeta, 0.5 / zeta * relative, SOURCE),
+            quality_factor(EstimatedQuantity.listed("damping_ratio", zeta, zeta_error, SOURCE)),
             EstimatedQuantity.listed(
                 "decay_time", decay_s, decay_s * math.hypot(relative, natural_error / natural), SOURCE
             ),

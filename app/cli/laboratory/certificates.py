@@ -146,7 +146,9 @@ def _find(folder: Path, number: str) -> Certificate:
 
 @command("D-K-1234 --bench bench1.toml")
 class UseCertificateCommand:
-    """Write gain, zero, uncertainty, serial number and dates of a sensor's certificate into a bench file, in place of the typed ones."""
+    """Write gain, zero, uncertainty, serial number and dates of a sensor's certificate into a bench file, in place of the typed
+    ones. A table or a polynomial (coefficients in mm, mm/V, mm/V^2 ...) becomes the best line in the sensor's valid range.
+    """
 
     number: str = argument("number of the certificate, or its beginning")
     bench: str = option("bench file; its comments stay", metavar="FILE")
@@ -168,7 +170,7 @@ class UseCertificateCommand:
             raise UsageError(
                 f"certificate {one.number} is of the sensor #{one.serial or 'without a serial number'}, and {self.bench} has #{before.serial}; choose the other one"
             )
-        calibration = calibration_of_certificate(one)
+        calibration = calibration_of_certificate(one, (before.valid_low_v, before.valid_high_v))
         values = calibration.rounded()
         if calibration.is_gain_alone:
             values |= {"zero_v": before.zero_v, "gain_m_per_v": copysign(values["gain_m_per_v"], before.gain_m_per_v)}
@@ -178,7 +180,7 @@ class UseCertificateCommand:
         shown = " to ".join(format_quantity(gain, 0.0, "m/V") for gain in gains)
         residual = max(map(abs, calibration.residuals_m), default=0.0)
         print_line(
-            f"{self.bench}: gain {shown}, {100 * values['gain_relative_uncertainty']:.2g} %; largest residual of the table {1e6 * residual:.3g} µm"
+            f"{self.bench}: gain {shown}, {100 * values['gain_relative_uncertainty']:.2g} %; largest residual of the certificate's values {1e6 * residual:.3g} µm"
         )
         return ExitCode.DONE
 

@@ -71,8 +71,7 @@ class ArchiveCommand:
 
 def _write_report(folder: Path, specimen: str, scratch: Path, progress: Progress) -> tuple[Path, ...]:
     """Write the report into a folder; a specimen that has none is archived without it."""
-    from app.cli.report import write_report
-    from app.report import ReportError, build_report
+    from app.report import ReportError, build_report, write_report
 
     try:
         content, model, runs = build_report(folder, specimen, None, progress)

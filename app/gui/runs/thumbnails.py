@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import numpy as np
 from PySide6.QtCore import QObject, QPointF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QGuiApplication, QPen, QPixmap, QPolygonF
 
-from app.archive import RunSummary, read_sketch
+from app.archive import NO_SKETCH, RunSummary, Sketch, read_sketch
 from app.gui.face import painting, px, tokens
 from app.gui.widgets import BackgroundWorker
-from model import Array
 
 SIZE = QSize(88, 36)
 MAX_LINE_POINTS = 2 * SIZE.width()
@@ -19,10 +17,6 @@ MAX_WANTED = 60
 """Rows that wait to be read; the last asked for come first."""
 SETTLE_MS = 40
 """Delay between the first request and the reading: a list that is scrolled asks for rows that it leaves at once."""
-
-Sketch = tuple[Array, Array]
-"""Places of the points in a unit square, each (N,); empty without points."""
-NO_SKETCH: Sketch = (np.empty(0), np.empty(0))
 
 
 class Thumbnails(QObject):
@@ -83,21 +77,9 @@ class Thumbnails(QObject):
 def _read_sketch(path: Path) -> Sketch:
     """Return the points of a run in a unit square; empty if the file cannot be read, which the list reports."""
     try:
-        series = read_sketch(path)
+        return read_sketch(path, MAX_LINE_POINTS)
     except Exception:  # noqa: BLE001 - a run without a thumbnail is listed all the same
         return NO_SKETCH
-    if series is None:
-        return NO_SKETCH
-    x, y = series.x, series.plotted
-    good = np.isfinite(x) & np.isfinite(y) & (True if series.usable is None else series.usable)
-    order = np.argsort(x[good], kind="stable")[:: max(int(good.sum()) // MAX_LINE_POINTS, 1)]
-    x, y = x[good][order], y[good][order]
-    return (_unit(x), _unit(y)) if x.size > 1 else NO_SKETCH
-
-
-def _unit(values: Array) -> Array:
-    span = float(np.ptp(values))
-    return (values - values.min()) / span if span > 0 else np.full(values.size, 0.5)
 
 
 def _draw(sketch: Sketch) -> QPixmap:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli.main import main
@@ -226,3 +227,22 @@ def test_a_stated_gain_keeps_the_sign_and_zero_of_the_bench() -> None:
     assert line.is_gain_alone
     with pytest.raises(SensorCalibrationError):
         calibration_of_certificate(Certificate("C", "Lab", "2026-05-04", columns=(replace(gain, unit="mm"),)))
+
+
+def test_a_polynomial_becomes_the_best_line_of_the_valid_range_with_its_bend_as_uncertainty() -> None:
+    terms = {"mm": 0.02, "mm/V": 0.1, "mm/V^2": 2e-4, "mm/V^3": 5e-6}
+    columns = tuple(CertificateColumn(f"a{n}", unit, (value,)) for n, (unit, value) in enumerate(terms.items()))
+    certificate = Certificate("C", "Lab", "2026-05-04", columns=columns)
+    line = calibration_of_certificate(certificate, (-10.0, 10.0))
+    v = np.linspace(-10, 10, 20001)
+    truth_m = 1e-3 * (0.02 + 0.1 * v + 2e-4 * v**2 + 5e-6 * v**3)
+    assert line.gain_m_per_v == pytest.approx(1e-3 * (0.1 + 0.6 * 100 * 5e-6), rel=1e-4)  # of a cube: 3/5 of its square
+    bend_m = truth_m - line.gain_m_per_v * (v - line.zero_v)
+    assert max(map(abs, line.residuals_m)) == pytest.approx(np.abs(bend_m).max(), rel=0.01)
+    assert line.gain_relative_uncertainty == pytest.approx(bend_m.std() / truth_m.std(), rel=0.1)
+    narrow = calibration_of_certificate(certificate, (-1.0, 1.0))
+    assert narrow.gain_m_per_v == pytest.approx(1e-4, rel=1e-4)
+    assert narrow.gain_relative_uncertainty < 0.2 * line.gain_relative_uncertainty
+    stated = replace(columns[1], standard_uncertainties=(0.001,))
+    sure = replace(certificate, columns=(columns[0], stated, *columns[2:]))
+    assert calibration_of_certificate(sure, (-1.0, 1.0)).gain_relative_uncertainty == pytest.approx(0.01, rel=0.01)

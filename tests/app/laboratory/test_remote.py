@@ -16,8 +16,13 @@ from typing import Any
 
 import pytest
 
-from app.remote.server import MAX_CONNECTIONS, MAX_PER_ADDRESS, MIN_TOKEN_LENGTH, RemoteView, RemoteViewError
-from app.remote.snapshot import Snapshot, snapshot_record
+from app.remote import RemoteView, Snapshot, snapshot_record
+from app.remote.web_server import (
+    MAX_CONNECTIONS,
+    MAX_PER_ADDRESS,
+    MIN_TOKEN_LENGTH,
+    WebServerError,
+)
 from app.session import initial_window_state, reduce
 from app.session.session import Observation
 from app.session.state import TimedEvent, WindowState
@@ -83,7 +88,7 @@ def test_in_the_network_the_state_needs_the_token(view: RemoteView) -> None:
     assert ask(view, f"/state.json?token={TOKEN}")[0] == 401
     assert ask(view, Authorization=f"Bearer {TOKEN}")[0] == 200
     assert ask(view, "/")[0] == 200  # the page itself has no data
-    with pytest.raises(RemoteViewError) as refused:
+    with pytest.raises(WebServerError) as refused:
         view.start("short", 0)
     assert_names(str(refused.value), len("short"), MIN_TOKEN_LENGTH)
     assert MIN_TOKEN_LENGTH >= 16
@@ -141,7 +146,7 @@ def test_a_port_in_use_is_one_sentence(view: RemoteView) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(RemoteViewError) as refused:
+        with pytest.raises(WebServerError) as refused:
             view.start("", port)
     message = str(refused.value)
     assert_names(message, port, "127.0.0.1")

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -76,7 +77,7 @@ def signed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_two_pages_answer_who_when_with_what_and_how_sure(signed: Path) -> None:
-    first, second = texts_of_pages(signed / "T1_report.pdf")
+    first, second = (" ".join(text.split()) for text in texts_of_pages(signed / "T1_report.pdf"))
     for text in ("Haptics Lab", "serial MFC-042", "Ben Keller (1 run)", NOT_RECORDED, "PASS: the limit is met.", "certificate C-17", "overdue in 2 runs", quantity_label("natural_frequency"), quantity_label("quality_factor"), quantity_label("static_gain_above_rest"), "at least 100 Hz", "model, not measured", "Measured by"):  # fmt: skip
         assert text in first, text
     assert "C-99" not in first  # a certificate of later runs
@@ -143,3 +144,75 @@ def test_the_natural_frequency_is_the_newest_of_the_free_specimen(folder: Path) 
     assert merits["natural_frequency"]["value"] > merits["peak_frequency"]["value"]
     ratio = merits["damping_ratio"]["value"]
     assert merits["quality_factor"]["value"] == pytest.approx(1 / (2 * ratio))
+
+
+LONG = "Tactor 7, batch 2026-10, second prototype of the abdominal belt"
+OPERATOR, CHECKER = "Dr. Maximiliane von Hohenlohe-Langenburg", "Prof. Dr. Benedikt Keller-Oberhauser"
+NUMBER = "D-K-15070-01-00-2026-"
+
+
+@pytest.fixture(scope="module")
+def demanding(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Texts of the pages of a report with long names everywhere, twelve limits, a photograph, and doubtful runs."""
+    runs, out = tmp_path_factory.mktemp("long") / "runs", tmp_path_factory.mktemp("out")
+    common = ["--speed", "max", "--seed", "3", "--out", str(runs), "--specimen", LONG, "--operator", OPERATOR]
+    air = ["--temperature", "23.4 °C", "--humidity", "45 %"]
+    runs.mkdir()
+    sensor = Certificate(
+        f"{NUMBER}7654321", "Institute of Metrology", "2020-05-04", serial="SIM-2", role="sensor", due="2021-05-04"
+    )
+    store_certificate(runs, sensor)
+    store_certificate(
+        runs, replace(sensor, number=f"{NUMBER}1234567", serial="MY00000001", role="generator", due="2999-05-04")
+    )
+    for protocol in (
+        ["static-loading"], ["voltage-steps"], ["sine-dwell"], ["sweep"], ["latency"], ["sine-dwell"],
+    ):  # fmt: skip
+        assert main(["run", *protocol, *common, *air]) == 0
+    sheet = next(runs.glob("*.specimen.toml"))
+    sheet.write_text(
+        sheet.read_text("utf-8").replace("simulated = true", 'simulated = true\nphotograph = "t.jpg"'), "utf-8"
+    )
+    (runs / "t.jpg").write_bytes(JPEG)
+    (runs / "laboratory.toml").write_text('name = "Laboratory for Haptics and Smart Materials of the University"\n')
+    names = ("natural_frequency", "peak_frequency", "damping_ratio", "amplitude_at_resonance", "usable_from", "usable_to", "smallest_margin",
+        "smallest_margin_on_membrane", "latency", "rise_time", "m_add")  # fmt: skip
+    bounds = "\n".join(f"[limits.{name}]\nlow = 0" for name in names)
+    (runs / "limits.toml").write_text(f"{bounds}\n[limits.k2]\nlow = 1\n")
+    assert main(["checked", *map(str, runs.glob("*sweep.h5")), "--by", CHECKER]) == 0
+    main(["report", LONG, "--folder", str(runs), "--out", str(out)])
+    (pdf,) = out.glob("*.pdf")
+    assert smallest_text_pt(pdf) >= 8
+    return texts_of_pages(pdf)
+
+
+def test_long_names_and_a_dozen_limits_stay_on_two_pages(demanding: list[str]) -> None:
+    assert len(demanding) == 2
+    assert "Shaded" in demanding[0]  # the caption of the plot
+    assert "Computed" in demanding[1]  # the last one
+
+
+QUESTIONS = {
+    "who measured": f"by {OPERATOR} \\(6 runs\\)",
+    "who checked": f"{re.escape(CHECKER)} \\(1 run\\)",
+    "when": r"measured 20\d\d-\d\d-\d\d \d\d:\d\d to [\d: -]*\d\d:\d\d UTC",
+    "in what air": r"23\.4 °C, 45 % relative humidity",
+    "with which laser": r"sensor simulated laser displacement sensor #SIM-2",
+    "was it in calibration": r"2020-05-04 2021-05-04 overdue in 6 runs",
+    "by which certificate": f"certificate {NUMBER}7654321",
+    "is it a real specimen": "SIMULATED",
+    "what is its natural frequency": r"natural frequency 1\d\d\.\d+ ± \d\.\d+ Hz",
+    "is the frequency of the largest response the natural one": r"peak frequency is below the natural \(undamped\) one",
+    "what is Q": r"quality factor Q 2\.\d+ ± 0\.\d+ (dwell|sweep)",
+    "is the latency measured": r"after a step to 5 V \d\.\d+ ± \d\.\d+ ms latency 20",
+    "which limits are not met": r"bending stiffness k₂ [^\n]*? fail",
+    "how was L measured": r"L 22\.\d+ ± 0\.050 mm[^()]*\(digital caliper\)",
+    "what limits the uncertainty of k2": r"share of the squared total.*k2.*\d+ %",
+    "which runs are doubtful, and why": r"Doubtful: points with an expired calibration in loading 20",
+    "over which threshold is the margin": r"over the threshold, 50 µm on the abdomen",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_a_reader_of_the_two_pages_alone_finds(question: str, demanding: list[str]) -> None:
+    assert re.search(QUESTIONS[question], " ".join(" ".join(demanding).split()))
