@@ -118,7 +118,7 @@ class Electrical(Protocol):
     ] = (3.5, 5.0)
     wait_s: Annotated[
         float, Unit("s"), Interval(ge=0.5, le=120), "wait at rest, and again at a level, before its recording"
-    ] = 4.5
+    ] = 3.5
     record_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=60), "duration of each recording"] = 1.0
     polarity: Annotated[
         int, Unit("1"), Interval(ge=-1, le=1), "correct sign of displacement per volt; 0: either sign"
