@@ -11,7 +11,7 @@ from app.report.limits import Limits
 from app.report.report_tables import format_flags
 from app.report.rounding import typeset_measurement
 from app.report.runs import InstrumentRecord, ReportRun, run_label
-from model import EstimatedQuantity, format_time, quantity_label
+from model import PARAMETERS, EstimatedQuantity, format_time, quantity_label
 from protocols.base import Outcome
 
 KEY_FIGURES = (
@@ -223,7 +223,7 @@ def _label(name: str, merit: EstimatedQuantity | None) -> str:
 def _source_text(merit: EstimatedQuantity, by_stem: Mapping[str, ReportRun]) -> str:
     """Return the run of a measured value with its doubts, or that it is the model's."""
     if merit.source == MODEL_SOURCE:
-        return "model, not measured"
+        return "parameter, see page 2" if merit.name in PARAMETERS else "model, not measured"
     stem = str(merit.source).partition(" ")[0]  # behind it the part of a series
     if (run := by_stem.get(stem)) is None:
         return str(merit.source)

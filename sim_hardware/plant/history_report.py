@@ -114,7 +114,8 @@ def _entry_extremes(
         low, high = min(low, float(volts.min())), max(high, float(volts.max()))
         spans = np.diff(t)
         outside += float(spans[np.abs(volts[:-1] - rest_v) > tolerance_v].sum())
-        wide = spans > 1e-3 / rate_hz  # shorter chords would amplify rounding errors
+        # The step of a held waveform, or a rounding error, over a shorter chord beside a breakpoint is no slope.
+        wide = spans > 0.1 / rate_hz
         if wide.any():
             steepest = max(steepest, float(np.max(np.abs(np.diff(volts)[wide]) / spans[wide])))
     return low, high, steepest, outside
