@@ -90,10 +90,11 @@ class BurstOutput:
         if self._capabilities.holds_range:
             self._set_drive_amplitude(points, full_v)
         triggered_s = self._clock.now()
-        # Before it is sent: if the reply is lost, a playing burst must be assumed.
-        self.burst_end_s = triggered_s + seconds
-        self._dialect.trigger()
-        self.burst_end_s = self._clock.now() + seconds
+        self.burst_end_s = triggered_s + seconds  # for other threads, while the trigger waits for its reply
+        try:
+            self._dialect.trigger()
+        finally:  # if the reply is lost, a burst that began at the last moment must be assumed
+            self.burst_end_s = self._clock.now() + seconds
         return triggered_s
 
     def _scaled_to_amplitude(self, points: Points, full_v: float) -> tuple[Points, float]:
