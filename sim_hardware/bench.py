@@ -8,10 +8,16 @@ import numpy as np
 
 from drivers import Clock, WallClock
 from sim_hardware import plant
-from sim_hardware.generators import SegmentFactory, SimulatedGenerator, make_generator
+from sim_hardware.generators import (
+    OutsideEngine,
+    SegmentFactory,
+    SimulatedGenerator,
+    load_outside_generator,
+    make_generator,
+)
 from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer, SimulatedInterlock
 from sim_hardware.supplies import SimulatedSupply, make_supply_engine
-from sim_hardware.wires import InProcessLink, MessagePort, ScpiEngine, ScpiInstrument
+from sim_hardware.wires import InProcessLink, MessageEngine, MessagePort, ScpiEngine, ScpiInstrument
 
 
 class _Cable:
@@ -61,11 +67,20 @@ class SimulatedBench:
             parameters, self.history, self.plant, self.laser_view, self.faults, outputs, self.interlock
         )
         g = parameters.generator
+        sink = self._segment_sink("generator")
         self.generator = SimulatedGenerator(
-            self._segment_sink("generator"), parameters.seed, g.clock_ppm, g.relay_s, parameters.amplifier.open_v
+            self._discard_segment if g.outside else sink,
+            parameters.seed,
+            g.clock_ppm,
+            g.relay_s,
+            parameters.amplifier.open_v,
         )
         self.generator.reset()
         self.connect_generator(make_generator(g, self.generator, self.clock.now, parameters.seed))
+        self._outside: OutsideEngine | None = None
+        if g.outside:
+            self._outside = OutsideEngine(load_outside_generator(g.outside), sink, self.clock.now)
+            self._connect(self._outside)
         self.supply = SimulatedSupply(self._segment_sink("supply"), self.clock.now, parameters.supply)
         if parameters.source == "supply":  # the link leads to the instrument at the cable
             self._connect(make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial))
@@ -78,7 +93,7 @@ class SimulatedBench:
         self._generator_model = model
         self._connect(_engine_of(model))
 
-    def _connect(self, engine: ScpiEngine) -> None:
+    def _connect(self, engine: MessageEngine) -> None:
         self.message_port = MessagePort(engine, self.faults, self._make_other_instrument)
         self.message_port.set_processing(partial(self.clock.sleep, self.parameters.generator.command_s))
 
@@ -190,6 +205,8 @@ class SimulatedBench:
         match fault:
             case "generator-power-off":
                 self.generator.set_power(on=not active)
+                if self._outside:
+                    self._outside.set_power(on=not active)
                 if not active:
                     self._generator_model.reset()
                 self.supply.set_power(on=not active)

@@ -1,5 +1,8 @@
 from .generator import SegmentFactory as SegmentFactory
 from .generator import SimulatedGenerator as SimulatedGenerator
+from .outside import OutsideEngine as OutsideEngine
+from .outside import OutsideGenerator as OutsideGenerator
+from .outside import load_outside_generator as load_outside_generator
 from .registry import draw_traits as draw_traits
 from .registry import make_generator as make_generator
 from .scpi_generator import accept_keywords as accept_keywords

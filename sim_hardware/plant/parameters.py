@@ -126,6 +126,7 @@ class GeneratorParameters:
         relay_s: duration of 0 V at the output during a switching of an attenuator relay.
         high_z_by_hand: whether High Z was set on the front panel of a model without remote access to it.
         traits: chosen traits, e.g. `silence=long stale=often` (sim_hardware.generators.traits); others are drawn from the seed.
+        outside: entry point of a generator that another package simulates, in place of this one; empty: none.
     """
 
     model: str = "33511B"
@@ -136,6 +137,7 @@ class GeneratorParameters:
     relay_s: float = 5e-3
     high_z_by_hand: bool = True
     traits: str = ""
+    outside: str = ""
 
     def __post_init__(self) -> None:
         beginnings = [begin for family in generator_families().values() for begin in family.makers]

@@ -1,5 +1,6 @@
 from .in_process_link import InProcessLink as InProcessLink
 from .port import HOST as HOST
+from .port import MessageEngine as MessageEngine
 from .port import MessagePort as MessagePort
 from .pty import PtyServer as PtyServer
 from .scpi_engine import Arguments as Arguments

@@ -3,15 +3,37 @@
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from sim_hardware.plant import FaultState
-from sim_hardware.wires.scpi_engine import ScpiEngine
+from sim_hardware.wires.scpi_engine import ScpiResponse
 
 HOST = "127.0.0.1"
 """Host of all simulated instruments."""
 
 LATE_RESPONSE_S = 4.0
 """Delay of a late reply: longer than any driver's wait."""
+
+
+class MessageEngine(Protocol):
+    """Runs the messages of one instrument: `ScpiEngine`, or that of an instrument of another package."""
+
+    process_command: Callable[[], None]
+
+    @property
+    def single_session(self) -> bool:
+        """Whether the instrument serves one connection at a time."""
+
+    @property
+    def hung(self) -> bool:
+        """Whether its remote control is dead until its power returns."""
+
+    @property
+    def silent(self) -> bool:
+        """Whether it does not answer at present."""
+
+    def execute(self, message: str) -> ScpiResponse | None:
+        """Run one message without its terminator; return its reply, or None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +72,12 @@ class MessagePort:
     """
 
     def __init__(
-        self, engine: ScpiEngine, faults: FaultState, make_other: Callable[[], ScpiEngine] | None = None
+        self, engine: MessageEngine, faults: FaultState, make_other: Callable[[], MessageEngine] | None = None
     ) -> None:
         self._engine = engine
         self._faults = faults
         self._make_other = make_other
-        self._other: ScpiEngine | None = None
+        self._other: MessageEngine | None = None
         self._previous_text = ""
         self._lock = threading.Lock()
 
@@ -73,7 +95,7 @@ class MessagePort:
         """Whether the instrument is reachable."""
         return not (self._faults.is_active("scpi-dropped") or self._faults.is_active("generator-power-off"))
 
-    def _answering_engine(self) -> ScpiEngine:
+    def _answering_engine(self) -> MessageEngine:
         if self._make_other is None or not self._faults.is_active("scpi-other-model"):
             return self._engine
         if self._other is None:

@@ -170,7 +170,7 @@ def test_the_channels_come_over_the_real_wire(tmp_path: Path) -> None:
         ('[[channels]]\nname = "a"\nchannel = "ai1"', "ai1 is used twice"),
         ('[[channels]]\nname = "a"\nchannel = "ai2"\ngain = 0', "must not be 0"),
         ('[[channels]]\nname = "a"\nchannel = "ai2"\n[[channels]]\nname = "a_offset"\nchannel = "ai3"', "rename one"),
-        ('[[channels]]\nname = "a"\nchannel = "ai2"\nunit = "A"\nkind = "voltage-monitor"', "must be V or A"),
+        ('[[channels]]\nname = "a"\nchannel = "ai2"\nunit = "A"\nkind = "voltage-monitor"', "must be V, as the kind"),
         ('[levels]\nstroke = "loudly"', "levels.stroke"),
         ("[specimen]\ngap_m = 0", "greater than 0"),
     ],

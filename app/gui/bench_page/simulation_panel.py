@@ -23,6 +23,7 @@ TITLES = {
     ("hands",): "Simulated operator",
     ("beyond",): "Effects outside the model",
     ("mounting",): "Differences between mountings",
+    ("electrical",): "Electrical properties of the specimen",
     ("generator",): "Function generator",
     ("amplifier",): "Amplifier",
     ("amplifier", "map"): "Amplifier's map",

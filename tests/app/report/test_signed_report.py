@@ -195,7 +195,7 @@ def test_long_names_and_a_dozen_limits_stay_on_two_pages(demanding: list[str]) -
 QUESTIONS = {
     "who measured": f"by {OPERATOR} \\(6 runs\\)",
     "who checked": f"{re.escape(CHECKER)} \\(1 run\\)",
-    "when": r"measured 20\d\d-\d\d-\d\d \d\d:\d\d to [\d: -]*\d\d:\d\d UTC",
+    "when": r"measured 20\d\d-\d\d-\d\d \d\d:\d\d(?: to [\d: -]*\d\d:\d\d)? UTC",
     "in what air": r"23\.4 °C, 45 % relative humidity",
     "with which laser": r"sensor simulated laser displacement sensor #SIM-2",
     "was it in calibration": r"2020-05-04 2021-05-04 overdue in 6 runs",
