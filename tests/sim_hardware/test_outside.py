@@ -33,7 +33,7 @@ def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchConfig:
     info = tmp_path / "box-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: box\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[{GROUP}]\nbox = tests.helpers.outside_box:Box\nnone = math:pi\n")
+    (info / "entry_points.txt").write_text(f"[{GROUP}]\nbox = tests.sim_hardware.outside_box:Box\nnone = math:pi\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     importlib.invalidate_caches()
     return simulated(generator={"outside": "box"})

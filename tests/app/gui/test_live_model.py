@@ -165,7 +165,7 @@ def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -
 @pytest.mark.deep
 def test_a_stroke_beyond_the_sensors_range_is_foreseen_beside_the_rehearsal(stage: Stage) -> None:
     near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
-    stage.session.bench = SimpleNamespace(amplifier=guard(), sensor=near, meters={}, configuration={})
+    stage.session.bench = SimpleNamespace(amplifier=guard(), sensor=near, meters={}, configuration={}, channels=())
     stage.happen(OPENED)
     panel = stage.window.measure_page.run_panel
     until(lambda: "leave the sensor's range" in find(panel, "measure.warnings").text(), "for the caution")
