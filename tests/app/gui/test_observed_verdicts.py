@@ -137,7 +137,7 @@ def test_a_fault_of_the_setup_is_named_in_terminal_window_list_and_report(
     stage.window.tabs.setCurrentIndex(RUNS)
     page = stage.window.tabs.runs
     until(lambda: page.list.model.rowCount() == 1, "for the run")
-    assert case.outcome in page.list.model.index(0, COLUMNS.index("verdict")).data()
+    assert case.outcome in page.list.model.index(0, COLUMNS.index("verdict")).data().casefold()
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run's plots")
     assert case.cause in find(page, "run.card.reason").text()

@@ -346,7 +346,16 @@ def test_requests_that_would_wait_too_long_are_refused(folder: Path, monkeypatch
 @pytest.mark.deep
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 def test_the_command_prints_the_address_and_ends_by_ctrl_c(folder: Path) -> None:
-    command = [sys.executable, "-c", "from app.cli.main import entry; entry()", "serve", str(folder), "--port", "0"]
+    heeds = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a background shell ignores it
+    command = [
+        sys.executable,
+        "-c",
+        f"{heeds}; from app.cli.main import entry; entry()",
+        "serve",
+        str(folder),
+        "--port",
+        "0",
+    ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     address = process.stdout.readline().strip()

@@ -171,7 +171,7 @@ def test_no_column_of_the_list_is_cut(page: RunsPage) -> None:
     page.window().resize(1280, 800)
 
     def hidden() -> set[str]:
-        return {title for at, title in enumerate(titles) if table.isColumnHidden(at)}
+        return {title.casefold() for at, title in enumerate(titles) if table.isColumnHidden(at)}
 
     def is_whole() -> bool:
         return table.horizontalScrollBar().maximum() == 0 and "found" in hidden()
