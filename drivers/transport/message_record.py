@@ -5,7 +5,9 @@ One JSON object a line: `t` in seconds of bench time from the begin, and `sent`,
 """
 
 import json
+import logging
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ from drivers.interfaces import Closeable
 from drivers.transport.scpi import Link
 
 FORMAT = "tactor-bench messages 1"
+
+log = logging.getLogger(__name__)
 
 
 class MessageRecord(Closeable):
@@ -44,12 +48,20 @@ class MessageRecord(Closeable):
         return RecordedLink(link, lambda what, text: self._write({"t": round(now() - begin_s, 6), what: text}))
 
     def _write(self, line: dict[str, Any]) -> None:
-        if not self._file.closed:
+        if self._file.closed:
+            return
+        try:
             self._file.write(json.dumps(line) + "\n")
             self._file.flush()  # the last line before a crash is the one that is wanted
+        except (
+            OSError
+        ) as error:  # a full disk must not keep a message, the way to rest least of all, from the instrument
+            self.close()
+            log.warning("The record of messages ends here: %s", error.strerror)
 
     def close(self) -> None:
-        self._file.close()
+        with suppress(OSError):  # what could not be written
+            self._file.close()
 
 
 class RecordedLink:

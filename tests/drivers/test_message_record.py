@@ -96,3 +96,13 @@ def test_a_record_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None
     config = recording(tmp_path / "no such folder" / "x")
     with pytest.raises(InstrumentError, match="correct record_messages in the bench file"), connect(config):
         pass
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk is shown by Linux only")
+def test_a_full_disk_ends_the_record_and_keeps_no_message_from_the_instrument(caplog: pytest.LogCaptureFixture) -> None:
+    from drivers import MessageRecord
+
+    bench = SimulatedBench(truth("33511B"), VirtualClock())
+    with MessageRecord(Path("/dev/full")) as record:
+        work(BOXES["33511B"](record.around(bench.link(), bench.clock.now), bench.clock))
+    assert "The record of messages ends here: No space left on device" in caplog.text
