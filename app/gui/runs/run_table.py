@@ -60,7 +60,7 @@ SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
 }
 COLUMNS = tuple(SORT_KEYS)
 THUMBNAIL_COLUMN = COLUMNS.index("begun")
-WIDTHS = (16, 8, 15, 20, 13, 13, 7, 20, 12)
+WIDTHS = (16, 9, 15, 20, 13, 13, 7, 20, 12)
 """Of the columns, in characters; the thumbnail comes in addition."""
 TIME_CHARACTERS = 7
 ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)
@@ -221,8 +221,13 @@ class RunDelegate(QStyledItemDelegate):
             band = QRectF(option.rect.x(), option.rect.y(), option.rect.width(), px(DAY_HEIGHT))
             painter.fillRect(band, QColor(colors.window))
             option.rect.setTop(option.rect.top() + px(DAY_HEIGHT))
-            if first:
-                draw_text(painter, band.adjusted(px(8), 0, 0, 0), day, colors.text, LABEL_PX, SEMIBOLD)
+            # The text of the day runs across the columns, of which each paints its part.
+            painter.save()
+            painter.setClipRect(band)
+            left: Any = option.widget.columnViewportPosition(THUMBNAIL_COLUMN)  # type: ignore[attr-defined]
+            whole = QRectF(left + px(8), band.y(), option.widget.width(), band.height())
+            draw_text(painter, whole, day, colors.text, LABEL_PX, SEMIBOLD)
+            painter.restore()
         super().paint(painter, option, index)
         if first and model.summaries[index.row()].simulated:
             edge = QRectF(option.rect.x(), option.rect.y(), px(HATCH_PX), option.rect.height())
@@ -258,7 +263,7 @@ class RunTableView(QTableView):
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate(WIDTHS):
             self.setColumnWidth(at, count * wide)
-        self.horizontalHeader().setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
