@@ -85,7 +85,7 @@ def read_view(path: Path) -> ComparisonView:
 
 
 def view_problem(error: ValidationError) -> str:
-    """Return the first wrong field of a view, and what is wrong."""
+    """Return the first invalid field of a view and the reason."""
     first = error.errors()[0]
     given = "" if first["type"] in ("missing", "extra_forbidden") else f", not {first['input']!r}"
     return f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}{given}"

@@ -110,7 +110,7 @@ class RunFolder:
         return path.resolve().is_relative_to(self.folder)
 
     def sketch(self, run: RunSummary) -> str:
-        """Return the points of a thumbnail as those of an SVG polyline; empty without one."""
+        """Return a thumbnail as the `points` of an SVG polyline; empty if the run has none."""
         return self._sketch(run.path, run.modified_ns) if run.readable else ""
 
     def _read_sketch(self, path: str, _modified_ns: int) -> str:
@@ -254,7 +254,7 @@ class _DataHandler(PageHandler):
         return None if found is None else found[0]
 
     async def run_of(self, path: str) -> RunSummary | None:
-        """Return the run with a path of the catalogue; None after the answer that there is none."""
+        """Return the run at a path of the catalogue; if there is none, answer 404 and return None."""
         entries = await self.read(self._runs.entries)
         if entries is not None and path not in entries:
             self.send_error(

@@ -32,7 +32,7 @@ MAX_CONNECTIONS, MAX_PER_ADDRESS = 128, 32
 """A browser opens six at once."""
 MAX_HEADER_BYTES, CHUNK_BYTES = 16_384, 1 << 18
 POOLS = {"pages": 4, "drawings": 1, "exports": 2}
-"""Threads by what they do: a list does not wait for an export, and matplotlib, which has no locks, draws one figure at a time."""
+"""Number of threads per kind of task: lists do not wait for exports, and matplotlib, which is not thread-safe, has one thread."""
 MAX_WAITING = 32
 """Requests that may wait for the threads of a pool."""
 MIN_TOKEN_LENGTH = 16

@@ -53,9 +53,8 @@ class MessageRecord(Closeable):
         try:
             self._file.write(json.dumps(line) + "\n")
             self._file.flush()  # the last line before a crash is the one that is wanted
-        except (
-            OSError
-        ) as error:  # a full disk must not keep a message, the way to rest least of all, from the instrument
+        except OSError as error:
+            # A full disk must not keep a message from the instrument, least of all one that brings it to rest.
             self.close()
             log.warning("The record of messages ends here: %s", error.strerror)
 

@@ -50,7 +50,7 @@ def draw_box(
 
 
 def draw_ring(painter: QPainter, area: QRectF | QRect, color: str | QColor) -> None:
-    """Draw the ring of the keyboard's focus inside an area, with its offset to what it is around."""
+    """Draw the keyboard focus ring inside an area, at a fixed offset from the focused item."""
     draw_box(painter, QRectF(area).adjusted(1, 1, -1, -1), px(4), "transparent", color, RING_PX)
 
 

@@ -221,7 +221,7 @@ class RunDelegate(QStyledItemDelegate):
             band = QRectF(option.rect.x(), option.rect.y(), option.rect.width(), px(DAY_HEIGHT))
             painter.fillRect(band, QColor(colors.window))
             option.rect.setTop(option.rect.top() + px(DAY_HEIGHT))
-            # The text of the day runs across the columns, of which each paints its part.
+            # The date spans all columns; each cell paints its own part of the text.
             painter.save()
             painter.setClipRect(band)
             left: Any = option.widget.columnViewportPosition(THUMBNAIL_COLUMN)  # type: ignore[attr-defined]
