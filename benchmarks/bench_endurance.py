@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,17 +37,25 @@ class Held:
         self._home, self._me = home, psutil.Process()
         self._noted: list[dict[str, float]] = []
 
-    def note(self) -> None:
+    def note(self, pause: Callable[[], object] = lambda: time.sleep(0.1)) -> None:
+        """Record the resources in use. At the end, wait for at most a minute until they are no more than in the middle: threads end after their run."""
+        found, end_s = self._look(), time.monotonic() + 60.0
+        while self._noted and any(found[name] > self._noted[0][name] for name in found if name != "MB"):
+            if time.monotonic() > end_s:
+                break
+            pause()
+            found = self._look()
+        self._noted.append(found)
+
+    def _look(self) -> dict[str, float]:
         gc.collect()
-        self._noted.append(
-            {
-                "MB": self._me.memory_info().rss / 1e6,
-                "threads": threading.active_count(),
-                "descriptors": self._me.num_fds(),
-                "processes": len(self._me.children(recursive=True)),
-                "files": sum(path.is_file() for path in self._home.rglob("*")),
-            }
-        )
+        return {
+            "MB": self._me.memory_info().rss / 1e6,
+            "threads": threading.active_count(),
+            "descriptors": self._me.num_fds(),
+            "processes": len(self._me.children(recursive=True)),
+            "files": sum(path.is_file() for path in self._home.rglob("*")),
+        }
 
     def growth(self, runs: int) -> dict[str, float]:
         """Return the growth from the middle to the end, for 100 runs."""
@@ -105,7 +114,7 @@ def window(runs: int, folder: Path, held: Held) -> None:
             until(lambda: shown.state.outcome is not None)
             assert shown.state.outcome is not None
             assert shown.state.outcome.status == "completed"
-        held.note()
+        held.note(lambda: until(lambda: True))
     shown.close_session(force=True)
     until(lambda: not shown.isVisible())
 

@@ -196,18 +196,20 @@ def _perfect_runs(world: World, noise: Noise, amplitudes_v: tuple[float, ...]) -
     return tuple(runs)
 
 
-def staircase(volts: np.ndarray, hysteresis: float, creep: float, reference_s: float) -> np.ndarray:
+def staircase(
+    volts: np.ndarray, hysteresis: float, creep: float, reference_s: float, low_v: float = -500.0
+) -> np.ndarray:
     """Volts that act, (F,), of levels one after the other from rest, a second each, with the creep of every step by itself.
 
-    Hysteresis is that of plays of all widths between -500 and 1500 V, which came to rest from the lower end.
+    Hysteresis is that of plays of all widths between `low_v` and 1500 V, which came to rest from the lower end.
     """
-    width = np.arange(2000) + 0.5
-    play, loop = np.maximum(-500.0, 0.0 - width), []
+    width = np.arange(round(1500 - low_v)) + 0.5
+    play, loop = np.maximum(low_v, 0.0 - width), []
     at_rest = play.sum()
     for v in volts:
         play = np.minimum(np.maximum(play, v - width), v)
         loop.append(play.sum() - at_rest)
-    steps = np.diff(volts + hysteresis * np.array(loop) / 1000, prepend=0.0)
+    steps = np.diff(volts + hysteresis * np.array(loop) / ((1500 - low_v) / 2), prepend=0.0)
     read = np.arange(volts.size)
     ages_s = np.maximum(read[:, None] - read, 0) + 1.0
     return np.tril(1 + creep * np.log10(ages_s / reference_s)) @ steps

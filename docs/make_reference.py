@@ -21,6 +21,7 @@ sys.path.insert(0, str(HERE.parent))
 import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
 from app.services import format_parameter, protocol_fields  # noqa: E402
+from app.session import proven_boxes, read_shared_records  # noqa: E402
 from docs.run_file_page import cell, run_file  # noqa: E402
 from drivers.deadlines import Deadline  # noqa: E402
 from drivers.evidence.evidence_files import assumptions  # noqa: E402
@@ -60,13 +61,14 @@ def pages() -> Iterator[tuple[str, str]]:
 BEGIN, END = "<!-- assumptions: written by docs/make_reference.py from the code -->", "<!-- end of the assumptions -->"
 
 
-def with_assumptions(text: str) -> str:
-    """Return the page on generators with its table of assumptions."""
-    rows = assumptions()
+def with_assumptions(text: str, records: Path = HERE / "evidence" / "boxes") -> str:
+    """Return the page on generators with its table of assumptions, which the shared records in a folder prove."""
+    rows, boxes = assumptions(), proven_boxes(read_shared_records(records))
     quoted, at_arming = sum(bool(row.quotes) for row in rows), sum(row.at_arming is not None for row in rows)
+    unproven = sum(row.is_unproven and row not in boxes for row in rows)
     lines = [
         f"{len(rows)} assumptions: {quoted} are quoted, {at_arming} are checked at every arming before high voltage (by the *card*, within the limits of the",
-        f"self-test, or by the instrument's *reply*), and {sum(row.is_unproven for row in rows)} are only *unproven*.",
+        f"self-test, or by the instrument's *reply*), {len(boxes)} are *proven* on boxes by shared records, and {unproven} are only *unproven*.",
         "",
         "| driver | models | property | value assumed | evidence | at arming | measured by `commission` |",
         "|---|---|---|---|---|---|---|",
@@ -74,7 +76,10 @@ def with_assumptions(text: str) -> str:
     for each in rows:
         parts = [f"“{quote.text}” ({quote.document}, {quote.place})" for quote in each.quotes]
         evidence = cell("; ".join([*parts, *([each.evidence] if each.evidence else [])]))
-        if each.is_unproven and "unproven" not in evidence:
+        if count := boxes[each]:
+            proven = f"*proven on {count} {'box' if count == 1 else 'boxes'}*"
+            evidence = f"{proven}; {evidence}" if evidence else proven
+        elif each.is_unproven and "unproven" not in evidence:
             evidence = f"{evidence}: *unproven*" if evidence else "*unproven*"
         checks, arming = "; ".join(each.checks) or "-", each.at_arming or "-"
         lines.append(

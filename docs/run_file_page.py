@@ -53,6 +53,7 @@ MEANINGS = {
     "status": "how the program ended the run: running, completed, stopped, failed, unsafe",
     "title": "protocol and specimen",
     "trace": "samples of all channels, integer counts of the card",
+    "trace/time": "times of the scans; absent from runs without end and those of more than 30 million scans",
     "trace/sample_rate": "rate at which the card sampled",
     "verdict": f"what the run is worth: {', '.join(Outcome)}",
     "verdict_details": "outcome, reasons and checks (JSON), written when the run ends: [verdict](#verdict)",
@@ -73,15 +74,16 @@ FURTHER = {
     "/entry/instrument/air_temperature/value": "temperature of the air, degrees Celsius; absent if not known",
     "/entry/instrument/air_humidity/value": "relative humidity of the air, 0 to 1; absent if not known",
     "/entry/imported": "imported runs only (JSON): source files with SHA-256, columns and units, cautions",
+    "/entry/passes": "NXdata: the points of several passes, such as a membrane series, a line for each elongation; the default plot of such runs",
     "/entry/repaired": "time at which a crashed run was repaired; only such runs have it",
     "/entry/trace/CHANNEL...": "each further input of the card, with the same datasets as `drive`",
 }
 
 ATTRIBUTES = {
     "auxiliary_signals": "`trace`, series: plotted beside the signal (NXdata)",
-    "axes": "`points`, series: column of the horizontal axis (NXdata)",
+    "axes": "`points`, `trace`, series: column of the horizontal axis (NXdata)",
     "creator": "file: the program",
-    "default": "file, entry and `curves`: group of the default plot (NeXus): the series that the protocol states, or the points",
+    "default": "file, entry and `curves`: group of the default plot (NeXus): the series that the protocol states, the lines of a membrane series, or the points",
     "entry": "series: entry of the plan",
     "format": "file: kind of file, `tactor-bench-run`",
     "format_version": "file: version of the format",

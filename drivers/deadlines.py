@@ -22,7 +22,7 @@ class Deadline(Enum):
     """
 
     CARD_SERVER = (
-        "the card at a gRPC device server: each call",
+        "the card at a gRPC device server, or a LabJack: each call",
         4.0,
         "every further call on this connection fails at once; the next task connects anew",
     )

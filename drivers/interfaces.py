@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.drive_shapes import Drive, Hold, LevelPulse
+from drivers.thermometers import read_coefficients, temperature_c
 
 
 class Closeable(ABC):
@@ -84,11 +85,12 @@ class InputChannel:
         unit: unit of its values.
         gain: units per volt at the terminal.
         offset: value at 0 V.
-        kind: `voltage-monitor`, `current-monitor`, `charge` or `other`; monitors have an abort level.
+        kind: `voltage-monitor`, `current-monitor`, `charge`, `temperature`, `humidity` or `other`; monitors have an abort level, `charge` at the end of the card's range.
         gain_relative_uncertainty: standard uncertainty of the gain, relative; 0: not stated.
         delay_s: delay from the specimen to the volts at the terminal.
         delay_uncertainty_s: standard uncertainty of the delay; 0: not stated.
         bleed_s: charge: sense capacitance times its bleed resistance; 0: no resistor.
+        curve, coefficients: temperature: characteristic from the value to degrees Celsius, see `thermometers.temperature_c`.
     """
 
     name: str
@@ -101,6 +103,15 @@ class InputChannel:
     delay_s: float = 0.0
     delay_uncertainty_s: float = 0.0
     bleed_s: float = 0.0
+    curve: str = "line"
+    coefficients: str = ""
+
+    def reading(self, mean: float) -> tuple[float, float]:
+        """Return what a mean of the values says, degrees Celsius of a thermometer, and its standard error by the gain's."""
+        known = read_coefficients(self.curve, self.coefficients)
+        error = abs(mean - self.offset) * self.gain_relative_uncertainty
+        seen = temperature_c(self.curve, known, np.array([mean, mean + error])).tolist()
+        return seen[0], abs(seen[1] - seen[0])
 
     def values(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values in `unit`, same shape as `volts`."""
@@ -153,6 +164,14 @@ class RestartableStream(Protocol):
         Raises:
             AcquisitionError: the card is gone.
         """
+
+
+@runtime_checkable
+class SkippingStream(Protocol):
+    """A stream on the virtual clock, whose time can pass without being read."""
+
+    def skip(self, seconds: float) -> float:
+        """Advance the clock by whole blocks, `seconds` at most, without their samples; return the skipped seconds."""
 
 
 class Digitizer(Protocol):
@@ -237,12 +256,15 @@ class DriveChecker(Protocol):
         """Return the reason why this drive cannot be played, with the remedy; empty if it can."""
 
 
+OTHER_BYTE_ORDER = {"big-endian": "little-endian", "little-endian": "big-endian"}
+
+
 @runtime_checkable
 class ByteOrderSwapper(Protocol):
-    """A source whose documents disagree on the byte order of its waveforms."""
+    """A source whose documents may disagree on the byte order of its waveforms."""
 
-    def use_other_byte_order(self) -> bool:
-        """Upload waveforms in the other byte order from now on; return False if the order of this model is certain."""
+    def byte_order(self, new: str = "") -> str:
+        """Set the byte order of waveforms if `new` is given, and return the present one; empty if the model has only one."""
 
 
 @runtime_checkable

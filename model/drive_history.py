@@ -159,7 +159,7 @@ def rayleigh_response(volts: Array, low_v: float, high_v: float) -> Array:
 
 
 def rayleigh_loop(volts: Array) -> Array:
-    """Return the hysteretic response along one period of a periodic voltage, (N,), that rises once and falls once."""
-    low, high = float(volts.min()), float(volts.max())
-    rises = np.roll(volts, -1) > np.roll(volts, 1)
-    return np.where(rises, 0.5 * (volts - low) ** 2, 0.5 * (high - low) ** 2 - 0.5 * (high - volts) ** 2)
+    """Return the hysteretic response along one period of periodic voltages, (..., N), that rise once and fall once."""
+    low, high = volts.min(axis=-1, keepdims=True), volts.max(axis=-1, keepdims=True)
+    rises = np.roll(volts, -1, axis=-1) > np.roll(volts, 1, axis=-1)
+    return np.asarray(np.where(rises, 0.5 * (volts - low) ** 2, 0.5 * (high - low) ** 2 - 0.5 * (high - volts) ** 2))

@@ -169,6 +169,8 @@ RESULTS: Mapping[str, Quantity] = _listed(
     ("energy_per_cycle", "energy per cycle", "", "J", "µJ", "energy lost in a cycle of a sine: area of the loop of charge over voltage"),
     ("leakage_current", "leakage current", "", "A", "nA", "current at a held voltage after the wait, less the reading at rest", (), 3),
     ("insulation_resistance", "insulation resistance", "", "Ω", "GΩ", "voltage held over its leakage current, after the wait", (), 3),
+    ("air_temperature", "temperature of the air", "T", "degC", "degC", "mean of a sensor over the recordings of a run or point"),
+    ("air_humidity", "humidity of the air", "", "1", "%", "relative humidity, mean of a sensor over the recordings of a run or point"),
     ("free_response_drift", "drift of the free response", "", "1", "%", "relative change of the free response over a membrane series, mean over frequencies", ("drift of the free response",)),
 )
 """Results of runs and figures of merit."""

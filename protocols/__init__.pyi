@@ -31,6 +31,7 @@ from .base import Step as Step
 from .base import StepResult as StepResult
 from .base import WaitForDetection as WaitForDetection
 from .base import usable_mask as usable_mask
+from .history import newest_estimates as newest_estimates
 from .paper_campaign import FIX_PAPER_MASS as FIX_PAPER_MASS
 from .paper_campaign import PAPER_CAMPAIGN as PAPER_CAMPAIGN
 from .registry import BUILT_IN_PROTOCOLS as BUILT_IN_PROTOCOLS
@@ -48,6 +49,7 @@ from .rehearsal import check_disk_space as check_disk_space
 from .rehearsal import rehearse as rehearse
 from .rejudgement import complete_results as complete_results
 from .rejudgement import judge_file as judge_file
+from .resume import counted_cycles as counted_cycles
 from .resume import find_entries as find_entries
 from .resume import measured_points as measured_points
 from .resume import protocol_of_run as protocol_of_run

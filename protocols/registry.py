@@ -11,12 +11,14 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import fields, is_dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, get_origin, get_type_hints
 
-from protocols.base import Aspects, Protocol
+from protocols.base import Aspects
+
+if TYPE_CHECKING:  # its library takes as long to import as all that a list of runs needs
+    from protocols.base import Protocol
 
 ENTRY_POINT_GROUP = "tactor_bench.protocols"
 FILES_VARIABLE = "TACTOR_BENCH_PROTOCOLS"
@@ -35,17 +37,20 @@ BUILT_IN_PROTOCOLS = {
     "free-decay": ("Free decay", "protocols.measurements.free_decay:FreeDecay"),
     "latency": ("Latency", "protocols.measurements.latency:OnsetLatency"),
     "electrical": ("Electrical", "protocols.measurements.electrical:Electrical"),
+    "endurance": ("Endurance", "protocols.measurements.endurance:Endurance"),
     "wiring-check": ("Wiring check", "protocols.measurements.wiring_check:WiringCheck"),
 }
 """Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""
 
 DEFAULT_PROTOCOL = "sine-dwell"
 """Protocol of a new form, of a command without a name, and of a run of a protocol that is not installed."""
+ENDURANCE = "endurance"
+"""Protocol whose runs count the cycles of a specimen."""
 WIRING_CHECK, HELD_LEVELS, TONES = "wiring-check", "voltage-steps", "sine-dwell"
 """Protocols that the Bench page and the command `bench check` start: the check of a bench, levels and sines played by hand."""
 
 
-class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
+class ProtocolRegistry(MutableMapping[str, "type[Protocol]"]):
     """Protocols by name."""
 
     def __init__(self, locations: Mapping[str, tuple[str, str]]) -> None:
@@ -64,7 +69,7 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
         if not self.has_searched:
             load_plug_ins()
 
-    def __getitem__(self, name: str) -> type[Protocol]:
+    def __getitem__(self, name: str) -> "type[Protocol]":
         if name not in self._classes:
             self.load_others()
         kind = self._classes[name]
@@ -73,7 +78,7 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
             kind = self._classes[name] = getattr(importlib.import_module(module), attribute)
         return kind
 
-    def __setitem__(self, name: str, protocol_class: type[Protocol]) -> None:
+    def __setitem__(self, name: str, protocol_class: "type[Protocol]") -> None:
         self._classes[name] = protocol_class
 
     def __delitem__(self, name: str) -> None:
@@ -110,6 +115,8 @@ class ProtocolFileError(Exception):
 
 def load_plug_ins() -> list[str]:
     """Register the protocols of installed packages and of the files in the environment; return a message for each broken one."""
+    from importlib.metadata import entry_points
+
     PROTOCOLS.has_searched = True
     troubles = []
     for point in entry_points(group=ENTRY_POINT_GROUP):
@@ -125,12 +132,14 @@ def load_plug_ins() -> list[str]:
     return troubles
 
 
-def load_protocol_file(path: Path) -> type[Protocol]:
+def load_protocol_file(path: Path) -> "type[Protocol]":
     """Register the one protocol that a Python file defines.
 
     Raises:
         ProtocolFileError: the file is missing, does not run, or does not define exactly one protocol.
     """
+    from protocols.base import Protocol
+
     if not path.is_file():
         raise ProtocolFileError(f"there is no file {path}")
     name = f"tactor_bench_protocol_{path.stem}"
@@ -154,7 +163,7 @@ def load_protocol_file(path: Path) -> type[Protocol]:
     return kinds[0]
 
 
-def _register(protocol_class: type[Protocol], source: str) -> None:
+def _register(protocol_class: "type[Protocol]", source: str) -> None:
     missing = [name for name in ("name", "title", "point_type", "axes") if not hasattr(protocol_class, name)]
     missing += sorted(protocol_class.__abstractmethods__)
     if missing:
@@ -167,7 +176,7 @@ def _register(protocol_class: type[Protocol], source: str) -> None:
     PROTOCOLS[protocol_class.name] = protocol_class
 
 
-def _fault(protocol_class: type[Protocol]) -> str:
+def _fault(protocol_class: "type[Protocol]") -> str:
     """Return why no run file can store runs of a protocol; empty if one can."""
     name, points = protocol_class.name, protocol_class.point_type
     if not re.fullmatch(r"[\w-]+", name, re.ASCII):

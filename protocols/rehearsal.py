@@ -101,7 +101,7 @@ def rehearse(
 
     Raises:
         DriveRefused: a drive is not admissible, or the bench's source cannot play it.
-        CannotRun: a meter or an input is missing, the disk is too full, or an entry is too long for the computer's memory.
+        CannotRun: a meter or an input is missing, the sensor measures a velocity, the disk is too full, or an entry is too long for the computer's memory.
     """
     rest_v = amplifier.map.rest_v
     adapted = adapt_to_source(protocol, amplifier) if adapt else AdaptedProtocol(protocol)
@@ -111,27 +111,30 @@ def rehearse(
     _check_drives(protocol, drives, amplifier)
     if meters is not None:
         _check_meters(protocol, meters)
+    if sensor is not None:
+        _check_sensor(protocol, sensor)
     if channels is not None:
         _check_inputs(protocol, channels)
     _check_recordings(protocol, plan)
     duration_s = protocol.rest_record_s + sum(_entry_duration_s(entry, amplifier) for entry in plan)
-    file_bytes = round(duration_s * protocol.sample_rate_hz * BYTES_PER_SCAN) + FILE_OVERHEAD_BYTES
+    unstored_s = sum(entry.expected_s - entry.stored_s for entry in plan if entry.stored_s is not None)
+    file_bytes = round((duration_s - unstored_s) * protocol.sample_rate_hz * BYTES_PER_SCAN) + FILE_OVERHEAD_BYTES
     if folder is not None:
         check_disk_space(file_bytes, folder)
     travel = None
-    if drives and sensor is not None and tactor is not None:
+    if drives and sensor is not None and tactor is not None and not sensor.measures_velocity:
         travel = _largest_travel(drives, amplifier, sensor, tactor)
     moments = [_highest_slew(drives, amplifier), *_highest_current(drives, amplifier), *([travel] if travel else [])]
     volts = amplifier.map.specimen_v
     return Rehearsal(
-        duration_s=duration_s,
+        duration_s=duration_s + (protocol.air_target.steady_s if protocol.air_target else 0.0),
         entries=len(plan),
         prompts=_count_prompts(plan, protocol.high_voltage),
         highest_specimen_v=float(volts(max((drive.high_v for _, drive in drives), default=rest_v))),
         lowest_specimen_v=float(volts(min((drive.low_v for _, drive in drives), default=rest_v))),
         file_bytes=file_bytes,
         worst=max(moments)[1] if drives else "nothing is driven",
-        cautions=tuple(filter(None, (adapted.message, *(_cautions(amplifier, travel) if drives else ())))),
+        cautions=tuple(filter(None, (adapted.message, *(_cautions(amplifier, travel, sensor) if drives else ())))),
     )
 
 
@@ -151,7 +154,9 @@ def _check_recordings(protocol: Protocol, plan: Sequence[PlanEntry]) -> None:
         raise CannotRunError(f"{longest.label}: {recording_too_long_message(scans)}")
 
 
-def _cautions(amplifier: HvAmplifier, travel: tuple[float, str] | None) -> Iterator[str]:
+def _cautions(amplifier: HvAmplifier, travel: tuple[float, str] | None, sensor: LaserSensor | None) -> Iterator[str]:
+    if sensor is not None and sensor.measures_velocity:
+        yield "the abort level 'stroke' is not evaluated: the sensor measures a velocity. Check the specimen's gap by hand"
     if not amplifier.limits.has_current_limit:
         yield "the amplifier's current is not checked: the bench states no current limit of the amplifier and no capacitance of the specimen"
     if travel is not None and travel[0] > 1:
@@ -182,6 +187,15 @@ def _check_meters(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
         raise CannotRunError(
             f"{protocol.title} reads the meter '{missing[0]}', and this bench has no such meter (it has: {have}); add "
             f"[meters.{missing[0]}] to the bench file"
+        )
+
+
+def _check_sensor(protocol: Protocol, sensor: LaserSensor) -> None:
+    if sensor.measures_velocity and not protocol.integrates_velocity:
+        usable = ", ".join(name for name, each in PROTOCOLS.items() if each.integrates_velocity)
+        raise CannotRunError(
+            f"{protocol.title} needs the displacement with its mean, and {sensor.name} measures a velocity, of which only vibrations can be "
+            f"integrated; connect a displacement sensor, or run {usable}"
         )
 
 

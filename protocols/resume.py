@@ -7,19 +7,29 @@ good entry is measured again, which shows drift: temperature, a moved sensor, cr
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from model import AmplifierMap
-from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, RunStatus, Series, extend_plan
-from protocols.registry import PROTOCOLS
-from protocols.runfile import ENTRY_COLUMN, RunReadError
+from protocols.base import (
+    CyclesInterrupted,
+    CycleStatistics,
+    EntryStarted,
+    PlanEntry,
+    Prompt,
+    Quality,
+    Recording,
+    RunStatus,
+    Series,
+)
+from protocols.registry import ENDURANCE, PROTOCOLS
+from protocols.runfile import AIR_COLUMNS, ENTRY_COLUMN, RunReadError
 
 if TYPE_CHECKING:
+    from protocols.base import Protocol
     from protocols.runfile import Run, RunRecord
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
@@ -36,16 +46,20 @@ class ResumableRun:
         repeat_entries: entries to repeat.
         message: what is continued, as a sentence.
         series: curves of the carried-over entries.
+        driven: cycles of interrupted blocks, by entry.
+        air: values of the air of the carried-over points, by entry and column.
     """
 
     path: Path
-    protocol: Protocol
+    protocol: "Protocol"
     record: "RunRecord"
     points: tuple[tuple[int, Any], ...] = ()
     drift_check_entry: int | None = None
     repeat_entries: frozenset[int] = frozenset()
     message: str = ""
     series: tuple[Series, ...] = ()
+    driven: Mapping[int, CycleStatistics] = field(default_factory=dict)
+    air: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
 
     def assess_drift(self, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
         """Compare two measurements of an entry; return a message, and a prompt if the drift is too large."""
@@ -65,12 +79,14 @@ class ResumableRun:
         return note, Prompt("drifted", question, choices=("go on", "stop"))
 
 
-def protocol_of_run(run: "Run", run_name: str) -> Protocol:
+def protocol_of_run(run: "Run", run_name: str) -> "Protocol":
     """Return the protocol of a run with its parameters; `run_name` names the run in messages.
 
     Raises:
         RunReadError: the protocol is unknown, or this version rejects its parameters.
     """
+    from pydantic import ValidationError  # slow to import; a list of runs does not need it
+
     kind = PROTOCOLS.get(run.record.protocol)
     if kind is None:
         raise RunReadError(
@@ -90,6 +106,7 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
     Raises:
         RunReadError: the file is not a run, still being written, complete with nothing to repeat, or of an unknown protocol.
     """
+    from protocols.base import extend_plan
     from protocols.runfile import Run, translate_read_errors  # a new run reads no file
 
     with Run(path) as run, translate_read_errors(path):
@@ -104,16 +121,58 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             raise RunReadError(
                 f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points"
             )
+        if repeat_entries and not protocol.repeatable:
+            raise RunReadError(
+                f"{path.name} is a run of {protocol.title.lower()}: each entry wears the specimen and is counted once; start a new run "
+                "with the number of cycles so far"
+            )
         if run.record.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
             raise RunReadError(f"{path} is complete: there is nothing to resume")
         note = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
         if stale:
             note += f", {stale} dropped: the plan has other entries in their place now"
-        check = max(points) if points and not repeat_entries else None
+        check = max(points) if points and not repeat_entries and protocol.repeatable else None
+        begun = {i: entry for i, entry in enumerate(plan) if i not in points}
+        driven, lost = _interrupted_blocks(run, begun)
+        note += "".join(f". {text}" for text in (protocol.uncounted(begun[i]) for i in lost) if text)
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
         carried, repeated = tuple(sorted(points.items())), frozenset(repeat_entries)
-        return ResumableRun(path, protocol, run.record, carried, check, repeated, note, kept)
+        columns = run.points()
+        air = {
+            int(entry): {name: float(columns[name][row]) for name in AIR_COLUMNS if name in columns}
+            for row, entry in enumerate(columns[ENTRY_COLUMN])
+        }
+        return ResumableRun(path, protocol, run.record, carried, check, repeated, note, kept, driven, air)
+
+
+def _interrupted_blocks(
+    run: "Run", entries: Mapping[int, PlanEntry]
+) -> tuple[dict[int, CycleStatistics], tuple[int, ...]]:
+    """Return the cycles of the entries that an interruption has counted, and the entries begun after it without a count."""
+    driven: dict[int, CycleStatistics] = {}
+    uncounted: set[int] = set()
+    for event in run.events():
+        index = int(event.fields.get("index" if event.kind == EntryStarted.kind else "entry", -1))
+        if index not in entries:
+            continue
+        if event.kind == EntryStarted.kind:
+            uncounted.add(index)
+        elif event.kind == CyclesInterrupted.kind:
+            driven[index] = CycleStatistics.from_record(event.fields["driven"])
+            uncounted.discard(index)
+    return driven, tuple(sorted(uncounted))
+
+
+def counted_cycles(folder: Path, specimen: str) -> float:
+    """Return the cycles of a specimen by its newest run of endurance in a folder; 0 without one that can be read."""
+    from protocols.runfile import Run, safe_name
+
+    paths = sorted(folder.glob(f"*_{safe_name(specimen)}_{ENDURANCE}*.h5"))
+    for path in reversed(paths):
+        with contextlib.suppress(RunReadError, OSError), Run(path) as run:
+            return float(np.max(run.points().get("cycles", [0.0]), initial=0.0))
+    return 0.0
 
 
 def _check_measured(path: Path, run: "Run") -> None:
@@ -185,8 +244,10 @@ def _label_matches(label: str, text: str) -> bool:
     return False
 
 
-def _recompute_series(run: "Run", protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
+def _recompute_series(run: "Run", protocol: "Protocol", plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
     """Recompute the series of an unfinished run from its raw data."""
+    from protocols.base import Protocol
+
     if type(protocol).series is Protocol.series:
         return ()
     latest: dict[int, list[Recording]] = {}
@@ -209,10 +270,10 @@ def measured_points(run: "Run", point_type: type) -> Sequence[tuple[int, Any]]:
     points = []
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
-        for field in fields(point_type):
+        for column in fields(point_type):
             # A file of an earlier version.
-            value = np.asarray(columns[field.name][row] if field.name in columns else math.nan)
-            values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
+            value = np.asarray(columns[column.name][row] if column.name in columns else math.nan)
+            values[column.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])
         points.append((int(entry), point_type(**values)))

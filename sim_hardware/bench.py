@@ -61,6 +61,7 @@ class SimulatedBench:
         self.plant = plant.Plant(parameters, self.history, self.faults)
         self._cable = _Cable(self.history, self.clock, parameters.amplifier.open_v)
         outputs = [SimulatedAnalogOutput(self._segment_sink(name)) for name in ("ao0", "ao1")]
+        self.dacs = {name: SimulatedAnalogOutput(self._segment_sink(name)) for name in ("DAC0", "DAC1")}
         self.laser_view = plant.LaserView(parameters, self.plant)
         self.interlock = SimulatedInterlock(parameters.interlock, self.history, self.clock, self.faults)
         self.card = SimulatedCard(
@@ -122,7 +123,7 @@ class SimulatedBench:
 
     def digitizer(self, buffer_s: float = 10.0, terminals: Sequence[str] = ("ai0", "ai1")) -> SimulatedDigitizer:
         """Return the card in this process, with inputs by the names of their terminals."""
-        inputs = [int(terminal.removeprefix("ai")) for terminal in terminals]
+        inputs = [int(terminal.lower().removeprefix("ain").removeprefix("ai")) for terminal in terminals]
         return SimulatedDigitizer(self.card, self.clock, self.faults, buffer_s, inputs)
 
     def laser_reading_m(self) -> float | None:
@@ -130,6 +131,11 @@ class SimulatedBench:
         sensor, now = self.parameters.sensor, self.clock.now()
         seen = float(self.laser_view.displacement(np.array([min(self.plant.available_until(now), now)]))[0])
         return None if abs(seen) > sensor.range_m or self.faults.is_active("sensor-out-of-range") else seen
+
+    def room_reading(self) -> tuple[float, float]:
+        """Return the present temperature of the air, degrees Celsius, and its relative humidity from 0 to 1."""
+        room = self.plant.room
+        return float(room.temperature_at(np.array(self.clock.now()))), room.parameters.humidity
 
     def enable_hv(self) -> None:
         with self.history.at_instant(self.clock) as t:
@@ -150,6 +156,11 @@ class SimulatedBench:
         """
         plant.check_action(action, values)
         done_s = now_s = self.clock.now()
+        if "cycles" in values:
+            values = {**values, "cycles": values["cycles"] - self.history.cycles_until(now_s)}
+        if action == plant.SET_CHAMBER:
+            self.plant.room.set_chamber(now_s, values["temperature_c"])
+            return done_s
         if action in plant.SPECIMEN_ACTIONS:
             how = partial(self._changed_setup, action=action, values=values)
             if how(self.plant.setup_state) == self.plant.setup_state:

@@ -39,6 +39,10 @@ class BenchControls(Protocol):
     def laser_reading_m(self) -> float | None:
         """Return the present displacement of the laser sensor; None out of its range."""
 
+    def room_reading(self) -> tuple[float, float]:
+        """Return the present temperature of the air, degrees Celsius, and its relative humidity from 0 to 1."""
+        ...
+
 
 class SimulatedOperator:
     """Answers the prompts of a run (protocols.base.Operator) by performing `prompt.action`.
@@ -55,16 +59,18 @@ class SimulatedOperator:
         self._bench, self._patience_s = bench, patience_s
         self._answers: dict[int, tuple[float, str]] = {}
 
-    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = (), cycles: float | None = None) -> None:
         """Restore the specimen as it was mounted last, after a run stopped with a weight on; without mountings the initial state.
 
         Args:
             mountings: every mounting of the specimen, the oldest first.
+            cycles: its cycles so far; None on a bench where it does not age.
         """
         self._bench.disable_hv()  # the specimen must not be live; a run prompts for high voltage again
         parts = [each.part for each in mountings]
         values = {f"{part}_mountings": float(parts.count(part)) for part in dict.fromkeys(parts)}
         values |= next((each.values for each in reversed(mountings) if each.part == "mass"), {})
+        values |= {} if cycles is None else {"cycles": cycles}
         self._bench.perform_action("tidy-up", values)
 
     def show(self, ask_id: int, prompt: Prompt, patience_s: float | None = None) -> None:

@@ -75,7 +75,9 @@ class BenchSession(Closeable):
         self._front_end = front_end(progress=progress)
         self._after_run = AfterRun(self._front_end.observe, config, after_run)
         self._session = Session(
-            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning),
+            lambda: open_instruments(
+                config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning, notice=after_run
+            ),
             [self._observe, self._front_end.observe, self._after_run.observe],
             self._front_end.operator,
             folder,

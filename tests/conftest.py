@@ -146,7 +146,7 @@ def voltages_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.Monke
         benches.append(self)
 
     def closed(self: BenchProcess) -> None:
-        if self._child.poll() is None and hasattr(self, "scpi_port"):
+        if self._child.poll() is None and hasattr(self, "server"):
             reports.append(self.report())
         close(self)
 

@@ -67,7 +67,8 @@ AREAS: Mapping[str, Mapping[str, str]] = {
     },
     "identification": {
         "model/identification/joint_least_squares.py": "tests/model/identification/test_joint.py",
-        "model/identification/paper_chain.py": "tests/model/identification/test_small_formulas.py tests/model/identification/test_chain.py",
+        "model/identification/valley_descent.py": "tests/model/identification/test_valley_descent.py",
+        "model/identification/paper_chain/chain.py": "tests/model/identification/test_small_formulas.py tests/model/identification/test_chain.py",
         "model/identification/fit_result.py": "tests/model/identification/test_small_formulas.py tests/model/identification/test_calibration.py tests/model/identification/test_joint.py",
     },
     "campaign": {
@@ -119,11 +120,6 @@ EQUIVALENT: Mapping[tuple[str, str, str], str] = {
         "sys.stderr.flush()",
         "pass",
     ): "Python writes every line to standard error at once, and the line is complete",
-    (
-        "model/identification/joint_least_squares.py",
-        'self._cached_x, self._cached = b"", (np.empty(0), np.empty((0, 0)))',
-        "1",
-    ): "never read: no point has an empty key",
     (
         "model/identification/fit_result.py",
         "d = np.where(d > 0, d, 1)",

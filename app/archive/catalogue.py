@@ -8,17 +8,16 @@ import hashlib
 import marshal
 import os
 import sqlite3
-import tempfile
 import time
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
-from app.common import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, Progress, own_cache_folder
 from drivers import Deadline
 from protocols import BUILT_IN_PROTOCOLS
 from protocols.runfile import NOTES_SUFFIX
@@ -238,26 +237,8 @@ class Catalogue:
 
 
 def index_path(folder: Path) -> Path:
-    """Return the index path of a folder: in the user's cache, or the temporary directory if that is not writable."""
-    from platformdirs import user_cache_path
-
-    name = f"runs-{hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]}.sqlite"
-    place = user_cache_path("tactor-bench", appauthor=False)
-    with suppress(OSError):
-        place.mkdir(parents=True, exist_ok=True)
-        if os.access(place, os.W_OK):
-            return place / name
-    return _own_temporary_folder() / name
-
-
-def _own_temporary_folder() -> Path:
-    """Return a folder in the temporary directory into which only this user writes, because the index is trusted."""
-    if not hasattr(os, "getuid"):
-        return Path(tempfile.gettempdir())
-    place = Path(tempfile.gettempdir()) / f"tactor-bench-{os.getuid()}"
-    place.mkdir(mode=0o700, exist_ok=True)
-    stat = place.lstat()
-    return place if stat.st_uid == os.getuid() and not stat.st_mode & 0o022 else Path(tempfile.mkdtemp())
+    """Return the index path of a folder, in the user's cache."""
+    return own_cache_folder() / f"runs-{hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]}.sqlite"
 
 
 def _store(db: sqlite3.Connection, read: dict[str, RunSummary | None]) -> None:

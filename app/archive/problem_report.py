@@ -20,6 +20,7 @@ from typing import Any
 
 from app.archive.description import run_record
 from app.common import RecentErrors
+from drivers import open_regular
 from drivers.watchdog import version
 from protocols.base import replacing, to_jsonable
 from protocols.runfile import Run, RunReadError
@@ -140,9 +141,11 @@ def _threads() -> Iterator[str]:
 
 
 def _bench_text(bench: str) -> str:
-    path = Path(bench)
+    if not bench.endswith(".toml"):
+        return f"# {bench}"
     try:
-        return path.read_text(encoding="utf-8") if path.suffix == ".toml" else f"# {bench}"
+        with open_regular(Path(bench), "r", encoding="utf-8") as file:
+            return str(file.read())
     except (OSError, ValueError) as error:
         return f"# {bench} cannot be read: {error}"
 

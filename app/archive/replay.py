@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from app.common import ResultSummary, Severity, format_point, minmax_decimate, minmax_pairs, summarize_result
+from app.common import (
+    ResultSummary,
+    Severity,
+    format_point,
+    minmax_decimate,
+    minmax_pairs,
+    natural_frequency_of,
+    summarize_result,
+)
 from app.session import LogLine, describe_event
 from model import Array, current_column, format_time
 from protocols import PROTOCOLS, measured_points
@@ -51,6 +59,8 @@ class TraceWindow:
     time_s: Array
     drive_v: Array
     displacement_um: Array
+    unit: str = "m"
+    """Unit of the sensor: m; m/s of a vibrometer, whose velocity in um/s stands for the displacement."""
     raw: bool = False
     """True if every sample is included, False for minimum and maximum pairs."""
 
@@ -92,6 +102,8 @@ class MeasuredResponse:
     """Max - min of the points in the order of their frequencies; NaN where not measured, as in the fundamental."""
     fundamental: Series
     """Peak amplitude of the fundamental, with its phase where every point has one."""
+    natural_hz: float = math.nan
+    """Identified natural frequency; NaN without one."""
 
     @property
     def frequency_hz(self) -> Array:
@@ -178,6 +190,7 @@ def read_measured_response(path: Path) -> MeasuredResponse:
             peak_to_peak_v=2 * float(np.median(columns["drive_amplitude"])),
             peak_to_peak=Series(f, whole, columns["peak_to_peak_errors"], usable=usable),
             fundamental=Series(f, size, columns["fundamental_errors"], usable=usable),
+            natural_hz=natural_frequency_of(run.record.estimates),
         )
 
 
@@ -191,6 +204,8 @@ def read_sketch(path: Path, most: int) -> Sketch:
         points, (x_name, y_name) = run.points(), run.record.axes
         if {x_name, y_name} <= points.keys() and points[x_name].size > 1:
             series = Series(points[x_name], points[y_name], usable=usable_mask(points["quality"]))
+            if "part" in points:  # of several passes over x the first
+                series = series.at(points["part"] == points["part"][0])
         elif (curves := run.series()) and curves[-1].x.size > 1:
             series = curves[-1]
         else:
@@ -213,7 +228,11 @@ def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) 
     per = max(-(-(stop - start) // TRACE_COLUMNS), 1)
     if 0 < stop - start <= 2 * TRACE_COLUMNS:
         return TraceWindow(
-            trace.time_s(start, stop), trace.drive_v(start, stop), 1e6 * trace.displacement_m(start, stop), raw=True
+            trace.time_s(start, stop),
+            trace.drive_v(start, stop),
+            1e6 * trace.displacement_m(start, stop),
+            trace.sensor().unit,
+            raw=True,
         )
     times, drives, displacements = [np.empty(0)], [np.empty(0)], [np.empty(0)]
     step = max(ROWS_PER_CHUNK // per, 1) * per
@@ -223,7 +242,9 @@ def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) 
         times.append(time_s)
         drives.append(drive_v)
         displacements.append(minmax_pairs(1e6 * trace.displacement_m(first, last), per))
-    return TraceWindow(np.concatenate(times), np.concatenate(drives), np.concatenate(displacements))
+    return TraceWindow(
+        np.concatenate(times), np.concatenate(drives), np.concatenate(displacements), trace.sensor().unit
+    )
 
 
 def load_trace_window(path: Path, from_s: float, to_s: float) -> TraceWindow:

@@ -100,11 +100,11 @@ def _difference(a: RunFigure, b: RunFigure) -> str:
     """Return b less a, and that in standard uncertainties of the difference: a gain that both share has no part in a ratio."""
     if a.unit in LENGTH_UNITS and a.value:
         relative = [each.statistical / each.value if each.value else math.inf for each in (a, b)]
-        change, error, text = b.value / a.value - 1, math.hypot(*relative), f"{100 * (b.value / a.value - 1):+.3g} %"
+        change, error, factor, unit = b.value / a.value - 1, math.hypot(*relative), 100.0, "%"
     else:
         factor, unit = shown_unit(a.unit, a.name)
         change, error = b.value - a.value, math.hypot(a.statistical, b.statistical)
-        text = f"{factor * change:+.3g} {typeset(unit)}".strip()
+    text = f"{'+' if change > 0 else ''}{round_figure(factor * change, factor * error)} {typeset(unit)}".strip()
     sigmas = abs(change) / error if error > 0 else math.nan
     of = f", {sigmas:.{0 if sigmas > 10 else 1}f} σ" if math.isfinite(sigmas) else ""
     return f"{text}{of}".replace("-", "−")

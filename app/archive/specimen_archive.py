@@ -25,9 +25,10 @@ from app.archive.provenance import (
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
 from app.config import CERTIFICATES
+from drivers import open_regular
 from drivers.watchdog import version
 from model import format_time
-from protocols.base import file_hash, open_regular, replacing, visible_text
+from protocols.base import file_hash, replacing, visible_text
 from protocols.runfile import notes_path, safe_name
 
 SUFFIX = ".eln"

@@ -27,7 +27,7 @@ from app.campaign.plan import (
     read_record,
     write_record,
 )
-from app.campaign.series import evaluate_items
+from app.campaign.series import AIR_TEMPERATURE, evaluate_items
 from app.campaign.status import HAS_VALID_RUN, CampaignRuns, ItemState, basis_of
 from app.common import record_audit
 from model import AmplifierMap
@@ -172,9 +172,11 @@ class Campaign:
         return {estimate.name: estimate for line in lines for estimate in line.estimates}
 
     def valid_runs(self) -> list[Path]:
-        """Return the valid runs in the order of their items, without runs of series."""
-        lines = [line for line in self.item_states() if line.status in HAS_VALID_RUN and not line.steps]
-        return [line.run for line in lines if line.run is not None]
+        """Return the valid runs of the items in order, then the runs of temperature series; runs of other series are excluded."""
+        states = self.item_states()
+        lines = [line for line in states if not line.steps]
+        lines += [step for line in states if line.item.varied == AIR_TEMPERATURE for step in line.steps]
+        return [line.run for line in lines if line.run is not None and line.status in HAS_VALID_RUN]
 
     # -- changes -------------------------------------------------------------------------------------------------------
 
@@ -185,7 +187,10 @@ class Campaign:
             CampaignError: there is one of that name, it needs an unknown one, or its protocol rejects a value.
         """
         for each in item.steps or (item,):
-            self._make_protocol(each, {})
+            if self._make_protocol(each, {}).air_target is None and item.varied == AIR_TEMPERATURE:
+                raise CampaignError(
+                    "a series over air_temperature_c waits for each temperature: set air_within_k above 0"
+                )
         with self._lock:
             self._plan.add(item)
             self._save(item.name, {"added": item.protocol})

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from app.campaign.series import varied_label
 from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
-from app.common import format_bytes, format_duration, sentence_case
+from app.common import format_bytes, format_duration, pluralize, sentence_case
 from app.session import format_voltage_range
 from model import format_value, quantity_label
 from protocols import Rehearsal
@@ -113,14 +113,14 @@ def next_step(summary: CampaignSummary, running: str = "", busy: bool = False, q
     return _idle_step(summary)
 
 
-def format_progress(summary: CampaignSummary, running: str = "", run_left_s: float = 0.0) -> str:
-    """`3 of 7 done, about 1 h 05 min and 42 prompts left`, in real time; `run_left_s` is bench time of the present run."""
+def format_progress(summary: CampaignSummary, running: str = "", run_left_s: float = 0.0, answered: int = 0) -> str:
+    """`3 of 7 done, about 1 h 05 min and 42 prompts left`, in real time; bench time left and answered prompts are the present run's."""
     text = f"{summary.done_count} of {summary.total_count} done"
     if not summary.remaining:
         return text
     left_s = summary.remaining_s(running) + summary.time_scale * run_left_s
-    prompts = sum(rehearsal.prompts for rehearsal in summary.remaining)
-    return f"{text}, about {format_duration(left_s)} and {prompts} prompt{'s' * (prompts != 1)} left"
+    prompts = max(sum(rehearsal.prompts for rehearsal in summary.remaining) - answered, 0)
+    return f"{text}, about {format_duration(left_s)} and {pluralize(prompts, 'prompt')} left"
 
 
 def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextStep:

@@ -10,11 +10,14 @@ from app.archive import RunSummary
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
 from app.common import UnitError, field_label, read_numbers, unit_of
-from model import shown_unit
+from model import Array, format_with_uncertainty, shown_unit
 from protocols import PROTOCOLS
+from protocols.aspects import ONE_TEMPERATURE_K
 from protocols.base import EstimatedQuantity, Protocol, RunFigure, Series, SeriesAxis
+from protocols.signals import weighted_fit
 
 SERIES = "series"
+AIR_TEMPERATURE = "air_temperature_c"
 
 
 def evaluate_series(
@@ -86,29 +89,71 @@ def _series_status(
 def series_curves(state: ItemState) -> tuple[Series, ...]:
     """Return each figure of the runs of a series over the varied parameter, with its standard errors; the first figure is the last curve.
 
-    Values without a result, and figures of fewer than two values, are left out.
+    Values without a result, and figures of fewer than two values, are left out. A series over temperatures is over the measured ones,
+    and the label of each curve has its coefficient.
     """
-    item, figures = state.item, dict[tuple[str, str], list[tuple[float, RunFigure]]]()
+    item, figures = state.item, dict[tuple[str, str], list[tuple[float, float, RunFigure]]]()
     for step in state.steps:
         summary = next((run for run in step.results if step.run is not None and run.name == step.run.name), None)
         if step.status in HAS_VALID_RUN and summary is not None:
+            at, error = _abscissa(item, step, summary)
             for figure in summary.figures:
-                figures.setdefault((figure.name, figure.unit), []).append((_value_of(item, step), figure))
+                figures.setdefault((figure.name, figure.unit), []).append((at, error, figure))
     curves = []
     for (name, unit), pairs in figures.items():
         if len(pairs) < 2:
             continue
         pairs.sort(key=lambda pair: pair[0])
-        x, y, errors, totals = (
+        x, x_errors, y, errors, totals = (
             np.array(column, float)
-            for column in zip(*((value, f.value, f.statistical, f.total) for value, f in pairs), strict=True)
+            for column in zip(
+                *((value, error, f.value, f.statistical, f.total) for value, error, f in pairs), strict=True
+            )
         )
         axes = (
             SeriesAxis(item.varied, varied_unit(item), "varied parameter"),
             SeriesAxis(name, unit, "figure of the run"),
         )
-        curves.append(Series(x, y, errors, totals, x_axis=axes[0], y_axis=axes[1], name=SERIES))
+        curve = Series(x, y, errors, totals, x_axis=axes[0], y_axis=axes[1], name=SERIES)
+        if item.varied == AIR_TEMPERATURE and not name.startswith("air_"):
+            coefficient = temperature_coefficient(curve, x_errors)
+            curve = replace(curve, label="" if coefficient is None else coefficient_text(coefficient))
+        curves.append(curve)
     return tuple(reversed(curves))
+
+
+def _abscissa(item: CampaignItem, step: ItemState, summary: RunSummary) -> tuple[float, float]:
+    """Return the value of a run in its series and its standard uncertainty: of a series over temperatures, the measured ones."""
+    record = summary.record
+    if item.varied != AIR_TEMPERATURE or record.conditions.temperature_c is None:
+        return _value_of(item, step), 0.0
+    errors = [each.standard_error for each in record.estimates if each.name == "air_temperature"]
+    return record.conditions.temperature_c, errors[0] if errors else 0.0
+
+
+def temperature_coefficient(curve: Series, x_errors: Array) -> RunFigure | None:
+    """Return the relative change of a figure per kelvin at the mean temperature, by a weighted line through its values.
+
+    Its statistical uncertainty is of the values' errors, or of their scatter about the line if that is larger; the total one also of the
+    temperatures' errors `x_errors`, (N,), as independent. A factor common to all values, such as the sensor's gain, cancels. None for fewer
+    than two different temperatures, and without errors.
+    """
+    x, y, errors = curve.x - curve.x.mean(), curve.y.real, curve.errors
+    if errors is None or not (errors > 0).all() or np.ptp(x) < ONE_TEMPERATURE_K or not np.isfinite(y).all():
+        return None
+    columns = x, np.ones(x.size)
+    (slope, at_mean), by_noise = weighted_fit(columns, y, 1 / errors)
+    _, with_temperatures = weighted_fit(columns, y, 1 / np.hypot(errors, slope * x_errors))
+    variances = np.array([by_noise[0, 0], max(with_temperatures[0, 0], by_noise[0, 0])])
+    noise, total = np.sqrt(variances) / abs(at_mean)
+    return RunFigure(curve.y_axis.name, slope / at_mean, noise, total, "1/K")
+
+
+def coefficient_text(coefficient: RunFigure) -> str:
+    """Return a temperature coefficient with both uncertainties as text."""
+    value, *errors = (100 * each for each in (coefficient.value, coefficient.statistical, coefficient.total))
+    by_noise, in_total = (format_with_uncertainty(value, error) for error in errors)
+    return f"{by_noise} % per kelvin by noise, {in_total} in total"
 
 
 def varied_unit(item: CampaignItem) -> str:

@@ -1,5 +1,6 @@
 """The commands `check`, `devices`, `commission`, `bench new` and `faults`."""
 
+import json
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -136,13 +137,20 @@ class CommissionCommand(BenchSelection):
 
     picture: Path | None = option("also draw the recorded outputs into this file", metavar="PNG")
     json: bool = option("the record as one JSON object on standard output, SI units")
+    share: Path | None = option(
+        "also write the record for the developers: model, firmware and figures, without serial number, address, names, paths "
+        "and time of day",
+        metavar="FILE",
+    )
 
     def execute(self) -> int:
-        from app.session import commission, make_record
+        from app.session import commission, make_record, shared_record
 
         bench = select_bench(self)
         if self.picture:
             check_output_file(self.picture, PICTURE_SUFFIXES)
+        if self.share:
+            check_output_file(self.share)
         if not bench.config.simulated and not operator_reachable():
             raise UsageError(
                 f"commissioning on {bench.config.name} needs an operator who switches high voltage off, and standard input is "
@@ -157,11 +165,14 @@ class CommissionCommand(BenchSelection):
             )
         except BenchError as error:
             raise UsageError(f"not commissioned, and no record is stored: {error}") from None
-        record = make_record(done.identity, bench.config.simulated, done.rate_hz, done.result)
+        record = make_record(done.identity, bench.config.simulated, done.rate_hz, done.result, bench.config.card.driver)
         if self.json:
             print_json({**record, "file": str(done.path)})
         else:
             _print_commissioning(record, done.path)
+        if self.share:
+            with writing_output(self.share):
+                self.share.write_text(json.dumps(shared_record(record), indent=1, ensure_ascii=False) + "\n", "utf-8")
         if self.picture:
             from app.plotting import draw_commissioning
 
@@ -227,7 +238,7 @@ class DiscoveryOptions:
     """Options of the search for devices."""
 
     hosts: Sequence[str] = option(
-        "also query an instrument on a LAN socket of this host (default ports 5025 and 5555); may be repeated",
+        "also query an instrument on a LAN socket of this host (default ports 5025 and 5555), or a LabJack there; may be repeated",
         flag="--host",
         metavar="HOST[:PORT]",
     )
@@ -237,7 +248,7 @@ class DiscoveryOptions:
 @command("example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763")
 class DevicesCommand(DiscoveryOptions):
     """List the connected devices: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC server,
-    serial ports. A raw LAN socket cannot be discovered, only queried: give its host.
+    serial ports. A raw LAN socket and a LabJack cannot be discovered, only queried: give the host.
     """
 
     json: bool = JSON_PLAIN

@@ -180,6 +180,7 @@ class CurveCommand(CampaignCommand):
                     Column(f"{y.name}_total_uncertainty", y.unit, curve.total_errors, "± total", shown, ".2g"),
                 ]
         table = Table("series", f"{self.item} of {opened.specimen}: {state.reason}", tuple(columns))
+        coefficients = [f"{curve.y_axis.name}: {curve.label}" for curve in reversed(curves) if curve.label]
         y, lines = main.y_axis, (Series(main.x, main.plotted, label=self.item),)
         caption = f"{y.name} of {opened.specimen} over {x.name}."
         result = CommandResult(
@@ -187,7 +188,7 @@ class CurveCommand(CampaignCommand):
             {},
             (table,),
             figures=(PaperFigure("series", x.name, x.unit, y.name, y.unit, lines, caption),),
-            heading=("SIMULATED",) if opened.simulated else (),
+            heading=(*(("SIMULATED",) if opened.simulated else ()), *coefficients),
             extra={"simulated": opened.simulated},
         )
         return render(result, self.json, self.files)

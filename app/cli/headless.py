@@ -182,6 +182,7 @@ def headless_session(
     """
     check_planned_faults(bench, planned_faults)
     from app.archive import AfterRun
+    from app.remote import PhoneStop
     from app.services import (
         KEY_HELP,
         ConsoleObserver,
@@ -195,25 +196,31 @@ def headless_session(
 
     _ask_operator(bench)
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
-    operator = ConsoleOperator()
+    operator, follower = ConsoleOperator(), BenchFollower(bench.config.amplifier.amplifier_map)
     keys = KEY_HELP if can_poll_keyboard() else ""
-    follower = BenchFollower(bench.config.amplifier.amplifier_map)
     observer = JsonObserver(follower) if as_json else ConsoleObserver(StderrConsole(), keys, follower=follower)
     with observer:
         opener = plan.wrap(
             lambda: connect(
-                bench.config, bench.speed, UNATTENDED_BLOCK_S, without_commissioning=bench.without_commissioning
+                bench.config,
+                bench.speed,
+                UNATTENDED_BLOCK_S,
+                without_commissioning=bench.without_commissioning,
+                notice=bench.after_run,
             )
         )
-        after_run = AfterRun(observer, bench.config, bench.after_run)
-        session = HeadlessSession(
-            Session(
-                opener, [observer, operator, plan, *observers, after_run.observe], operator, folder, ends_at_stop=True
-            )
-        )
+        after_run, phone_stop = AfterRun(observer, bench.config, bench.after_run), PhoneStop()
+        watching = [observer, operator, plan, *observers, after_run.observe, phone_stop.observe]
+        session = HeadlessSession(Session(opener, watching, operator, folder, ends_at_stop=True))
+        session.session.remote_stop = phone_stop
         plan.on_switched = session.session.inject_event
         follower.observe = lambda: session.session.observation
-        with closing(after_run), handling_stop_signals(session.stop), operator.listening(session.session):
+        with (
+            closing(after_run),
+            closing(phone_stop),
+            handling_stop_signals(session.stop),
+            operator.listening(session.session),
+        ):
             session.session.start()
             try:
                 yield session

@@ -59,6 +59,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "laboratory.fleet:FleetCommand",
         "compare many specimens: mean, spread, outliers, Cpk, trends; by batch, bench or month",
     ),
+    "fleet identify": (
+        "laboratory.fleet_identify:FleetIdentifyCommand",
+        "identify every specimen of a folder, on all cores or on several computers",
+    ),
     "control-chart": (
         "laboratory.fleet:ControlChartCommand",
         "chart a golden specimen over time: drift of the bench, or of the specimen",
@@ -149,6 +153,8 @@ class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: 
         values: Any,
         option_string: str | None = None,
     ) -> None:
+        if " ".join(values[:2]) in COMMANDS:  # a command of two words
+            values = [" ".join(values[:2]), *values[2:]]
         self.define(values[0])
         super().__call__(parser, namespace, values, option_string)
 

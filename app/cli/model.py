@@ -1,4 +1,4 @@
-"""The command `model`: parameters, modes, statics, responses, latency, added mass and drive, membrane and convergence of the model."""
+"""The command `model`: parameters, modes, statics, responses, latency, added mass, drive and power, membrane and convergence of the model."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from app.cli.model_options import VOLTAGE, ShapeOptions, Topic, describe_specime
 from app.cli.model_response import FrequencyResponseTopic, MembraneTopic, StepTopic
 from app.cli.options import CommandGroup, FileOptions, command, group, option
 from app.cli.output import CommandResult
-from app.cli.specimen import AddedMassTopic, DriveTopic
+from app.cli.specimen import AddedMassTopic, DriveTopic, PowerTopic
 from app.common import Column, Table, UsageError, read_number, track
 from app.identification import TABLE_ONE, sheet_unit
 from model import (
@@ -247,6 +247,7 @@ VERBS = CommandGroup(
         "step": StepTopic,
         "added-mass": AddedMassTopic,
         "drive": DriveTopic,
+        "power": PowerTopic,
         "membrane": MembraneTopic,
         "convergence": ConvergenceTopic,
     },

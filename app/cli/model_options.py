@@ -15,6 +15,7 @@ from app.cli.options import JSON_OBJECT, FileOptions, option, options, split_set
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common import PEAK_TO_PEAK, UnitError, UsageError, read_number, to_number
 from app.identification import PAPER_MODEL, USUAL_RANGES, ActiveModel
+from drivers import open_regular
 from model import (
     GRAVITY,
     PRE_STRETCH,
@@ -27,7 +28,7 @@ from model import (
     variable_specs,
 )
 from model.response import DEFAULT_ACCURACY, ShapeChoice, choose_shapes
-from protocols.base import MAX_TOML_BYTES, open_regular, parse_json_object, parse_toml
+from protocols.base import MAX_TOML_BYTES, parse_json_object, parse_toml
 
 VOLTAGE = ParameterSpec("voltage", "V", Interval(), "voltage on the specimen", None)
 LOAD = ParameterSpec("load", "N", Interval(), "load at the centre", None)

@@ -243,6 +243,7 @@ def split_setting(text: str, flag: str, example: str) -> tuple[str, str]:
 JSON_OBJECT = option("one JSON object on standard output, SI units")
 JSON_EVENTS = option("one JSON object per event on standard output, SI units")
 JSON_PLAIN = option("one JSON object on standard output")
+CLUSTER = option("compute on all cores of this computer (local), or on a Dask cluster", metavar="ADDRESS|local")
 FOLDER = option("folder of the runs (default: runs)", Path("runs"))
 RUN_FILES = argument("run files", nargs="+", metavar="RUN")
 FAULTS = option(

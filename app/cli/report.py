@@ -12,6 +12,7 @@ from app.identification import SheetError, chosen_threshold
 from app.report import (
     FULL_SECTIONS,
     LIMITS_FILE_NAME,
+    PAGE_TEMPLATE,
     SHORT_SECTIONS,
     Limits,
     LimitsError,
@@ -53,6 +54,9 @@ class ReportCommand:
         "write a commented example of laboratory.toml into this file, and no report: name, logo, threshold and template of reports",
         metavar="FILE",
     )
+    new_template: Path | None = option(
+        "write the template of the HTML report into this file, and no report; laboratory.toml names it", metavar="FILE"
+    )
     threshold: str | None = THRESHOLD
     fleet: bool = option("report every specimen of the folder: a summary, and the first page of each")
     full: bool = option("write the full appendix: every figure, table, hash and run, a page each")
@@ -73,6 +77,8 @@ class ReportCommand:
         if self.new_laboratory is not None:
             names = ", ".join((*SHORT_SECTIONS, *FULL_SECTIONS))
             return _write_example(self.new_laboratory, EXAMPLE_LABORATORY.format(sections=names))
+        if self.new_template is not None:
+            return _write_example(self.new_template, PAGE_TEMPLATE)
         if self.fleet and (self.specimen is not None or self.full):
             raise UsageError("--fleet reports every specimen in short form: leave the specimen and --full out")
         if self.specimen is None and not self.fleet:

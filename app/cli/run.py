@@ -160,13 +160,19 @@ def _open_window(
     def choose(name: str, config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
         if not config.simulated:
             return OpenedBench(
-                lambda: connect(config, speed, without_commissioning=without_commissioning),
+                lambda: connect(config, speed, without_commissioning=without_commissioning, notice=options.after_run),
                 config,
                 name=name,
                 after_run=options.after_run,
             )
         simulation = SimulationSettings(speed)
-        return OpenedBench(lambda: connect(config, simulation.speed), config, simulation, name, options.after_run)
+        return OpenedBench(
+            lambda: connect(config, simulation.speed, notice=options.after_run),
+            config,
+            simulation,
+            name,
+            options.after_run,
+        )
 
     def open_bench(name: str) -> OpenedBench:
         other = load_bench(name)
@@ -200,13 +206,14 @@ class ProtocolsCommand:
     json: bool = JSON_PLAIN
 
     def execute(self) -> int:
-        from app.cli.headless import load_all_protocols
         from app.cli.output import print_answer
-        from app.session import load_protocol_class
-        from protocols import PROTOCOLS
+        from protocols import PROTOCOLS, load_plug_ins
 
-        load_all_protocols()
+        for trouble in load_plug_ins():
+            print_message(trouble)
         if self.protocol:
+            from app.session import load_protocol_class
+
             kind = load_protocol_class(self.protocol, print_message)
             rows = _parameter_records(kind)
             lines = [f"{kind.title}: {_first_line(kind)}"]

@@ -26,6 +26,7 @@ from app.common import (
     SEVERITY_STYLES,
     ExitCode,
     UsageError,
+    forget_results,
     format_bytes,
     format_duration,
     format_outcome,
@@ -60,6 +61,7 @@ def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) 
     try:
         if rebuild:
             catalogue.index.unlink(missing_ok=True)
+            forget_results()
         with terminal_progress("reading runs", quiet) as progress:
             scanned = catalogue.scan(progress)
         for sentence in scanned.skipped:
@@ -96,7 +98,7 @@ class RunsCommand:
         metavar="WORDS",
     )
     all: bool = option("all of them, not only the newest 40")
-    rebuild: bool = option("delete the index and read every file again")
+    rebuild: bool = option("delete the index and all kept results, and read every file again")
     json: bool = option("one JSON list on standard output, SI units")
 
     def execute(self) -> int:

@@ -1,17 +1,10 @@
 """The commands `study` and `figures`: parameter studies, and the theory curves of the paper's figures."""
 
-import importlib.util
-import logging
-import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from functools import partial
 from itertools import groupby
 from math import prod
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +22,11 @@ from app.cli.model_options import (
     read_vary,
     translate_model_errors,
 )
-from app.cli.options import FileOptions, argument, command, group, option
+from app.cli.options import CLUSTER, FileOptions, argument, command, group, option
 from app.cli.output import CommandResult, check_output_files, print_json, render, writing_output
 from app.common import Column, ExitCode, Table, UsageError, print_message, terminal_progress, track, usage_errors
 from app.plotting import draw_figure
+from app.services import ClusterError, CountingExecutor, cluster_executor
 from model import Array, Series, replace_variables, shown_unit
 from model.response import FREQUENCY_SPEC, ShapeChoice
 from model.studies import MEASURE_UNITS, STUDY_PRESETS, Measure, PaperFigure, Study, StudyResult, paper_figures
@@ -94,58 +88,6 @@ def study_figure(study: Study, values: NDArray[Any]) -> PaperFigure:
     )
 
 
-CONNECT_TIMEOUT_S = 10
-"""Timeout for the answer of a cluster's scheduler."""
-
-
-@contextmanager
-def study_executor(address: str | None) -> Iterator[Executor | None]:
-    """Yield an executor on the Dask cluster at `address`, on all cores of this computer for `local`, or None for no address.
-
-    Raises:
-        UsageError: Dask is not installed, or no scheduler answers at the address.
-        BrokenExecutor, CancelledError: within the block, where processes or the cluster ended meanwhile.
-    """
-    if address is None:
-        yield None
-        return
-    if address == "local":
-        ignore_interrupts = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)  # this process ends the others
-        with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), ignore_interrupts) as pool:
-            yield pool
-        return
-    if importlib.util.find_spec("distributed") is None:
-        raise UsageError(
-            "--cluster needs Dask, which is not installed; run \"pip install 'tactor-bench[cluster]'\", or leave --cluster out"
-        )
-    from distributed import Client
-
-    logging.getLogger("distributed").setLevel(logging.ERROR)  # otherwise it logs every connection
-    try:
-        client = Client(address, timeout=CONNECT_TIMEOUT_S)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(
-            f"no Dask scheduler answers at '{address}' ({error}); start one with 'dask scheduler', "
-            "or compute on all cores of this computer with --cluster local"
-        ) from None
-    with client, client.get_executor() as dask:
-        yield dask
-
-
-class CountingExecutor(Executor):
-    """Maps chunks of parameter sets in `pool`, or in this thread, and counts the finished sets."""
-
-    def __init__(self, pool: Executor | None, advance: Callable[[int], None]) -> None:
-        self._map = map if pool is None else pool.map
-        self._advance = advance
-
-    def map(self, fn: Callable[..., Any], *iterables: Any, **_: Any) -> Iterator[Any]:
-        """Yield the results in order; each is an array with one row per parameter set."""
-        for result in self._map(fn, *iterables):
-            self._advance(len(result))
-            yield result
-
-
 CURVE_HZ = "1:250:250"
 MAX_SETS = 30
 """Combinations that are listed on a terminal."""
@@ -181,9 +123,7 @@ class StudyCommand:
     )
     samples: int = option("sample size of the indices, a power of two (default: %(default)s)", 1024)
     seed: int = option("seed of the indices (default: 1)", 1, inherited=True)
-    cluster: str | None = option(
-        "compute on all cores of this computer (local), or on a Dask cluster", metavar="ADDRESS|local"
-    )
+    cluster: str | None = CLUSTER
 
     def execute(self) -> int:
         with translate_model_errors():
@@ -196,14 +136,8 @@ class StudyCommand:
             with translate_model_errors():
                 result = _sensitivity(request, self) if self.sensitivity else _compute_study(request, self)
             result = replace(result, notes=(*result.notes, choice.describe()))
-        except StorageError as error:
+        except (StorageError, ClusterError) as error:
             print_message(f"tactor-bench: {error}")
-            return ExitCode.FAILED
-        except (BrokenExecutor, CancelledError):
-            print_message(
-                f"tactor-bench: the processes of --cluster {self.cluster} ended before the study was computed, and nothing was written; "
-                "compute it again, without --cluster if it happens again"
-            )
             return ExitCode.FAILED
         except KeyboardInterrupt:
             print_message("tactor-bench: stopped; nothing was written")
@@ -291,7 +225,7 @@ def _compute_study(request: Study, options: StudyCommand) -> CommandResult:
     running: Any = request.chunks
     with (
         _open_study_file(request, options.out) as write,
-        study_executor(options.cluster) as pool,
+        cluster_executor(options.cluster) as pool,
         _set_progress(sets) as advance,
         closing(running(pool)) as blocks,
     ):
@@ -353,8 +287,13 @@ def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
     if options.seed < 0:
         raise UsageError(f"--seed {options.seed}: give a number from 0 on")
     ranges = {name: (min(values), max(values)) for name, values in request.vary.items()}
-    with study_executor(options.cluster) as pool, _set_progress(max(options.samples, 0) * (len(ranges) + 2)) as advance:
-        sobol = sobol_indices_of(request, ranges, options.samples, options.seed, CountingExecutor(pool, advance))
+    with (
+        cluster_executor(options.cluster) as pool,
+        _set_progress(max(options.samples, 0) * (len(ranges) + 2)) as advance,
+    ):
+        sobol = sobol_indices_of(
+            request, ranges, options.samples, options.seed, CountingExecutor(pool, lambda sets: advance(len(sets)))
+        )
     columns = [Column("output", "", sobol.outputs)]
     for order, indices in (("first", sobol.first_order), ("total", sobol.total_order)):
         columns += [

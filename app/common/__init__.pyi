@@ -21,6 +21,11 @@ from .formatting import pluralize as pluralize
 from .formatting import sentence_case as sentence_case
 from .formatting import typeset as typeset
 from .formatting import typeset_unit as typeset_unit
+from .kept_results import content_digest as content_digest
+from .kept_results import forget_results as forget_results
+from .kept_results import kept_result as kept_result
+from .kept_results import kept_table as kept_table
+from .kept_results import own_cache_folder as own_cache_folder
 from .minmax import minmax_decimate as minmax_decimate
 from .minmax import minmax_pairs as minmax_pairs
 from .outcomes import OUTCOME_SYMBOLS as OUTCOME_SYMBOLS
@@ -37,7 +42,6 @@ from .people import read_temperature as read_temperature
 from .people import remember_conditions as remember_conditions
 from .people import remember_typed_conditions as remember_typed_conditions
 from .people import remembered_conditions as remembered_conditions
-from .people import with_sensor as with_sensor
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE
 from .progress import NO_PROGRESS as NO_PROGRESS
 from .progress import OperationCancelled as OperationCancelled
@@ -48,6 +52,7 @@ from .recent_errors import RecentErrors as RecentErrors
 from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultLine as ResultLine
 from .result_summary import ResultSummary as ResultSummary
+from .result_summary import natural_frequency_of as natural_frequency_of
 from .result_summary import round_figure as round_figure
 from .result_summary import run_figure as run_figure
 from .result_summary import summarize_result as summarize_result
@@ -60,6 +65,7 @@ from .text_table import Table as Table
 from .undo import UndoHistory as UndoHistory
 from .units import PEAK_TO_PEAK as PEAK_TO_PEAK
 from .units import PLAIN_NUMBER as PLAIN_NUMBER
+from .units import TRUE_MINUS as TRUE_MINUS
 from .units import UnitError as UnitError
 from .units import description_of as description_of
 from .units import field_label as field_label

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common.people import current_conditions
-from drivers import Deadline
+from drivers import Deadline, open_regular
 from protocols.base import file_hash, parse_json_object
 
 LOG_NAME = "audit.jsonl"
@@ -123,7 +123,7 @@ def append_entry(
             }
             entry = AuditEntry(**record, hash=_hash(record))
             line = json.dumps({**record, "hash": entry.hash}, ensure_ascii=False, allow_nan=False, default=str)
-            with path.open("ab") as file:
+            with open_regular(path, "ab") as file:
                 file.write((b"\n" if unended else b"") + line.encode("utf-8", "backslashreplace") + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
@@ -144,7 +144,8 @@ def read_entries(folder: Path) -> tuple[list[AuditEntry], list[str]]:
     """
     path = folder / LOG_NAME
     try:
-        lines = path.read_bytes().split(b"\n")
+        with open_regular(path) as file:
+            lines = file.read().split(b"\n")
     except FileNotFoundError:
         raise AuditError(f"{folder} has no audit trail; 'tactor-bench audit start {folder}' begins one") from None
     except OSError as error:
@@ -224,7 +225,8 @@ def _last_line(path: Path) -> tuple[AuditEntry | None, bytes, bool]:
         AuditError: the last complete line is damaged.
     """
     try:
-        lines = path.read_bytes().split(b"\n")
+        with open_regular(path) as file:
+            lines = file.read().split(b"\n")
     except FileNotFoundError:
         return None, b"", False
     torn = lines.pop()

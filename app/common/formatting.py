@@ -10,6 +10,7 @@ from typing import Any
 from model import ERRORS, format_quantity, quantity_label, shown_unit
 from protocols.base import Quality, Series
 
+SUBSCRIPTS = {"s": "ₛ", "m": "ₘ"}
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -19,8 +20,9 @@ def typeset_unit(unit: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a line as a window shows it: `N m²`, `peak-to-peak displacement`, `−5` for `N m^2`, `max - min`, `-5`."""
+    """Return a line as a window shows it: `N m²`, `peak-to-peak displacement`, `−5` for `N m^2`, `max - min`, `-5`; `k_s` as `kₛ`."""
     text = re.sub(r"max ?- ?min", "peak-to-peak displacement", text)
+    text = re.sub(r"\b([A-Za-z])_([sm])\b", lambda m: m[1] + SUBSCRIPTS[m[2]], text)
     return _raise_exponents(re.sub(r"(?<![\w.)\]-])-(?=\d)", "−", text))
 
 
@@ -65,10 +67,10 @@ def format_bytes(count: float) -> str:
 def format_series(curve: Series) -> str:
     """Format a curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
-    Empty for a curve without errors, which is a record of samples, and for a loop, whose point has the result.
+    Empty for a curve without errors, which is a record of samples, and for a loop or a change over counts, whose points have the result.
     """
     x, y = curve.x, curve.plotted
-    if curve.errors is None or not y.size or curve.x_axis.unit == "s" or (x[1:] <= x[:-1]).any():
+    if curve.errors is None or not y.size or curve.x_axis.unit in ("s", "1") or (x[1:] <= x[:-1]).any():
         return ""
     top = int(abs(y).argmax())
     height = format_quantity(float(y[top]), float(curve.errors[top]), curve.y_axis.unit)

@@ -5,15 +5,10 @@ import re
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.common.exit_codes import UsageError
 from app.common.terminal import truncate_text
-from drivers import BenchError
 from protocols.base import RunConditions, read_json_file, write_atomic
-
-if TYPE_CHECKING:
-    from drivers import EnvironmentSensor
 
 GIVEN, LOGIN = "given", "login of the computer"
 MAX_NAME_LENGTH = 100
@@ -94,19 +89,6 @@ def current_conditions() -> RunConditions:
     """Return the conditions stated today; the operator defaults to the computer's login name."""
     conditions = remembered_conditions()
     return conditions if conditions.operator else replace(conditions, operator=login_name(), operator_origin=LOGIN)
-
-
-def with_sensor(conditions: RunConditions, sensor: "EnvironmentSensor | None") -> RunConditions:
-    """Return the conditions with the sensor's reading, or with the reason why it could not be read."""
-    if sensor is None:
-        return conditions
-    try:
-        reading = sensor.read()
-    except BenchError as error:
-        return replace(conditions, temperature_c=None, humidity=None, origin=f"not measured: {error}")
-    return replace(
-        conditions, temperature_c=reading.temperature_c, humidity=reading.humidity, origin=str(sensor.identity)
-    )
 
 
 def login_name() -> str:

@@ -1,14 +1,17 @@
 """Summary of a run's result for the result card: verdict, quantities, points where nothing is identified, hints."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from app.common.formatting import axis_name, typeset
 from model import LENGTH_UNITS, format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
-from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, RunFigure, Verdict
+from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Quality, RunFigure, Verdict
 from protocols.runfile import is_response, point_columns
+
+if TYPE_CHECKING:
+    from protocols.base import Protocol
 
 MAX_POINT_ROWS = 12
 """Points that are listed; the file has all."""
@@ -70,7 +73,7 @@ def summarize_result(
     verdict: Verdict,
     reason: str,
     estimates: Sequence[EstimatedQuantity],
-    kind: type[Protocol] | None,
+    kind: "type[Protocol] | None",
     points: Sequence[Any],
     hints: Sequence[str] = (),
     path: str = "",
@@ -110,11 +113,16 @@ def run_figure(estimate: EstimatedQuantity, gain: float) -> RunFigure:
     return RunFigure.with_gain(estimate.name, estimate.value, estimate.standard_error, estimate.unit, gain)
 
 
+def natural_frequency_of(estimates: Iterable[EstimatedQuantity]) -> float:
+    """Return the identified natural frequency, Hz; NaN without one."""
+    return next((float(each.value) for each in estimates if each.name == "natural_frequency"), math.nan)
+
+
 def round_figure(value: float, uncertainty: float) -> str:
     """Return a value as text, rounded to the first digit of its uncertainty; to five digits without one."""
     if not (uncertainty > 0 and math.isfinite(uncertainty)):
         return f"{value:.5g}"
-    return f"{value:.{max(-math.floor(math.log10(uncertainty)), 0)}f}"
+    return f"{value:z.{max(-math.floor(math.log10(uncertainty)), 0)}f}"
 
 
 def _result_line(estimate: EstimatedQuantity, gain_uncertainty: float, label: str = "") -> ResultLine:
@@ -145,7 +153,7 @@ def _largest_response(points: Sequence[Any], gain_uncertainty: float) -> Iterato
         yield _result_line(largest, gain_uncertainty, f"largest response, at {top.frequency:.4g} Hz")
 
 
-def _point_rows(kind: type[Protocol], points: Sequence[Any]) -> tuple[tuple[str, str], ...]:
+def _point_rows(kind: "type[Protocol]", points: Sequence[Any]) -> tuple[tuple[str, str], ...]:
     units = {name: column[0] for name, column in point_columns(kind.point_type).items()}
     rows = []
     for point in points:

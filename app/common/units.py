@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
+TRUE_MINUS = "−"
+
 RANGE = re.compile(r"(.+?)\s*(?:\.\.\.?|…)\s*(.+?)\s+step\s+(.+)")
 RANGE_SIGN = re.compile(r"\.\.|…|:")
 RANGE_REMEDY = "write for example '100...200 step 5', or a list: '25, 50, 75'"
@@ -57,6 +59,7 @@ def to_number(text: str, unit: str) -> float:
     Raises:
         UnitError: no number, an unknown unit, or a unit of another dimension.
     """
+    text = text.replace(TRUE_MINUS, "-")  # what a field shows
     for plain in (
         text,
         text.removesuffix(unit) if unit.isalpha() and len(text) <= MAX_TEXT_LENGTH else "",
@@ -214,7 +217,8 @@ def read_value(model: "type[BaseModel]", name: str, value: Any, shown: tuple[flo
 def field_label(model: "type[BaseModel]", name: str) -> str:
     """Return the name of a field in words, without its unit: `peak to peak` for `peak_to_peak_v`."""
     unit = unit_of(model, name) or ""
-    return name.removesuffix(f"_{unit.lower().replace('/', '_per_')}").replace("_", " ")
+    suffix = "c" if unit == "degC" else unit.lower().replace("/", "_per_")
+    return name.removesuffix(f"_{suffix}").replace("_", " ")
 
 
 def read_numbers(text: str, unit: str, shown: tuple[float, str] = (1.0, "")) -> tuple[float, ...]:
@@ -259,7 +263,7 @@ def _split(text: str) -> list[str]:
     """Split at commas, or plain numbers at spaces: `100 Hz` is one number."""
     if "," in text:
         return [item.strip() for item in text.split(",") if item.strip()]
-    parts = text.split()
+    parts = text.replace(TRUE_MINUS, "-").split()
     return parts if all(PLAIN_NUMBER.fullmatch(word) for word in parts) else [text.strip()]
 
 

@@ -75,9 +75,9 @@ class ComparedRun:
 
     @property
     def title(self) -> str:
-        """Specimen and begin: `T7 22 Nov 17:59`."""
+        """Specimen and begin: `T7 22 Nov 17:59:03`."""
         begun = self.summary.started_at
-        return f"{self.summary.specimen or self.path.stem} {f'{begun:%d %b %H:%M}' if begun else ''}".strip()
+        return f"{self.summary.specimen or self.path.stem} {f'{begun:%d %b %H:%M:%S}' if begun else ''}".strip()
 
     def gains_against(self, reference: "ComparedRun", unit: str) -> GainErrors:
         """Return the errors of the sensors' gains of this run and its reference for values of a unit."""

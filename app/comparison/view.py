@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from app.comparison.compared_run import MAX_RUNS, ComparisonError
+from drivers import open_regular
 from model import Relation
 from protocols.base import replacing
 
@@ -76,7 +77,8 @@ def read_view(path: Path) -> ComparisonView:
         ComparisonError: it is missing, or not a view.
     """
     try:
-        return ComparisonView.model_validate_json(path.read_bytes())
+        with open_regular(path) as file:
+            return ComparisonView.model_validate_json(file.read())
     except OSError as error:
         there = ", ".join(views_in(path.parent)) or "none"
         raise ComparisonError(f"there is no view {path}: {error.strerror or error}; views there: {there}") from None

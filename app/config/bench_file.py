@@ -28,6 +28,7 @@ from app.config.bench_tables import (
     WatchdogTable,
     check_channels,
 )
+from app.config.driver_registry import SIMULATED_CARDS
 from app.config.validation import ConfigTable, read_toml
 from protocols.base import read_toml_text
 from sim_hardware.plant import SimulationParameters
@@ -84,18 +85,33 @@ class BenchConfig(ConfigTable):
     @property
     def simulation_parameters(self) -> SimulationParameters:
         """The true parameters of the simulated bench."""
-        at_the_cable = {"generator": "generator", "card-output": self.source.channel, "dc-supply": "supply"}
-        wired = {"source": at_the_cable[self.source.kind], "interlock": self.interlock.model_dump()}
-        return SimulationParameters.from_record({**wired, **(self.simulation or {})})
+        at_the_cable = {"generator": "generator", "dc-supply": "supply"}
+        wired = {
+            "source": at_the_cable.get(self.source.kind, self.source.output),
+            "interlock": self.interlock.model_dump(),
+        }
+        record = {**wired, **(self.simulation or {})}
+        if (product := SIMULATED_CARDS.get(self.card.driver)) and isinstance(record.get("card", {}), dict):
+            record["card"] = {"product": product, **record.get("card", {})}
+        return SimulationParameters.from_record(record)
 
     @property
     def source_connection(self) -> GeneratorTable | SupplyTable:
         """The table with the connection of the source."""
         return self.supply if self.source.kind == "dc-supply" else self.generator
 
+    @property
+    def source_address(self) -> str:
+        """VISA resource string of the source, or address of a LabJack."""
+        return self.source.device if self.source.kind == "labjack-output" else self.source_connection.resource
+
     @model_validator(mode="after")
     def _check_source_kind(self) -> "BenchConfig":
         check_channels(self.channels, (self.card.drive_channel, self.card.displacement_channel))
+        if self.card.driver in SIMULATED_CARDS:
+            self._check_card_without_ni()
+        if self.source.kind == "labjack-output":
+            self._check_labjack_output()
         if self.simulated:
             simulation = self.simulation_parameters  # raises ValueError if the table is malformed
             if simulation.generator.traits:
@@ -114,7 +130,7 @@ class BenchConfig(ConfigTable):
             if not 1 <= speed <= MAX_SPEED:
                 raise ValueError(f"simulation.speed must be from 1 to {MAX_SPEED:g}, not {speed:g}")
             return self
-        if self.source.kind != "card-output" and not self.source_connection.resource:
+        if self.source.kind != "card-output" and not self.source_address:
             table = "supply" if self.source.kind == "dc-supply" else "generator"
             raise ValueError(
                 f"{table}.resource is missing; give the VISA resource of the {table}, "
@@ -122,7 +138,37 @@ class BenchConfig(ConfigTable):
             )
         if silent := [name for name, meter in self.meters.items() if not meter.port]:
             raise ValueError(f"meters.{silent[0]}.port is missing; give the name of its serial port, e.g. COM3")
+        if silent := [name for name, meter in self.meters.items() if meter.on_two_ports and not meter.command_port]:
+            raise ValueError(f"meters.{silent[0]}.command_port is missing; give it, e.g. socket://192.0.2.5:23")
         return self
+
+    def _check_card_without_ni(self) -> None:
+        if self.source.kind == "card-output":
+            raise ValueError(
+                "source.kind card-output needs an NI card: the outputs of a LabJack give 0 V, which is -500 V on the specimen, when its "
+                "power or its USB cable is off; connect a function generator, or a second LabJack as source.kind labjack-output"
+            )
+        if self.interlock.line:
+            raise ValueError(
+                f"interlock.line {self.interlock.line} is a digital line of an NI card; leave it empty with a LabJack, or use an NI card"
+            )
+
+    def _check_labjack_output(self) -> None:
+        """Refuse a LabJack as the source unless rest is guaranteed without the computer's power, or high voltage is taken away."""
+        if not (self.source.external_power or self.interlock.line):
+            raise ValueError(
+                f"source.kind labjack-output: without power {self.source.output} gives 0 V, which is -500 V on the specimen; give the LabJack a "
+                "power supply of its own and say source.external_power = true, or wire the interlock, which needs an NI card"
+            )
+        if not self.simulated and not self.source.device:
+            raise ValueError(
+                "source.device is missing; give the IP address of the LabJack that plays the drives, e.g. 192.0.2.10"
+            )
+        if self.card.driver == "labjack-t7" and self.source.device == self.card.device:
+            raise ValueError(
+                f"source.device {self.source.device} is also card.device, and a LabJack has one stream: it plays or it measures; use a "
+                "second LabJack, or another card"
+            )
 
 
 def load_bench(name: str) -> BenchConfig:

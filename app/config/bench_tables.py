@@ -6,13 +6,14 @@ from datetime import date
 from functools import partial
 from typing import Annotated, Any, Literal, get_type_hints
 
+import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import AfterValidator, create_model, field_validator, model_validator
 
 from app.config import driver_registry as drivers
 from app.config.validation import ConfigTable
-from drivers import DriveLimits, InputChannel, LaserSensor, LevelSettings
-from drivers.sensors import PRESETS
+from drivers import DriveLimits, InputChannel, LaserSensor, LevelSettings, read_coefficients
+from drivers.sensors import BLOCK_DIALECTS, PRESETS
 from model import AmplifierMap
 
 SerialNumber = Annotated[str, "serial number; where it is given, another instrument at this address is rejected"]
@@ -83,8 +84,12 @@ class AmplifierTable(ConfigTable):
 class CardTable(ConfigTable):
     """The data acquisition card."""
 
-    driver: Annotated[str, AfterValidator(partial(drivers.check_driver_name, drivers.DIGITIZERS))] = "ni"
-    device: Annotated[str, "the card's name, e.g. Dev1"] = "Dev1"
+    driver: Annotated[
+        str,
+        AfterValidator(partial(drivers.check_driver_name, drivers.DIGITIZERS)),
+        "ni: an NI card; labjack-t7: a LabJack T7 in the network",
+    ] = "ni"
+    device: Annotated[str, "the card's name, e.g. Dev1; of a LabJack its IP address"] = "Dev1"
     serial: SerialNumber = ""
     drive_channel: Annotated[str, "terminal that sees the amplifier's input"] = "ai0"
     displacement_channel: Annotated[str, "terminal that sees the displacement sensor"] = "ai1"
@@ -94,10 +99,14 @@ class CardTable(ConfigTable):
 
 
 class SensorTable(ConfigTable):
-    """The laser displacement sensor's calibration."""
+    """The calibration of the displacement sensor, or of a vibrometer."""
 
     preset: Annotated[str, "a sensor by name; values written in this table take precedence"] = ""
     name: str = "laser displacement sensor"
+    quantity: Annotated[
+        Literal["displacement", "velocity"],
+        "velocity: a vibrometer, whose gain is in (m/s)/V; vibrations are integrated, static protocols are refused",
+    ] = "displacement"
     gain_m_per_v: Annotated[float, Unit("m/V"), "displacement per volt; negative where closer gives more volts"] = 1e-4
     zero_v: Annotated[float, Unit("V"), "volts at zero displacement"] = 0.0
     valid_low_v: Annotated[float, Unit("V"), "below this the sensor reports 'out of range'"] = -10.0
@@ -109,6 +118,12 @@ class SensorTable(ConfigTable):
     gain_relative_uncertainty: Annotated[
         float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative"
     ] = 0.0
+    corner_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=0, le=100), "velocity: corner of the vibrometer's high pass; 0: down to 0 Hz"
+    ] = 0.0
+    use_curve: Annotated[
+        bool, "convert by calibration_points, linear between them, in place of gain and zero: capacitive probes"
+    ] = False
     calibration_points: Annotated[
         tuple[tuple[float, float], ...], "points of the calibration: position in m and volts, written by the Bench page"
     ] = ()
@@ -131,7 +146,10 @@ class SensorTable(ConfigTable):
 
     @property
     def laser_sensor(self) -> LaserSensor:
-        return LaserSensor(**self.model_dump(exclude={"preset", "calibration_points", "certificate"}))
+        curve = sorted(self.calibration_points, key=lambda point: point[1]) if self.use_curve else ()
+        return LaserSensor(
+            **self.model_dump(exclude={"preset", "calibration_points", "use_curve", "certificate"}), curve=tuple(curve)
+        )
 
     @model_validator(mode="before")
     @classmethod
@@ -153,6 +171,12 @@ class SensorTable(ConfigTable):
             raise ValueError("gain_m_per_v must not be 0")
         if self.valid_low_v >= self.valid_high_v:
             raise ValueError(f"valid_low_v {self.valid_low_v:g} V must lie below valid_high_v {self.valid_high_v:g} V")
+        if self.use_curve:
+            steps = np.diff([m for m, _ in sorted(self.calibration_points, key=lambda point: point[1])])
+            if self.quantity == "velocity" or steps.size < 2 or not (np.all(steps > 0) or np.all(steps < 0)):
+                raise ValueError(
+                    "use_curve needs three or more calibration_points of a displacement that rises or falls with the volts throughout"
+                )
         return self
 
 
@@ -208,14 +232,24 @@ class InterlockTable(ConfigTable):
         return self
 
 
+LABJACK_OUTPUTS = ("DAC0", "DAC1")
+
+
 class SourceTable(ConfigTable):
     """The instrument at the amplifier's input."""
 
     kind: Annotated[
-        Literal["generator", "card-output", "dc-supply"],
-        "generator: see [generator]; card-output: an analogue output of the card in [card]; dc-supply: see [supply]",
+        Literal["generator", "card-output", "dc-supply", "labjack-output"],
+        "generator: see [generator]; card-output: an analogue output of the card in [card]; dc-supply: see [supply]; labjack-output: an "
+        "output of a LabJack T7 of its own",
     ] = "generator"
-    channel: Annotated[str, "card-output: which output of the card"] = "ao0"
+    channel: Annotated[str, "which output: ao0, ao1 of the card; DAC0, DAC1 of a LabJack; empty: the first"] = ""
+    device: Annotated[str, "labjack-output: IP address of the LabJack, another one than that of [card]"] = ""
+    serial: SerialNumber = ""
+    external_power: Annotated[
+        bool,
+        "labjack-output: whether the LabJack has a power supply of its own that outlasts the computer's; else it needs the interlock",
+    ] = False
     start_trigger: Annotated[
         Literal["", "ai/SampleClock"],
         "card-output: start trigger of a drive; with ai/SampleClock its first sample coincides with a scan of the input",
@@ -223,6 +257,17 @@ class SourceTable(ConfigTable):
     record_messages: Annotated[
         str, "file for every message of a session with times, for the instrument's vendor; empty: none is recorded"
     ] = ""
+
+    @property
+    def output(self) -> str:
+        """The chosen output of a card or a LabJack."""
+        return self.channel or ("DAC0" if self.kind == "labjack-output" else "ao0")
+
+    @model_validator(mode="after")
+    def _check_output(self) -> "SourceTable":
+        if self.kind == "labjack-output" and self.output not in LABJACK_OUTPUTS:
+            raise ValueError(f"channel of a LabJack must be DAC0 or DAC1, not {self.channel!r}")
+        return self
 
 
 class SupplyTable(ConfigTable):
@@ -241,24 +286,45 @@ class SupplyTable(ConfigTable):
 
 
 class MeterTable(ConfigTable):
-    """A laser sensor read over its serial port, one value at a time, for static tests."""
+    """A displacement sensor read over its serial port or Ethernet, one value at a time, for static tests."""
 
-    driver: Literal["keyence-lkg", "optoncdt"]
-    port: Annotated[str, "COM3, /dev/ttyUSB0, or a pyserial URL; empty on a simulated bench"] = ""
+    driver: Literal["keyence-lkg", "keyence-lkg5000", "keyence-il", "optoncdt", "optoncdt-2300", "capancdt-6200"]
+    port: Annotated[
+        str, "COM3, /dev/ttyUSB0, or on Ethernet socket://192.0.2.5:1024, its data port; empty on a simulated bench"
+    ] = ""
+    command_port: Annotated[
+        str, "optoncdt-2300, capancdt-6200: its other port, for commands, e.g. socket://192.0.2.5:23"
+    ] = ""
     baud: Annotated[int, Interval(ge=0, le=4_000_000), "bits per second; 0 is the sensor's factory setting"] = 0
     timeout_s: ReplyTimeout = 1.0
-    output: Annotated[int, Interval(ge=1, le=2), "keyence-lkg: which output of the controller"] = 1
-    range_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "optoncdt: its measuring range"] = 0.01
+    output: Annotated[
+        int,
+        Interval(ge=1, le=12),
+        "which output of the controller (keyence-il: amplifier; capancdt-6200: channel), from 1",
+    ] = 1
+    range_m: Annotated[
+        float, Unit("m"), Interval(gt=0, le=1), "optoncdt, capancdt: its measuring range, checked against the sensor's"
+    ] = 0.01
+
+    @property
+    def on_two_ports(self) -> bool:
+        """Whether its values and its commands have different ports."""
+        return self.driver in BLOCK_DIALECTS
 
 
 class EnvironmentTable(ConfigTable):
-    """The sensor of temperature and humidity of the laboratory, on a serial port; read at the start of each run."""
+    """The sensor of temperature and humidity of the air, or a climate chamber, on a serial port; read through each run."""
 
-    port: Annotated[str, "COM3, /dev/ttyUSB0, or a pyserial URL; empty: there is none"] = ""
+    port: Annotated[str, "COM3, /dev/ttyUSB0, or a pyserial URL; simulated: that of a simulated bench; empty: none"] = (
+        ""
+    )
     driver: Annotated[str, AfterValidator(partial(drivers.check_driver_name, drivers.ENVIRONMENT_SENSORS))] = "text"
     request: Annotated[str, "line that asks for a reading, e.g. SEND; empty for a sensor that sends by itself"] = ""
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second"] = 9600
     timeout_s: ReplyTimeout = 2.0
+    uncertainty_k: Annotated[
+        float, Unit("K"), Interval(ge=0, le=10), "standard uncertainty of its temperature, with its resolution"
+    ] = 0.1
 
 
 RESERVED_NAMES = ("drive", "displacement", "sample_rate", "time")
@@ -274,9 +340,9 @@ class ChannelTable(ConfigTable):
     gain: Annotated[float, Interval(ge=-1e12, le=1e12), "units per volt at the terminal"] = 1.0
     offset: Annotated[float, Interval(ge=-1e12, le=1e12), "value at 0 V, in the unit"] = 0.0
     kind: Annotated[
-        Literal["voltage-monitor", "current-monitor", "charge", "other"],
+        Literal["voltage-monitor", "current-monitor", "charge", "temperature", "humidity", "other"],
         "monitors of the amplifier have the abort levels voltage and current; in V and A at the specimen; charge, in C: a sense "
-        "capacitor in the return",
+        "capacitor in the return; temperature in degC and humidity in 1, of the air, are in the conditions of the run",
     ] = "other"
     gain_relative_uncertainty: Annotated[
         float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative; 0: not stated"
@@ -288,6 +354,23 @@ class ChannelTable(ConfigTable):
     bleed_s: Annotated[
         float, Unit("s"), Interval(ge=0, le=1e6), "charge: sense capacitance times bleed resistance; 0: no resistor"
     ] = 0.0
+
+    curve: Annotated[
+        Literal["line", "table", "callendar-van-dusen", "steinhart-hart"],
+        "temperature: characteristic of a thermometer from the value (in ohm or V, by gain and offset) to degC; line: none",
+    ] = "line"
+    coefficients: Annotated[
+        str, "of the curve, separated by commas: R0, A, B, C; A, B, C; pairs of value and degC; empty for a line"
+    ] = ""
+
+    @model_validator(mode="after")
+    def _check_curve(self) -> "ChannelTable":
+        read_coefficients(self.curve, self.coefficients)
+        if self.curve != "line" and self.kind != "temperature":
+            raise ValueError(
+                f"curve is of thermometers, and the kind is {self.kind}: leave it out, or make it 'temperature'"
+            )
+        return self
 
     @field_validator("name")
     @classmethod
@@ -333,7 +416,8 @@ def check_channels(tables: "list[ChannelTable]", used_terminals: tuple[str, ...]
             )
         if table.channel in (*used_terminals, *(other.channel for other in tables[:at])):
             raise ValueError(f"the terminal {table.channel} is used twice; each channel needs its own")
-        unit = {"voltage-monitor": "V", "current-monitor": "A", "charge": "C"}.get(table.kind, table.unit)
+        units = {"voltage-monitor": "V", "current-monitor": "A", "charge": "C", "temperature": "degC", "humidity": "1"}
+        unit = units.get(table.kind, table.unit) if table.curve == "line" else table.unit
         if table.unit != unit:
             raise ValueError(f"channels.unit of {table.name!r} must be {unit}, as the kind {table.kind} requires")
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from app.common import record_audit
+from drivers import open_regular
 from protocols import PROTOCOLS
-from protocols.base import open_regular, read_json_file, visible_values, write_atomic
+from protocols.base import read_json_file, visible_values, write_atomic
 from protocols.runfile import safe_name
 
 CERTIFICATES = "certificates"

@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 
 from app.common import truncate_text
 from app.config.certificate import Certificate, CertificateColumn, CertificateError
-from protocols.base import open_regular, visible_text
+from drivers import open_regular
+from protocols.base import visible_text
 
 MAX_FILE_BYTES = 50_000_000
 """A certificate with attached pictures; more is something else."""

@@ -1,8 +1,8 @@
-"""Discovery of connected devices: VISA instruments, NI cards, serial ports. Devices are only queried, never set."""
+"""Discovery of connected devices: VISA instruments, NI cards, LabJacks at given addresses, serial ports. Devices are only queried, never set."""
 
 import re
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 
 from app.config.driver_registry import SOURCES, built_in_names, load_driver, supports_model
@@ -31,10 +31,13 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
     from drivers import list_devices, list_resources, list_serial_ports
 
     names, notes = list_resources()
+    devices = []
     for host in hosts:
+        if (labjack := _query_labjack(host)) is not None:
+            devices.append(labjack)
+            continue
         name, _, port = host.partition(":")
         names += [f"TCPIP::{name}::{p}::SOCKET" for p in ([port] if port else LAN_PORTS)]
-    devices = []
     for resource in names:
         if resource.startswith("ASRL"):
             continue  # a query at the wrong baud rate can disturb the device; the ports are listed below
@@ -50,6 +53,18 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
         notes.append(str(error))
     devices += [FoundDevice("serial port", name, description) for name, description in list_serial_ports()]
     return devices, notes
+
+
+def _query_labjack(host: str) -> FoundDevice | None:
+    """Return the LabJack at an address, or None if none answers."""
+    from drivers.labjack import T7Registers
+
+    if host.count(":") == 1:  # the port of an instrument with messages
+        return None
+    with suppress(BenchError), closing(T7Registers(host, QUERY_TIMEOUT_S)) as registers:
+        seen = registers.identity
+        return FoundDevice("card", host, str(seen), seen.serial, "labjack-t7")
+    return None
 
 
 def _query_instrument(resource: str) -> tuple[FoundDevice, str]:

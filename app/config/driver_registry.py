@@ -21,11 +21,17 @@ SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
 ENVIRONMENT_SENSORS = "tactor_bench.environment_sensors"
 
 BUILT_IN = {
-    DIGITIZERS: {"ni": "drivers.nidaq.analog_input:NiDigitizer"},
-    ENVIRONMENT_SENSORS: {"text": "drivers.sensors.environment:TextEnvironmentSensor"},
+    DIGITIZERS: {"ni": "drivers.nidaq.analog_input:NiDigitizer", "labjack-t7": "drivers.labjack.digitizer:T7Digitizer"},
+    ENVIRONMENT_SENSORS: {
+        "text": "drivers.sensors.environment:TextEnvironmentSensor",
+        "espec": "drivers.sensors.espec:EspecChamber",
+    },
 }
 """Drivers that are not of generators; digitizers are called like `drivers.nidaq.analog_input.NiDigitizer`, environment sensors with
 (port, request), and generators with (link, clock, *, step_v)."""
+
+SIMULATED_CARDS = {"labjack-t7": "T7"}
+"""Product of the simulated card, by driver, where it is not the usual one."""
 
 INTERFACES = {SOURCES: "Source", DIGITIZERS: "Digitizer", ENVIRONMENT_SENSORS: "EnvironmentSensor"}
 

@@ -10,11 +10,12 @@ from pydantic import Field, create_model
 
 from app.common import UsageError
 from app.config.validation import ConfigTable, read_toml
-from protocols.base import open_regular, read_toml_text
+from drivers import open_regular
+from protocols.base import read_toml_text
 
 LABORATORY_FILE_NAME = "laboratory.toml"
 """Name of the file in the folder of the runs."""
-MAX_TEXT, MAX_STYLE = 4000, 100_000
+MAX_TEXT, MAX_FILE = 4000, 100_000
 LINE = Field(default="", max_length=110)
 """A text that must fit one line of a page."""
 
@@ -30,6 +31,7 @@ class Laboratory:
         threshold: of perception, as `--threshold` takes it; a CSV file with its folder.
         header, footer: a line on every page of a report.
         style: style sheet of the HTML report, behind the program's own.
+        template: of the HTML report, in place of the program's own; empty without one.
         sections: names of the sections behind the first page, in order; empty for the usual ones.
         texts: title and text of the laboratory's own sections, by name.
     """
@@ -42,6 +44,7 @@ class Laboratory:
     style: str = ""
     sections: tuple[str, ...] = ()
     texts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    template: str = ""
 
 
 class _Text(ConfigTable):
@@ -53,6 +56,7 @@ class _Report(ConfigTable):
     header: Annotated[str, LINE] = ""
     footer: Annotated[str, LINE] = ""
     style: str = ""
+    template: str = ""
     sections: tuple[str, ...] = ()
     texts: Mapping[str, _Text] = Field(default_factory=dict)
 
@@ -85,25 +89,40 @@ def read_laboratory(folder: Path) -> Laboratory:
         threshold,
         report["header"],
         report["footer"],
-        _read_style(folder / report["style"]) if report["style"] else "",
+        _read_style(folder, report["style"]),
         tuple(report["sections"]),
         {name: (each["title"], each["text"]) for name, each in report["texts"].items()},
+        _read_file(folder, "template", report["template"]),
     )
 
 
-def _read_style(path: Path) -> str:
+def _read_style(folder: Path, name: str) -> str:
     """Return a style sheet.
 
     Raises:
         UsageError: it cannot be read, is too long, or would end the element that contains it.
     """
+    text = _read_file(folder, "style", name)
+    if "<" in text:
+        raise UsageError(f"the style sheet {folder / name} has a '<'; give plain CSS")
+    return text
+
+
+def _read_file(folder: Path, key: str, name: str) -> str:
+    """Return the text of a file that the laboratory file names; nothing without a name.
+
+    Raises:
+        UsageError: it cannot be read, or is too long.
+    """
+    if not name:
+        return ""
     try:
-        with open_regular(path, "r", encoding="utf-8") as file:
-            text: str = file.read(MAX_STYLE + 1)
+        with open_regular(folder / name, "r", encoding="utf-8") as file:
+            text: str = file.read(MAX_FILE + 1)
     except (OSError, ValueError) as error:
         raise UsageError(
-            f"the style sheet {path} cannot be read: {error}; correct `style` in {LABORATORY_FILE_NAME}"
+            f"{folder / name} cannot be read: {error}; correct `{key}` in {LABORATORY_FILE_NAME}"
         ) from None
-    if len(text) > MAX_STYLE or "<" in text:
-        raise UsageError(f"the style sheet {path} has more than {MAX_STYLE} characters, or a '<'; give plain CSS")
+    if len(text) > MAX_FILE:
+        raise UsageError(f"{folder / name}, the `{key}` of {LABORATORY_FILE_NAME}, has more than {MAX_FILE} characters")
     return text

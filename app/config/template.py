@@ -28,6 +28,7 @@ current_limit_a = "100 mA"
 fall_time_s = "2 s"     # 1 kohm across its output shortens it"""
 
 CARD = """\
+driver = {driver}
 device = {device}         # {identity}
 serial = {serial}
 server = {server}  # host:port of NI's gRPC device server; "" where the card is in this computer"""
@@ -47,6 +48,7 @@ def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
     return TEMPLATE.format(
         source=_source_section(generator, supply),
         card=CARD.format(
+            driver=_toml_string((card.driver if card else "") or "ni"),
             device=_toml_string(card.where if card else "Dev1"),
             identity=card.identity if card else "no card was found: its name in NI MAX",
             serial=_toml_string(card.serial if card else ""),

@@ -1,8 +1,11 @@
+from .design import NO_LOAD as NO_LOAD
+from .design import WAVEFORMS as WAVEFORMS
 from .design import DesignAnswers as DesignAnswers
 from .design import DesignQuestion as DesignQuestion
 from .design import answer_design as answer_design
 from .design import describe_reach as describe_reach
 from .design import divided as divided
+from .design import measured_load as measured_load
 from .design import share_that_moves as share_that_moves
 from .engine import LABORATORY_SITE as LABORATORY_SITE
 from .engine import PHASES as PHASES

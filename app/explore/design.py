@@ -1,4 +1,4 @@
-"""Design questions of a specimen: the added mass for a resonance, and the drive for an amplitude, with total uncertainties."""
+"""Design questions of a specimen: the added mass for a resonance, the drive for an amplitude and its power, with total uncertainties."""
 
 import math
 from collections.abc import Iterator
@@ -11,7 +11,22 @@ from app.explore.state import ExploreSetting
 from app.identification import load_active_model, read_calibrations
 from model import COVERAGE_FACTOR_95, AmplifierMap, EstimatedQuantity, ParameterError, Specimen, format_with_uncertainty
 from model.response import choose_shapes, response_curve
-from model.studies import FULL_AMPLITUDE_V, DesignAnswer, EstimateSet, required_drive, required_mass
+from model.studies import (
+    FULL_AMPLITUDE_V,
+    DesignAnswer,
+    EstimateSet,
+    PowerWaveform,
+    drive_power,
+    load_set,
+    required_drive,
+    required_mass,
+)
+
+WAVEFORMS: tuple[PowerWaveform, ...] = ("sine", "square", "belt")
+NO_LOAD = (
+    "Its power needs capacitance and loss factor: measure the electrical properties of the specimen, or state both in "
+    "tactor-bench model power"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +52,7 @@ class DesignAnswers:
 
     mass: str
     drive: str
+    power: str
     source: str
 
 
@@ -51,6 +67,7 @@ def answer_design(question: DesignQuestion) -> Iterator[DesignAnswers]:
     yield DesignAnswers(
         _mass_sentence(question, specimen, estimates, share, n),
         _drive_sentence(question, specimen, estimates, n),
+        _power_sentence(question, specimen, estimates, n),
         source,
     )
 
@@ -119,6 +136,33 @@ def _drive_sentence(question: DesignQuestion, specimen: Specimen, estimates: Est
         return str(error)
     text = f"{_with_error(drive, 1.0, 'V')} peak to peak at the amplifier's input for {1e6 * amplitude_m:g} µm at {hz:g} Hz."
     return f"{text} {describe_reach(specimen, drive, hz, n)}"
+
+
+def measured_load(folder: Path, specimen: str) -> tuple[EstimatedQuantity, ...]:
+    """Return capacitance and loss factor of the newest run that has both; empty without one."""
+    from protocols import newest_estimates  # slow to import
+
+    return newest_estimates(folder, specimen, "capacitance", "loss_factor")
+
+
+def _power_sentence(question: DesignQuestion, specimen: Specimen, estimates: EstimateSet | None, n: int) -> str:
+    seen = () if question.calibrated is None else measured_load(*question.calibrated)
+    if not seen:
+        return NO_LOAD
+    load = load_set(*((each.value, each.standard_error) for each in seen))
+    try:
+        powers = [
+            drive_power(specimen, each, question.drive_hz, question.amplitude_m, load, estimates, n=n)
+            for each in WAVEFORMS
+        ]
+    except ParameterError as error:
+        return str(error)
+    best, *others = sorted(powers, key=lambda each: each.driver_w.value)
+    rest = ", ".join(f"{each.waveform} {1e3 * each.driver_w.value:.3g} mW" for each in others)
+    return (
+        f"Least power there: {best.waveform}, {_with_error(best.driver_w, 1e3, 'mW')} from a driver without recovery, of which the specimen "
+        f"takes {_with_error(best.specimen_w, 1e3, 'mW')} ({rest})."
+    )
 
 
 def _with_error(answer: DesignAnswer, factor: float, unit: str) -> str:

@@ -57,6 +57,8 @@ class ExploreResult:
     threshold_m: Array
     """That threshold at the frequencies of the curve, (F,)."""
     threshold_label: str
+    natural_hz: tuple[float, ...]
+    """Natural frequency of the setting, then of each kept curve's."""
     kept_curves: tuple[PeriodicResponse, ...] | None = None
     motion: BeamMotion | None = None
 
@@ -73,14 +75,16 @@ class ResponseEngine:
         Raises:
             ParameterError, LinAlgError: the model cannot be computed.
         """
-        from model.response import SITES, usable_bands
+        from model.response import SITES, natural_frequencies, usable_bands
 
         curve, own = self._curve(request.setting, request.max_hz), request.own_threshold
-        threshold = (
-            own if request.site == LABORATORY_SITE and own is not None else SITES.get(request.site, SITES["abdomen"])
-        )
+        own = own if request.site == LABORATORY_SITE else None
+        threshold = own or SITES.get(request.site, SITES["abdomen"])
         felt_bands = usable_bands(curve.frequency_hz, curve.peak_to_peak, threshold)
-        result = ExploreResult(curve, felt_bands, threshold.amplitude_at(curve.frequency_hz), threshold.line_label)
+        specimens = [each.specimen for each in (request.setting, *(kept.setting for kept in request.kept_curves))]
+        natural_hz = tuple(float(natural_frequencies(each.tactor, each.skin)[0]) for each in specimens)
+        threshold_m = threshold.amplitude_at(curve.frequency_hz)
+        result = ExploreResult(curve, felt_bands, threshold_m, threshold.line_label, natural_hz)
         yield result
         kept_curves = tuple(self._curve(kept.setting, request.max_hz) for kept in request.kept_curves)
         result = replace(result, kept_curves=kept_curves)

@@ -50,22 +50,13 @@ class SliderSpec:
 
 
 GROUPS: Mapping[str, Sequence[SliderSpec]] = {
-    "Skin": (
-        SliderSpec("delta", 0.0, 0.1),
-        SliderSpec("E_m", 1e3, 1e9, True),
-        SliderSpec("k_s", 1.0, 1e7, True),
-        SliderSpec("c_s", 0.0, 6000.0),
-    ),
     "Tactor": (
         SliderSpec("m_add", 0.0, 20e-3),
         SliderSpec("c0", 0.0, 1000.0),
         SliderSpec("k2", 2e-3, 3e-2, True),
         SliderSpec("mu", -4e-5, 0.0),
     ),
-    "Lag of the MFC": (
-        SliderSpec("hysteresis", 0.0, 0.3),
-        SliderSpec("creep", 0.0, 0.05),
-    ),
+    "Lag of the MFC": (SliderSpec("hysteresis", 0.0, 0.3), SliderSpec("creep", 0.0, 0.05)),
     "Clamp and geometry": (
         SliderSpec("L", 16e-3, 40e-3),
         SliderSpec("L1", 1e-3, 14e-3),
@@ -74,10 +65,12 @@ GROUPS: Mapping[str, Sequence[SliderSpec]] = {
         SliderSpec("b_Al", 5e-3, 40e-3),
         SliderSpec("h_Al", 0.05e-3, 0.6e-3),
     ),
-    "Materials": (
-        SliderSpec("E_Al", 1e9, 220e9),
-        SliderSpec("rho1", 2e-3, 6e-2),
-        SliderSpec("rho2", 5e-3, 1e-1),
+    "Materials": (SliderSpec("E_Al", 1e9, 220e9), SliderSpec("rho1", 2e-3, 6e-2), SliderSpec("rho2", 5e-3, 1e-1)),
+    "Skin": (
+        SliderSpec("delta", 0.0, 0.1),
+        SliderSpec("E_m", 1e3, 1e9, True),
+        SliderSpec("k_s", 1.0, 1e7, True),
+        SliderSpec("c_s", 0.0, 6000.0),
     ),
     "Membrane": (
         SliderSpec("L_m", 30e-3, 400e-3),

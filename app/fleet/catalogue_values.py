@@ -12,17 +12,10 @@ import numpy as np
 
 from app.archive import Catalogue, RunSummary
 from app.identification import FORMAT, SUFFIX
+from drivers import open_regular
 from model import Array, current_name, quantity_label, shown_unit
 from model.response import ABDOMEN_THRESHOLD, THRESHOLD_M, PerceptionThreshold
-from protocols.base import (
-    MAX_TOML_BYTES,
-    RunFigure,
-    open_regular,
-    parse_toml,
-    read_json_file,
-    visible_text,
-    visible_values,
-)
+from protocols.base import MAX_TOML_BYTES, RunFigure, parse_toml, read_json_file, visible_text, visible_values
 from protocols.runfile import SHEET_SUFFIX
 
 CALIBRATION = "calibration"

@@ -20,6 +20,7 @@ from app.gui.face import install_fonts
 from app.gui.shell import BENCH, MainWindow, collect_garbage_here
 from app.gui.shell import InitialForm as InitialForm
 from app.live import Connect, MakeSession, SessionAdapter
+from app.remote import PhoneStop
 from app.session import UNSAFE_EXIT, Session, SimulationSettings
 
 UNITS_IMPORT_DELAY_MS = 500
@@ -102,12 +103,11 @@ def open_window(
         units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
         newcomer = not form.autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
         kept.setValue(WELCOME_SEEN_KEY, True)
-        actions: list[AfterRun] = []
+        actions: list[AfterRun | PhoneStop] = []
         recent = RecentErrors()
-        shows_benches, problem = False, ""
+        shows_benches, problem, starts_demo = False, "", False
         if not bench_given:
             bench, shows_benches, problem = _bench_used_last(bench, kept, bench_factory)
-        starts_demo = False
         while True:
             requested: list[OpenedBench] = []
 
@@ -116,12 +116,13 @@ def open_window(
                     requested.append(bench_factory(name))
                     kept.setValue(LAST_BENCH_KEY, name)
 
-            adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
+            phone_stop = PhoneStop()
+            adapter = SessionAdapter(bench.connect, make_session, bench.simulation, phone_stop)
             window = MainWindow(adapter, bench.config, form, kept, change, bench.name, recent)
             _show_first(window, shows_benches and not starts_demo, problem, newcomer)
             if starts_demo:
                 window.start_demo()
-            actions.append(_start_actions_after_run(bench, adapter))
+            actions += [_start_actions_after_run(bench, adapter, phone_stop), phone_stop]
             with recent.observe(window.error_occurred.emit):
                 code = _run_until_closed(window, units)
             starts_demo = window.demo_requested
@@ -159,8 +160,9 @@ def _bench_used_last(
         return bench, True, f"The bench used last cannot be opened. {error}"
 
 
-def _start_actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> AfterRun:
-    """Copy run files and start the command after each run of a session."""
+def _start_actions_after_run(bench: OpenedBench, adapter: SessionAdapter, phone_stop: PhoneStop) -> AfterRun:
+    """Copy run files and start the command after each run of a session; tell the page of a stop from a phone of the end."""
+    adapter.events.subscribe(phone_stop.observe)
     after_run = AfterRun(lambda message: adapter.publish([message]), bench.config, bench.after_run)
     adapter.events.subscribe(after_run.observe)
     return after_run

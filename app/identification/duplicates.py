@@ -2,6 +2,7 @@
 
 import hashlib
 from collections import Counter
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,9 @@ class DuplicateFinder:
     def add_continuation(self, run: Run) -> None:
         """Count the points that a run carried over and measured again as duplicates in the run that it continues."""
         columns = run.points()
-        for row, flags in enumerate(columns["quality"]):
-            if Quality.SUPERSEDED in Quality(int(flags)) and _measured_digits(values := _values(columns, row)):
-                self._repeated[hashlib.sha256(values.tobytes()).digest()] = run.path.name
+        for flags, row in zip(columns["quality"], _values(columns), strict=True):
+            if Quality.SUPERSEDED in Quality(int(flags)) and _measured_digits(row):
+                self._repeated[hashlib.sha256(row.tobytes()).digest()] = run.path.name
 
     def duplicates(self, run: Run) -> tuple[Mask, str]:
         """Return the points of a run that an earlier run has or a later one measured again, and a message (may be empty)."""
@@ -58,20 +59,20 @@ class DuplicateFinder:
         return mask | np.array(list(map(bool, repeated)), bool), message
 
 
-def _values(columns: dict[str, Any], row: int) -> Array:
-    """Return all values of a point but its entry and quality."""
+def _values(columns: dict[str, Any]) -> Array:
+    """Return all values of the points but their entry and quality, (points, values)."""
+    count = len(columns[ENTRY_COLUMN])
     names = sorted(name for name in columns if name not in (ENTRY_COLUMN, "quality"))
-    parts = [np.atleast_1d(np.asarray(columns[name][row], float)) for name in names]
-    return np.concatenate(parts) if parts else np.empty(0)
+    parts = [np.asarray(columns[name], float).reshape(count, -1) for name in names] if count else []
+    return np.concatenate([np.empty((count, 0)), *parts], axis=1)
 
 
 def _point_digests(run: Run, columns: dict[str, Any]) -> list[list[bytes]]:
     """Return for each point the digests of its samples and of its values; the whole table's for values of few digits."""
-    flat = [_values(columns, row) for row in range(len(columns[ENTRY_COLUMN]))]
-    samples = {} if run.record.imported else _sample_digests(run)
-    whole = _table_digest(run.record.protocol, columns) if run.record.imported else b""
+    samples = {} if run.setup.imported else _sample_digests(run)
+    whole = _table_digest(run.setup.protocol, columns) if run.setup.imported else b""
     out = []
-    for entry, row in zip(columns[ENTRY_COLUMN].astype(int).tolist(), flat, strict=True):
+    for entry, row in zip(columns[ENTRY_COLUMN].astype(int).tolist(), _values(columns), strict=True):
         own = [samples[entry]] if entry in samples else []
         if _measured_digits(row):
             own.append(hashlib.sha256(row.tobytes()).digest())
@@ -102,5 +103,5 @@ def _table_digest(protocol: str, columns: dict[str, Any]) -> bytes:
 def _measured_digits(row: Any) -> bool:
     """Whether enough values of a point have more digits than a person would write."""
     values = row[np.isfinite(row)]
-    long = [value for value in values.tolist() if float(f"{value:.{MIN_DIGITS}g}") != value]
-    return len(long) >= MIN_LONG_VALUES
+    long = (value for value in values.tolist() if float(f"{value:.{MIN_DIGITS}g}") != value)
+    return sum(1 for _ in islice(long, MIN_LONG_VALUES)) == MIN_LONG_VALUES

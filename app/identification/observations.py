@@ -6,16 +6,17 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from app.common import kept_table
 from app.identification.duplicates import DuplicateFinder
 from model import AmplifierMap, Mask, ParameterError
 from model.identification import FitOptions, Observation, ObservationSet
 from protocols import aspects_of, protocol_of_run
 from protocols.aspects import RunPoints
 from protocols.base import usable_mask
-from protocols.runfile import Run, RunReadError, translate_read_errors
+from protocols.runfile import CHECKED_FILES, Run, RunReadError, translate_read_errors
 
-DEFAULT_SHAPE_COUNT = 20
-"""Shape functions for a real tactor; for a simulated one, the number of the simulation."""
+SIMULATED_SHAPE_COUNT = 7
+"""Shape functions of a simulated tactor whose bench file states no number."""
 
 
 class ObservationError(Exception):
@@ -55,6 +56,14 @@ def read_observations(
     Raises:
         ObservationError: a file is not a run, the runs are of several specimens, or no point is usable.
     """
+    with kept_table("files-in-order", CHECKED_FILES):
+        return _read_observations(tuple(paths), open_run, track)
+
+
+def _read_observations(
+    paths: Sequence[Path], open_run: Callable[[Path], Run], track: Callable[[Sequence[Path]], Iterable[Path]]
+) -> tuple[str, ObservationSet, list[str]]:
+    """Return the result of `read_observations`."""
     specimens: dict[str, Path] = {}
     observations: list[Observation] = []
     left_out: list[str] = []
@@ -67,7 +76,7 @@ def read_observations(
     for path in track(paths):
         try:
             with open_run(path) as run:
-                specimens.setdefault(run.record.specimen, path)
+                specimens.setdefault(run.setup.specimen, path)
                 with translate_read_errors(run.path):
                     duplicate, message = finder.duplicates(run)
                 taken = _read_run_observations(run, duplicate)
@@ -110,7 +119,8 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
         RunReadError: a file is not a run.
         ObservationError: the runs were made with different maps.
     """
-    maps = [_head(path).amplifier_map for path in paths]
+    with kept_table("files-in-order", CHECKED_FILES):
+        maps = [_head(path).amplifier_map for path in paths]
     if any(each != maps[0] for each in maps):
         raise ObservationError(
             "these runs were made with differently configured amplifiers: identify them by themselves"
@@ -127,8 +137,8 @@ def shape_count_of_run(run: Run) -> int:
     """Return the number of shape functions for an open run."""
     record = run.bench_record
     if not record.simulated:
-        return DEFAULT_SHAPE_COUNT
-    return int(record.configuration.get("simulation", {}).get("modes", FitOptions.n))
+        return FitOptions.n
+    return int(record.configuration.get("simulation", {}).get("modes", SIMULATED_SHAPE_COUNT))
 
 
 def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observation, ...]:
@@ -139,7 +149,10 @@ def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observati
         duplicate: points that another run has, too, which are not usable; see `DuplicateFinder`.
     """
     points = points_of_run(run, duplicate)
-    return tuple(aspects_of(run.record.protocol).observations(points)) if points.good.size else ()
+    if not points.good.size:
+        return ()
+    aspects = aspects_of(run.setup.protocol)
+    return tuple(each for part in points.by_temperature() for each in aspects.observations(part))
 
 
 def points_of_run(run: Run, duplicate: Mask | None = None) -> RunPoints:

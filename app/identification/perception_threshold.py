@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from app.common import UnitError, UsageError, read_number
+from drivers import open_regular
 from model.response import ABDOMEN_THRESHOLD, SITES, THRESHOLD_SPEC, PerceptionThreshold
-from protocols.base import open_regular
 
 MAX_LINES = 10_000
 

@@ -13,7 +13,7 @@ from drivers import LaserSensor
 from model import Array
 from protocols import protocol_of_run
 from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
-from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, point_columns, reads_run
+from protocols.runfile import AIR_COLUMNS, ENTRY_COLUMN, Run, RunReadError, RunRecord, point_columns, reads_run
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +98,9 @@ class RecalibratedRun(Run):
         super().__init__(path)
         self._correction = correction
 
-    def stored_record(self) -> RunRecord:
-        """Return the record with the corrected sensor and amplifier."""
-        stored, now = super().stored_record(), self._correction.amplifier
+    def stored_setup(self) -> RunRecord:
+        """Return the record without results with the corrected sensor and amplifier."""
+        stored, now = super().stored_setup(), self._correction.amplifier
         configuration = {**stored.configuration, **({"amplifier": now.model_dump()} if now else {})}
         return replace(stored, sensor=self._correction.sensor or stored.sensor, configuration=configuration)
 
@@ -126,6 +126,10 @@ class RecalibratedRun(Run):
             )
         names = list(point_columns(protocol.point_type))
         table = {name: np.array([getattr(point, name) for _, point in made], float) for name in names}
+        stored = super().points()
+        rows = {entry: row for row, entry in enumerate(stored[ENTRY_COLUMN].astype(int).tolist())}
+        at = [rows[entry] for entry, _ in made]
+        table |= {name: stored[name][at] for name in AIR_COLUMNS if name in stored}
         return table | {ENTRY_COLUMN: np.array([entry for entry, _ in made])}
 
     def _latest_recordings(self) -> dict[int, list[Recording]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from app.common import pluralize
+from app.common import kept_result, pluralize
 from app.identification.observations import read_observations, shape_count_of_file
 from app.identification.sheet_file import SheetError, load_sheet, read_sheet
 from app.identification.specimen_sheet import SpecimenSheet
@@ -206,7 +206,7 @@ def identify_observations(
     plain: bool = False,
     cancelled: Callable[[], bool] | None = None,
 ) -> IdentificationResult:
-    """Identify from observations already read.
+    """Identify from observations already read; a result of the same observations, options and sheet is kept.
 
     With a `sheet`, its dimensions and masses are free within their uncertainties, and so are the usual nonidealities
     unless the fit is `plain`; without one, the options decide.
@@ -218,6 +218,21 @@ def identify_observations(
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
         FitCancelled: `cancelled` returned true.
     """
+    inputs = specimen, observations, method, options, sheet, plain
+    return kept_result("identification", inputs, lambda: _identified(*inputs, progress, cancelled))
+
+
+def _identified(
+    specimen: str,
+    observations: ObservationSet,
+    method: Method,
+    options: FitOptions,
+    sheet: SpecimenSheet | None,
+    plain: bool,
+    progress: Callable[..., None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> IdentificationResult:
+    """Return the result of `identify_observations`, computed."""
     given = options
     if sheet is not None:
         if sheet.simulated and (real := [run for run in observations.runs if not run.simulated]):

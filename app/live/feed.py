@@ -71,7 +71,7 @@ class LiveValues:
 
 
 class LiveFeed:
-    """Drive in volts at the amplifier's input and displacement in micrometres, the last of each of `SPANS`."""
+    """Drive in volts at the amplifier's input and displacement in micrometres (a vibrometer's velocity in mm/s), the last of each of `SPANS`."""
 
     def __init__(self) -> None:
         self._traces = {span: [span.make_trace() for _ in range(2)] for span in SPANS}
@@ -80,6 +80,7 @@ class LiveFeed:
         self._scales: tuple[Scale, ...] = ()
         self._lock = threading.Lock()
         self._channels: tuple[ChannelCalibration, ...] = ()
+        self._is_velocity = False
         self._rate_hz = 1.0
         self._scans = 0
         self._arrivals: deque[tuple[float, float, float]] = deque(maxlen=ARRIVALS)
@@ -134,7 +135,7 @@ class LiveFeed:
                 self._traces[span] = [*traces[:2], *(span.make_trace() for _ in inputs)]
                 for trace in self._traces[span]:
                     trace.reset(rate_hz)
-            self._channels = ChannelCalibration.pair(scales, sensor)
+            self._channels, self._is_velocity = ChannelCalibration.pair(scales, sensor), sensor.measures_velocity
             self._rate_hz, self._scans = rate_hz, 0
             self._arrivals.clear()
             self._monitored.clear()
@@ -149,7 +150,7 @@ class LiveFeed:
         if not self._channels:
             return
         drive_v, displacement_m = (channel.to_si(raw) for channel, raw in zip(self._channels, block.raw, strict=False))
-        displacement_um = 1e6 * displacement_m
+        displacement_um = (1e3 if self._is_velocity else 1e6) * displacement_m
         further = zip(self._inputs, self._scales, block.raw[2:], strict=False)
         values = [drive_v, displacement_um, *(channel.values(scale.to_volts(raw)) for channel, scale, raw in further)]
         for traces in self._traces.values():
@@ -159,7 +160,7 @@ class LiveFeed:
             before_s = self._scans / self._rate_hz
             self._scans += block.raw.shape[1]
             self._arrivals.append((time.monotonic(), before_s, self._scans / self._rate_hz))
-            self._latest_um = float(displacement_um.mean())
+            self._latest_um = None if self._is_velocity else float(displacement_um.mean())
             if monitored:
                 volts = self._channels[1].scale.to_volts(block.raw[1])
                 self._monitored.append((float(drive_v.mean()), float(volts.mean())))
@@ -183,16 +184,22 @@ class LiveFeed:
             )
             sensor = self._channels[1].sensor
             metres = sensor.displacement_m(np.array([sensor_v]))[0] if sensor is not None else math.nan
-            if sensor is not None and not sensor.is_valid(np.array([sensor_v])).all():
+            if sensor is not None and (self._is_velocity or not sensor.is_valid(np.array([sensor_v])).all()):
                 metres = math.nan
             age_s = time.monotonic() - self._monitored_at_s
             return LiveValues(float(drive_v), float(sensor_v), error_v, 1e6 * float(metres), blocks, age_s)
 
     @property
     def latest_um(self) -> float | None:
-        """Mean displacement of the latest block; None before the first."""
+        """Mean displacement of the latest block; None before the first, and with a vibrometer."""
         with self._lock:
             return self._latest_um
+
+    @property
+    def moved(self) -> tuple[str, str]:
+        """Name and shown unit of the quantity that the sensor measures."""
+        with self._lock:
+            return ("Velocity", "mm/s") if self._is_velocity else ("Displacement", "µm")
 
     @property
     def channels(self) -> tuple[tuple[str, str], ...]:

@@ -47,7 +47,12 @@ class LiveSamples:
         """Return the samples in SI."""
         raw = np.concatenate([block[:2] for block in self.blocks], axis=1)
         volts, metres = (channel.to_si(samples) for channel, samples in zip(self.channels, raw, strict=True))
-        return Recording(0, (0, volts.size), self.rate_hz, self.drive, volts, metres, Quality.GOOD, self.delay_s)
+        sensor = self.channels[1].sensor
+        corner_hz = sensor.corner_hz if sensor is not None and sensor.measures_velocity else None
+        rows = (0, volts.size)
+        return Recording(
+            0, rows, self.rate_hz, self.drive, volts, metres, Quality.GOOD, self.delay_s, velocity_corner_hz=corner_hz
+        )
 
 
 @dataclass(frozen=True, slots=True)

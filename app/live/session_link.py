@@ -15,6 +15,7 @@ from app.session import (
     MonitorStarted,
     Observation,
     Observer,
+    RemoteStop,
     Session,
     SessionEvent,
     SimulationSettings,
@@ -79,10 +80,15 @@ class SessionAdapter:
         connect: opens the bench.
         make_session: session factory, for tests without a bench.
         simulation: settings of a simulated bench that the operator may change.
+        remote_stop: page on which a phone can stop a run.
     """
 
     def __init__(
-        self, connect: Connect, make_session: MakeSession = Session, simulation: SimulationSettings | None = None
+        self,
+        connect: Connect,
+        make_session: MakeSession = Session,
+        simulation: SimulationSettings | None = None,
+        remote_stop: RemoteStop | None = None,
     ) -> None:
         self.mailbox, self.feed, self.simulation = PromptMailbox(), LiveFeed(), simulation
         if simulation is not None:
@@ -90,6 +96,7 @@ class SessionAdapter:
         self.faults = FaultPlan()
         """Injects faults into a simulated bench."""
         self._connect, self._make_session = self.faults.wrap(connect), make_session
+        self._remote_stop = remote_stop
         self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
@@ -151,6 +158,7 @@ class SessionAdapter:
 
     def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)
+        session.remote_stop = self._remote_stop
         session.monitor(active=True)
         self.faults.on_switched = session.inject_event
         return session

@@ -3,6 +3,7 @@ from .commissioning_figure import draw_commissioning as draw_commissioning
 from .label_figure import draw_label_sheets as draw_label_sheets
 from .label_figure import draw_labels as draw_labels
 from .panels import POINT_COLORS as POINT_COLORS
+from .panels import RESIDUALS_NOTE as RESIDUALS_NOTE
 from .panels import UNCOMFORTABLE as UNCOMFORTABLE
 from .panels import PlotPanel as PlotPanel
 from .panels import ReportPlot as ReportPlot

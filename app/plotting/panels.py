@@ -90,6 +90,11 @@ class ReportPlot:
     def rows(self) -> int:
         return -(-len(self.panels) // self.columns)
 
+    def without_residuals(self) -> "ReportPlot":
+        """Return the plot with all of its height for the curves."""
+        panels = (replace(p, points=tuple(replace(dots, fit=None) for dots in p.points)) for p in self.panels)
+        return replace(self, panels=tuple(panels), caption=self.caption.removeprefix(RESIDUALS_NOTE))
+
 
 MODEL_COLOR, LEVEL_COLOR, SHADE_COLOR = "#0072B2", "#555555", "#B8860B"
 LINE_COLORS = ("#0072B2", "#D55E00", "#000000", "#009E73", "#CC79A7")
@@ -102,12 +107,16 @@ LEGEND_IN = 0.2
 """Height of a row of the legend above all panels."""
 LEGEND_COLUMNS, LEGEND_WIDTH_IN, CHARACTER_IN, HANDLE_IN = 4, 6.4, 0.06, 0.42
 """Most columns and width of the legend, mean width of a character, and width of a symbol with its gap."""
-OWN_LEGEND_SPACE = 2.4
-"""Height of axes with a legend in them, over that of their lines."""
+LEGEND_ROW_IN, MOST_LEGEND_SHARE = 1.25 * SMALL_PT / 72, 0.7
+"""Height of a row of a legend inside axes, and the largest share of their height for it."""
+RESIDUALS_NOTE = "Δ: measured less model. "
+"""Begin of a caption that states the strip of residuals."""
 FLAGGED = ", flagged"
 """Addition to the label of points that no fit may use."""
 STRIP_SHARE = 0.27
 """Share of a panel's height that the residual strip takes."""
+LOW_AXES_IN = 1.1
+"""Height of axes that the name of a shaded range does not fit into when it stands."""
 
 BAR_COLORS = ("#9ad0f5", "#f3c77b", "#8fd6bd", "#e7b3d0", "#f0e68c", "#f2a285", "#c9c9e8")
 """Of the shares of stacked bars, the largest first; light, so that a name in it is legible."""
@@ -194,7 +203,9 @@ def draw_plot(figure: Any, plot: ReportPlot, box: Box) -> None:
         row, column = divmod(i, plot.columns)
         axes = _draw_panel(figure, panel, (left + column * w, bottom + height - legend - (row + 1) * h, w, h))
         if panel.own_legend:
-            axes.set_ylim(0, OWN_LEGEND_SPACE * axes.get_ylim()[1])
+            rows_in = LEGEND_ROW_IN * (len(panel.lines) + 0.5)
+            share = rows_in / (axes.get_position().height * figure.get_size_inches()[1])
+            axes.set_ylim(0, axes.get_ylim()[1] / (1 - min(share, MOST_LEGEND_SHARE)))
             axes.legend(
                 fontsize=SMALL_PT,
                 frameon=False,
@@ -344,9 +355,10 @@ def draw_reference(
         for begin in (shaded.low, shaded.high):  # darker from the second on
             if begin < high:
                 axes.axvspan(begin, high, color=SHADE_COLOR, alpha=0.1, lw=0, zorder=0)
+        lying = axes.get_window_extent().height < LOW_AXES_IN * axes.figure.dpi
         axes.annotate(
             shaded.label, (min(high, shaded.high), 0.99), (-2, 0), xycoords=axes.get_xaxis_transform(),
-            textcoords="offset points", ha="right", va="top", fontsize=size, color=SHADE_COLOR, rotation=90,
+            textcoords="offset points", ha="right", va="top", fontsize=size, color=SHADE_COLOR, rotation=0 if lying else 90,
         )  # fmt: skip
     axes.set_xlim(low, high)
 

@@ -196,7 +196,7 @@ def _draw_trace(axes: Any, run: Run, _specimen: Specimen) -> None:
     shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))
     t = 1e3 * np.arange(shown) / last.rate_hz
     axes.plot(t, 1e6 * last.displacement_m[:shown], color="tab:red", lw=0.8)
-    axes.set(xlabel="time (ms)", ylabel="displacement (µm)", xlim=(0, t[-1]))
+    axes.set(xlabel="time (ms)", ylabel=f"{run.record.sensor.quantity} (µ{run.record.sensor.unit})", xlim=(0, t[-1]))
     axes.set_title("last recording", fontsize=9)
     twin = axes.twinx()
     twin.plot(t, last.drive_v[:shown], color="tab:gray", lw=0.8)

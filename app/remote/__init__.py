@@ -1,4 +1,4 @@
-"""Read-only web pages: the state of a running bench for a phone or a second screen, and the catalogue of a folder of runs."""
+"""Web pages: the state of a running bench for a phone or a second screen, the stop of an unattended run, the catalogue of a folder of runs."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""HTTP server of read-only pages (Tornado): GET and HEAD, one request a connection, in a thread of its own.
+"""HTTP server of web pages (Tornado): one request a connection, in a thread of its own; read-only but for the stop of a run.
 
 One loop reads and writes all connections, so that a slow client holds its connection only; what reads files or draws runs in a few threads. Every
 connection ends after a fixed total time, whatever was sent until then. The token is in the fragment of a page's address, which browsers do not
@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream, StreamClosedError
@@ -36,6 +36,11 @@ POOLS = {"pages": 4, "drawings": 1, "exports": 2}
 MAX_WAITING = 32
 """Requests that may wait for the threads of a pool."""
 MIN_TOKEN_LENGTH = 16
+READ_ONLY = (
+    "nothing can be commanded here; an unattended run can be stopped from a phone if it was started with stop_from_phone, at the address "
+    "that was shown at its start"
+)
+"""Answer to a request that is no request to read."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; form-action 'self'; "
     "base-uri 'none'; frame-ancestors 'none'"
@@ -141,6 +146,9 @@ class WebServer:
             thread.join()
             self.port = 0
 
+    async def before_closing(self) -> None:
+        """Wait, in the loop of the server, for what must be answered before the connections are closed."""
+
     async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         workers = _Workers()
@@ -158,6 +166,7 @@ class WebServer:
         ready.set()
         await self._end.wait()
         server.stop()
+        await self.before_closing()
         await server.close_all_connections()
         await workers.close()
 
@@ -235,6 +244,7 @@ class PageHandler(RequestHandler):
     """Answer to one request: headers, token, and errors as a line of text. By itself it answers that there is no such page."""
 
     needs_token = False
+    methods: ClassVar[tuple[str, ...]] = ("GET", "HEAD")
 
     def set_default_headers(self) -> None:
         for name, value in HEADERS.items():
@@ -246,8 +256,8 @@ class PageHandler(RequestHandler):
         Without a token only names of this computer are answered: another name comes from a page of another site (DNS rebinding).
         """
         self.progress = _ConnectionProgress()
-        if self.request.method not in ("GET", "HEAD"):
-            self.send_error(HTTPStatus.METHOD_NOT_ALLOWED)
+        if self.request.method not in self.methods:
+            self.send_error(HTTPStatus.METHOD_NOT_ALLOWED, text=READ_ONLY)
         elif not self._token and self.request.host_name not in (LOOPBACK, "localhost"):
             self.send_error(HTTPStatus.FORBIDDEN, text="unknown host")
         elif self.needs_token and not self.is_authorized:
@@ -309,7 +319,7 @@ class PageHandler(RequestHandler):
     def write_error(self, status_code: int, text: str = "", **_: Any) -> None:
         """Answer an error with one line of text."""
         if status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-            self.set_header("Allow", "GET, HEAD")
+            self.set_header("Allow", ", ".join(self.methods))
         if status_code == HTTPStatus.UNAUTHORIZED:
             self.set_header("WWW-Authenticate", 'Bearer realm="Tactor Bench"')
         self.answer("text/plain; charset=utf-8", f"{text or HTTPStatus(status_code).phrase.lower()}\n")

@@ -6,6 +6,7 @@ from .content import build_report as build_report
 from .content import specimen_names as specimen_names
 from .document import Report as Report
 from .drawings import draw_report as draw_report
+from .html import PAGE_TEMPLATE as PAGE_TEMPLATE
 from .html import write_html as write_html
 from .limits import LIMITS_FILE_NAME as LIMITS_FILE_NAME
 from .limits import Limits as Limits
@@ -15,9 +16,11 @@ from .limits import read_limits as read_limits
 from .pdf import fit_first_page as fit_first_page
 from .pdf import write_pdf as write_pdf
 from .runs import ReportRun as ReportRun
+from .runs import read_report_runs as read_report_runs
 from .signature import sign_files as sign_files
 from .signature import verification_command as verification_command
 from .specimen import SpecimenModel as SpecimenModel
+from .specimen import fit_specimen as fit_specimen
 from .writing import read_logo as read_logo
 from .writing import write_folder_report as write_folder_report
 from .writing import write_report as write_report

@@ -10,7 +10,7 @@ from app.archive import Catalogue
 from app.common import NO_PROGRESS, AuditEntry, AuditError, Progress, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import SpecimenSheet, load_sheet
-from app.plotting import PlotPanel, ReportPlot
+from app.plotting import RESIDUALS_NOTE, PlotPanel, ReportPlot
 from app.report import report_tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
@@ -20,12 +20,12 @@ from app.report.plots import TITLE, response_figure, specimen_plots
 from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
+from drivers import open_regular
 from drivers.watchdog import version
 from model import format_time
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies import PaperFigure, skin_figures
-from protocols.base import open_regular
 
 SectionContents = Mapping[str, tuple[str, Callable[[], Iterable[Block]]]]
 """Title of each section by its name, and the function that makes its blocks."""
@@ -193,9 +193,7 @@ def _first_page(
     yield key_figure_table(summary, runs, limits, outcomes)
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
         felt = threshold.marked_label if threshold == ABDOMEN_THRESHOLD else threshold.description
-        caption = (
-            f"Δ: measured less model. Bars, band: 95 %. Hollow: flagged. Dashed: felt, {felt}. Shaded: uncomfortable."
-        )
+        caption = f"{RESIDUALS_NOTE}Bars, band: 95 %. Hollow: flagged. Dashed: felt, {felt}. Shaded: uncomfortable."
         first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
         yield ReportPlot("Frequency response", (first,), caption, row_height_in=3.0)
     elif plots:
@@ -264,7 +262,7 @@ def _skin_blocks(summary: SpecimenSummary) -> Iterator[Block]:
         tuple(_study_panel(figure) for figure in figures),
         "Computed, not measured, as in the paper's Figs. 10 to 12: twice the fundamental of the centre under the full drive.",
         columns=3,
-        row_height_in=1.75,
+        row_height_in=2.4,
     )
 
 

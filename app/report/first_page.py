@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from app.common import OUTCOME_SYMBOLS, Column, Table, pluralize
+from app.common import OUTCOME_SYMBOLS, Column, Table, pluralize, sentence_case, typeset_unit
 from app.identification import SpecimenSheet
 from app.report.document import Block, LimitOutcome, Paragraph, Photograph, Report, Verdict
 from app.report.figures_of_merit import MODEL_SOURCE, SpecimenSummary
@@ -11,7 +11,7 @@ from app.report.limits import Limits
 from app.report.report_tables import format_flags
 from app.report.rounding import typeset_measurement
 from app.report.runs import InstrumentRecord, ReportRun, run_label
-from model import PARAMETERS, EstimatedQuantity, format_time, quantity_label
+from model import PARAMETERS, QUANTITIES, EstimatedQuantity, format_time, quantity_label
 from protocols.base import Outcome
 
 KEY_FIGURES = (
@@ -99,7 +99,7 @@ def _runs_text(runs: Sequence[ReportRun]) -> str:
     verdicts = Counter(run.summary.verdict_text if not run.problem else "unreadable" for run in runs)
     left_out = sum(bool(run.exclusion_reason) for run in runs)
     text = f"{pluralize(len(runs), 'run')}: {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}"
-    points, usable = sum(run.summary.points for run in runs), sum(run.usable_count for run in runs)
+    points, usable = sum(run.record.point_count for run in runs), sum(run.usable_count for run in runs)
     flags = format_flags(sum((Counter(run.flag_counts) for run in runs), Counter[str]()))
     text += f"; {usable} of {pluralize(points, 'point')} usable" + (f", flags: {flags}" if flags else "")
     return f"{text}; {left_out} left out of the identification, see page 2" if left_out else text
@@ -122,7 +122,7 @@ def instrument_table(runs: Sequence[ReportRun]) -> Table:
         certified = f"certificate {each.certificate}" if each.certificate else ""
         gain = f"gain known to {each.gain}" if each.gain else ""
         notes = "; ".join(filter(None, (certified, gain, each.drift))) or "–"
-        rows.append((each.role, identity, each.calibrated or "–", each.expires or "–", state, notes))
+        rows.append((sentence_case(each.role), identity, each.calibrated or "–", each.expires or "–", state, notes))
     heads = ("instrument", "identity #serial", "calibrated", "due", "state", "evidence")
     return Table.of_rows("Instruments and their calibration", heads, rows, highlighted_rows=frozenset(highlighted))
 
@@ -152,22 +152,27 @@ def key_figure_table(
     bad = set()
     for name in dict.fromkeys((*KEY_FIGURES, *(o.name for o in outcomes))):
         merit = merits.get(name)
-        value = (
-            "not measured"
-            if merit is None
-            else typeset_measurement(merit.value, merit.standard_error, merit.unit, name)
-        )
-        source = "" if merit is None else _source_text(merit, by_stem)
         found = [o for o in outcomes if o.name == name]
+        unit = typeset_unit(QUANTITIES[name].shown[1]) if found else ""
+        value = f"not measured{f' ({unit})' if unit else ''}"
+        if merit is not None:
+            value = typeset_measurement(merit.value, merit.standard_error, merit.unit, name)
+        source = "" if merit is None else _source_text(merit, by_stem)
         for at, o in enumerate(found or [None]):
             if o is not None and o.verdict != "pass":
                 bad.add(len(rows))
             why = "" if o is None or merit is None else o.why
-            judged = ("", "") if o is None else (o.asked, f"{o.verdict}{f': {why}' if why else ''}")
+            asked = "" if o is None else o.asked.removesuffix(unit).rstrip()
+            judged = (asked, "" if o is None else f"{o.verdict}{f': {why}' if why else ''}")
             rows.append(
-                ((_label(name, merit), value, source) if at == 0 else ("", "" if o is None else o.found, "")) + judged
+                (
+                    (sentence_case(quantity_label(name if merit is None else merit.name)), value, source)
+                    if at == 0
+                    else ("", "" if o is None else o.found, "")
+                )
+                + judged
             )
-    heads: tuple[str, ...] = ("quantity", "value ± total", "measured in, or model", "limit", "verdict")
+    heads: tuple[str, ...] = ("quantity", "value ± total", "source", "limit", "verdict")
     note = _key_figure_note(summary, limits)
     if any(DOUBTFUL in row[2] for row in rows):
         note += f" {DOUBTFUL}: doubtful run, see page 2."
@@ -211,22 +216,19 @@ def _key_figure_note(summary: SpecimenSummary, limits: Limits | None) -> str:
         notes.append(f"margins: over the threshold, {margins[0].threshold.marked_label}; {smallest}")
     if limits is not None:
         rule = "whole 95 % interval" if limits.rule == "guarded" else "value alone"
-        notes.append(f"limits: {limits.source}, {rule}")
-    return ". ".join(text[0].upper() + text[1:] for text in notes) + "."
-
-
-def _label(name: str, merit: EstimatedQuantity | None) -> str:
-    """Return the name of a key figure with the condition of a latency."""
-    return quantity_label(name if merit is None else merit.name)
+        notes.append(f"limits: in the unit of the value, {limits.source}, {rule}")
+    return ". ".join(map(sentence_case, notes)) + "."
 
 
 def _source_text(merit: EstimatedQuantity, by_stem: Mapping[str, ReportRun]) -> str:
-    """Return the run of a measured value with its doubts, or that it is the model's."""
+    """Return the run of a measured value, without the year where all are of one, with its doubts; or that it is the model's."""
     if merit.source == MODEL_SOURCE:
-        return "parameter, see page 2" if merit.name in PARAMETERS else "model, not measured"
+        return "fitted, see page 2" if merit.name in PARAMETERS else "model, not measured"
     stem = str(merit.source).partition(" ")[0]  # behind it the part of a series
     if (run := by_stem.get(stem)) is None:
         return str(merit.source)
     doubt = f" {DOUBTFUL}" if run.summary.outcome is Outcome.DOUBTFUL else ""
     drift = ", sensor drifting" if any(each.drift for each in run.instruments) else ""
-    return f"{run_label(run)}{doubt}{drift}"
+    years = {each.summary.start_time[:4] for each in by_stem.values()}
+    label = run_label(run) if len(years) > 1 else run_label(run).replace(f" {years.pop()}-", " ")
+    return f"{label}{doubt}{drift}"

@@ -29,7 +29,7 @@ from reportlab.platypus import (
 from reportlab.platypus import Paragraph as TextLines
 from reportlab.platypus import Table as Grid
 
-from app.common import Table
+from app.common import Table, sentence_case
 from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in
 from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Photograph, Report, ReportSection
 from app.report.drawings import Drawings
@@ -44,12 +44,14 @@ LOGO = (1.6 * INCH, 0.6 * INCH)
 """Largest width and height of the laboratory's picture."""
 MIN_PLOT_HEIGHT_IN, MIN_SKIN_HEIGHT_IN = 1.0, 0.9
 """Smallest height of a plot on the first page, and of the last plot of the second."""
+LOW_PLOT_IN = 1.9
+"""Height of a plot below which a strip of residuals would leave too little of it."""
 TITLE_SIZES = (18, 16, 14, 12)
 """Of the heading: the largest one in which it is one line."""
 SECTION_SPACE = 1.5 * INCH
 """A section begins on a new page where less is left."""
-LINE_SPACING = 1.25
-"""Ratio of line height to font size."""
+LINE_SPACING, TABLE_SPACING = 1.25, 1.15
+"""Ratio of line height to font size, of texts and of tables."""
 COLUMN_GAP = 0.12 * INCH
 SHRINK_STEP = 0.05 * INCH
 MOST_BALANCED_ROWS = 40
@@ -94,9 +96,16 @@ def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:
 
 
 def fit_first_page(report: Report) -> Report:
-    """Return the report with the plots of its first page as high as the space that its other blocks leave; also the last plot, where the rest of its pages leaves it one."""
+    """Return the report with the plots of its first page as high as the space that its other blocks leave; also the last plot, where the rest of its pages leaves it one.
+
+    Low plots of the first page are without the strip of residuals.
+    """
     first = _fit_plots(
         report.first_page, [*_headings(report)], PAGE[1] - TOP - BOTTOM - SIGNATURE_HEIGHT, MIN_PLOT_HEIGHT_IN
+    )
+    first = tuple(
+        block.without_residuals() if isinstance(block, ReportPlot) and block.row_height_in < LOW_PLOT_IN else block
+        for block in first
     )
     report = replace(report, first_page=first)
     if not report.appendix or report.appendix[-1].own_page:
@@ -288,7 +297,7 @@ def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]] | None, titled
         case Photograph():
             return []  # beside the heading of the page
         case Table() if block.vertical:
-            rows = zip(block.headings, block.text_rows[0], strict=True)
+            rows = zip(map(sentence_case, block.headings), block.text_rows[0], strict=True)
             return [_grid(Table.of_rows(block.title, ("", ""), tuple(rows)), headed=False), Spacer(0, 4)]
         case Table():
             note = [_lines(block.note, 8, color=GREY)] if block.note else []
@@ -316,18 +325,18 @@ def _grid(table: Table, headed: bool = True) -> Any:
     laid_out = lay_out_table(table, WIDTH)
     size = laid_out.font_size
     style: list[tuple[Any, ...]] = [
-        ("FONT", (0, 0), (-1, -1), font("Mono" if table.monospace else ""), size, LINE_SPACING * size),
-        ("FONT", (0, 0), (-1, 0) if headed else (0, -1), font("-Bold"), size, LINE_SPACING * size),
+        ("FONT", (0, 0), (-1, -1), font("Mono" if table.monospace else ""), size, TABLE_SPACING * size),
+        ("FONT", (0, 0), (-1, 0) if headed else (0, -1), font("-Bold"), size, TABLE_SPACING * size),
         ("VALIGN", (0, 0), (-1, -1), "TOP"),
         ("LEFTPADDING", (0, 0), (-1, -1), 0),
         ("RIGHTPADDING", (0, 0), (-1, -1), 0),
-        ("TOPPADDING", (0, 0), (-1, -1), 1),
-        ("BOTTOMPADDING", (0, 0), (-1, -1), 1.5),
+        ("TOPPADDING", (0, 0), (-1, -1), 0.6),
+        ("BOTTOMPADDING", (0, 0), (-1, -1), 1.1),
         *([("LINEBELOW", (0, 0), (-1, 0), 0.7, "#888888")] if headed else ()),
         ("LINEBELOW", (0, int(headed)), (-1, -1), 0.3, "#888888"),
     ]
     for row in table.highlighted_rows:
-        style.append(("FONT", (0, row + 1), (-1, row + 1), font("-Bold"), size, LINE_SPACING * size))
+        style.append(("FONT", (0, row + 1), (-1, row + 1), font("-Bold"), size, TABLE_SPACING * size))
         style.append(("TEXTCOLOR", (0, row + 1), (-1, row + 1), RED))
     cells = [["\n".join(lines) for lines in row] for row in laid_out.rows[0 if headed else 1 :]]
     return Grid(cells, laid_out.column_widths, style=style, hAlign="LEFT", repeatRows=int(headed))
@@ -344,7 +353,7 @@ class LaidOutTable:
 
 def lay_out_table(table: Table, width: float) -> LaidOutTable:
     """Lay out a table with columns as wide as their content; if too wide, reduce the font size, then wrap cells."""
-    every = (table.headings, *table.text_rows)
+    every = ([sentence_case(each) for each in table.headings], *table.text_rows)
     plain, wide = (font("Mono"), font("Mono-Bold")) if table.monospace else (font(), font("-Bold"))
     columns = range(len(table.headings))
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from functools import reduce
 from typing import Any
 
-from app.common import Table, pluralize, typeset_unit
+from app.common import Table, pluralize, sentence_case, typeset_unit
 from app.identification import (
     BudgetBar,
     assumed_line,
@@ -38,10 +38,11 @@ from app.report.rounding import (
 from app.report.runs import ReportRun, run_label
 from app.report.specimen import SpecimenModel
 from model import QUANTITIES, Membrane, Tactor, format_time, quantity_label, shown_unit
-from protocols.base import Outcome
+from protocols.base import Outcome, RunStatus
 
 EMPTY_CELL = "–"
 BAR_HEIGHT_IN = 0.2
+FAULTY_ENDS = (RunStatus.FAILED, RunStatus.UNSAFE)
 MAX_FINDINGS = 10
 """Findings that are listed."""
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
@@ -76,8 +77,8 @@ def _fit_blocks(specimen: SpecimenModel) -> Iterator[Paragraph]:
     count = pluralize(len(identification.observations.runs), "set")
     yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
     if added := steps_line(identification, also="identify --also", plain="identify --plain"):
-        yield Paragraph(_capitalized(added), "bad")
-    yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(identification))
+        yield Paragraph(sentence_case(added), "bad")
+    yield from (Paragraph(f"{sentence_case(text)}.", "bad") for text in contradictions(identification))
     yield from (Paragraph(_unidentified_text(each), "bad") for each in identification.unidentified)
     yield from (Paragraph(f"{note}.") for note in identification.notes)
 
@@ -91,6 +92,8 @@ def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
     for run in runs:
         if run.without_result and not run.exclusion_reason:
             yield Paragraph(f"{run.name} is not used: {run.summary.verdict}: {run.summary.explanation}.", "bad")
+        elif not (run.problem or run.exclusion_reason or run.identifiable) and run.record.status in FAULTY_ENDS:
+            yield Paragraph(f"{run.name} {run.record.status}: {run.record.reason}.", "bad")
     doubtful: dict[str, list[str]] = {}
     for run in runs:
         if run.summary.outcome is Outcome.DOUBTFUL and (run.exclusion_reason or not run.without_result):
@@ -100,10 +103,6 @@ def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
         yield Paragraph(
             f"Doubtful: {'; '.join(reason + ' in ' + ', '.join(names) for reason, names in doubtful.items())}."
         )
-
-
-def _capitalized(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _format_bands(margin: PerceptionMargin) -> str:
@@ -158,9 +157,9 @@ def known_values(specimen: SpecimenModel) -> Table:
     if identification is not None:
         for source, text in (("assumed", assumed_line(identification)), ("held", held_parameters(identification))):
             if text:
-                rows[source] = [_capitalized(text)]
+                rows[source] = [sentence_case(text)]
     note = "Values with an uncertainty enter the fit with it, and are in the totals above."
-    lines = [(source, "; ".join(texts)) for source, texts in rows.items()]
+    lines = [(sentence_case(source), "; ".join(texts)) for source, texts in rows.items()]
     return Table.of_rows("Known before", ("source", "values ± standard uncertainty"), lines, note)
 
 
@@ -313,8 +312,8 @@ def quality_table(runs: Sequence[ReportRun]) -> Table:
             format_time(run.summary.start_time),
             run.summary.verdict_text,
             ", ".join(["simulated"] * run.summary.simulated + ["imported"] * run.imported),
-            str(run.summary.points),
-            str(run.summary.points - run.usable_count),
+            str(run.record.point_count),
+            str(run.record.point_count - run.usable_count),
             format_flags(run.flag_counts),
         )
         for run in runs
@@ -373,7 +372,7 @@ def report_record(
         "runs": [
             {
                 "file": run.name,
-                "points": run.summary.points,
+                "points": run.record.point_count,
                 "usable": run.usable_count,
                 "verdict": run.summary.verdict,
                 "verdict_reasons": run.summary.verdict_reasons,

@@ -26,6 +26,8 @@ def typeset_with_error(value: float, error: float) -> str:
         return "none"
     if not (error > 0 and math.isfinite(error)):
         return typeset_number(value)
+    if abs(value) > error >= 100:  # format_with_uncertainty rounds decimals only
+        value, error = (round(each, 1 - math.floor(math.log10(error))) for each in (value, error))
     power = _engineering_exponent(max(abs(value), error))
     text = format_with_uncertainty(value / 10.0**power, error / 10.0**power).replace("-", MINUS)
     return _append_power(f"({text})" if power else text, power).replace(" ", SPACE)

@@ -14,8 +14,8 @@ from app.report.limits import LIMITS_FILE_NAME, read_limits
 from app.report.pdf import fit_first_page, write_pdf
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
+from drivers import open_regular
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.base import open_regular
 from protocols.runfile import safe_name
 
 MAX_LOGO_BYTES = 2_000_000
@@ -52,8 +52,8 @@ def write_report(
     report = fit_first_page(report)
     drawings = draw_report(report, specimen, [run for run in runs if not run.problem], progress, threshold)
     progress.update(0.9, "writing")
+    write_html(report, drawings, html)  # first: its template may have an error
     write_pdf(report, drawings, pdf)
-    write_html(report, drawings, html)
     return pdf, html
 
 

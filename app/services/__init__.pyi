@@ -1,3 +1,6 @@
+from .cluster import ClusterError as ClusterError
+from .cluster import CountingExecutor as CountingExecutor
+from .cluster import cluster_executor as cluster_executor
 from .console import STILL_ON as STILL_ON
 from .console import ConsoleObserver as ConsoleObserver
 from .console import JsonObserver as JsonObserver

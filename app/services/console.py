@@ -1,5 +1,6 @@
 """Terminal front end of a session: progress bar, messages, and JSON events."""
 
+import io
 import json
 import os
 import sys
@@ -22,6 +23,7 @@ from protocols.base import (
     RunStarted,
     ShutdownStarted,
     SpecimenMayBeLive,
+    StopOffered,
     event_record,
     visible_text,
 )
@@ -104,6 +106,12 @@ class ConsoleObserver:
                 self._print(format_point(point))
             case SpecimenMayBeLive():
                 self._print(("DANGER: ", "bold red"), (event.words, "bold"))
+            case StopOffered(url):
+                import segno
+
+                code = io.StringIO()
+                segno.make(url, micro=False).terminal(code, compact=True)
+                self._print(f"{code.getvalue()}stop from a phone, this run only: {url}")
             case RunEnded():
                 for estimate in event.estimates:
                     self._print(f"{quantity_label(estimate.name)}: {format_value(estimate)}")

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from app.common import UnitError, description_of, field_label, read_value, unit_of
 from model import SCALES
+from protocols.base import Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +44,9 @@ class FormResult(Generic[M]):
 
 
 def protocol_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
-    """Return the fields of a protocol in the order of its class."""
-    written = list(kind.__annotations__)
+    """Return the fields of a protocol in the order of its class, the common ones of all protocols last."""
+    common = [name for name in Protocol.model_fields if name not in kind.__annotations__ and issubclass(kind, Protocol)]
+    written = [*kind.__annotations__, *common]
     names = sorted(kind.model_fields, key=lambda name: written.index(name) if name in written else -1)
     return tuple(make_field(kind, name) for name in names)
 
@@ -125,7 +127,8 @@ def check_form(
     values: dict[str, Any] = dict(given or {})
     for name, text in texts.items():
         try:
-            if given is None and isinstance(text, str) and not text.strip():
+            may_be_empty = name in kind.model_fields and kind.model_fields[name].annotation is str
+            if given is None and isinstance(text, str) and not text.strip() and not may_be_empty:
                 raise UnitError("give a value")
             values[name] = read_value(kind, name, text, units.get(name, (1.0, "")))
         except UnitError as error:

@@ -19,10 +19,14 @@ from .session import ConnectedBench as ConnectedBench
 from .session import MonitorStarted as MonitorStarted
 from .session import Observation as Observation
 from .session import Observer as Observer
+from .session import RemoteStop as RemoteStop
 from .session import RunRejected as RunRejected
 from .session import Session as Session
 from .session import SessionEvent as SessionEvent
 from .session import unreported_watchdog_messages as unreported_watchdog_messages
+from .shared_record import proven_boxes as proven_boxes
+from .shared_record import read_shared_records as read_shared_records
+from .shared_record import shared_record as shared_record
 from .simulation import AnsweredBy as AnsweredBy
 from .simulation import FaultPlan as FaultPlan
 from .simulation import SimulationSettings as SimulationSettings

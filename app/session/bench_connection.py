@@ -44,7 +44,8 @@ from drivers import (
 from sim_hardware import BenchControls, SimulatedOperator
 
 if TYPE_CHECKING:
-    from drivers import InstrumentLocks
+    from drivers import InstrumentLocks, VisaLink
+    from sim_hardware import SimulatedBench
 
 SERVED_OUTPUT_WARNING = (
     "No watchdog: the drive is played by the card behind a gRPC server, which keeps it reserved. If this program "
@@ -83,6 +84,8 @@ def connect(
     block_s: float = BLOCK_S,
     wrap_link: LinkWrapper = lambda link, _: link,
     without_commissioning: str = "",
+    notice: str = "",
+    measures_interlock: bool = False,
 ) -> Iterator[BenchConnection]:
     """Open the instruments of a bench and close them at the end; the source stays at rest.
 
@@ -91,7 +94,9 @@ def connect(
         speed: of a simulated bench, times real; None is the virtual clock, in this process.
         block_s: bench time of a block on the virtual clock.
         wrap_link: wraps the link to the source.
+        notice: command that reports the end of each run; empty: none.
         without_commissioning: why high voltage may be switched on with a real source that has no valid commissioning record.
+        measures_interlock: whether the interlock is to be measured, which a source that relies on it waits for.
 
     Raises:
         BenchError: an instrument does not answer.
@@ -102,7 +107,7 @@ def connect(
         if not config.simulated:
             suspend_warning = stack.enter_context(suspend_inhibited())
             bench = _open_instruments(
-                config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server, wrap_link
+                config, stack, HeartbeatClock(), config.source_address, config.card.server, wrap_link
             )
             bench.suspend_warning = suspend_warning
         elif speed is None:
@@ -111,17 +116,7 @@ def connect(
             keep_freed_memory()
             clock = VirtualClock()
             control = virtual = SimulatedBench(config.simulation_parameters, clock)
-            if config.source.kind == "card-output":  # input and output are one card, served in its own time
-                from sim_hardware.service import ServedBench
-
-                server = stack.enter_context(ServedBench(virtual)).card.address
-                digitizer = open_digitizer(config, clock, server, stack)
-            else:
-                further = [each.channel for each in config.channels]
-                server, digitizer = "", virtual.digitizer(terminals=["ai0", "ai1", *further])
-            source = open_source(
-                config, clock, lambda timeout_s: wrap_link(virtual.link(timeout_s), clock), server, stack
-            )
+            source, digitizer = _open_virtual(config, virtual, wrap_link, stack)
             meters = open_meters(config.meters, clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s, bench.hold_s = block_s, UNATTENDED_HOLD_S if block_s >= UNATTENDED_BLOCK_S else 0.0
@@ -135,12 +130,40 @@ def connect(
             bench = _open_instruments(
                 config, stack, beating, process.resource, process.server, wrap_link, process.laser_reading_m
             )
-        _gate(config, bench, without_commissioning)
-        if control is None:
-            yield BenchConnection(bench)
-        else:
-            operator = SimulatedOperator(control, config.simulation_parameters.hands.patience_s)
-            yield BenchConnection(bench, operator, control)
+        _gate(config, bench, without_commissioning, measures_interlock)
+        _equip(bench, config, stack, notice, control)
+        operator = SimulatedOperator(control, config.simulation_parameters.hands.patience_s) if control else None
+        yield BenchConnection(bench, operator, control)
+
+
+def _open_virtual(
+    config: BenchConfig, virtual: "SimulatedBench", wrap_link: LinkWrapper, stack: ExitStack
+) -> tuple[Source, Digitizer]:
+    """Open source and card of a simulated bench in this process; an output of a card or a LabJack over its own connection."""
+    clock, card_output = virtual.clock, config.source.kind == "card-output"
+    server = ""
+    if card_output or config.source.kind == "labjack-output":
+        from sim_hardware.service import ServedBench
+
+        served = stack.enter_context(ServedBench(virtual))
+        server = served.card.address if card_output else served.source_address
+    digitizer: Digitizer
+    if card_output:  # input and output are one card, served in its own time
+        digitizer = open_digitizer(config, clock, server, stack)
+    else:
+        digitizer = virtual.digitizer(terminals=["ai0", "ai1", *(each.channel for each in config.channels)])
+    return open_source(
+        config, clock, lambda timeout_s: wrap_link(virtual.link(timeout_s), clock), server, stack
+    ), digitizer
+
+
+def _equip(bench: Bench, config: BenchConfig, stack: ExitStack, notice: str, control: BenchControls | None) -> None:
+    """Open the sensor of the air, name it among the instruments, and state the command that reports the end of a run."""
+    bench.notice = notice
+    bench.environment = open_environment_sensor(config.environment, stack, control)
+    if bench.environment is not None:
+        identities = {**bench.configuration["identities"], "environment": str(bench.environment.identity)}
+        bench.configuration = {**bench.configuration, "identities": identities}
 
 
 def _recorded(config: BenchConfig, stack: ExitStack, wrap_link: LinkWrapper) -> LinkWrapper:
@@ -161,7 +184,7 @@ def _import_for_a_run() -> None:
         importlib.import_module(name)
 
 
-def _gate(config: BenchConfig, bench: Bench, without_commissioning: str) -> None:
+def _gate(config: BenchConfig, bench: Bench, without_commissioning: str, measures_interlock: bool) -> None:
     """Keep high voltage off a real source that is not commissioned, unless there is a reason; each run stores which."""
     simulated_bench = ""
     if config.simulated and (bench.amplifier.plays_to_the_end or config.interlock.line):
@@ -172,7 +195,14 @@ def _gate(config: BenchConfig, bench: Bench, without_commissioning: str) -> None
     bench.amplifier.hastens_levels = state.level_stop_s > 0
     bench.amplifier.measured_stop_s, bench.interlock.measured_s = state.stop_s, state.interlock_s
     bench.amplifier.holds_by_offset = state.holds_by_offset
+    bench.amplifier.byte_order(state.byte_order)
     bench.high_voltage_refusal, bench.commissioning_note = state.refusal, state.note
+    relies_on_interlock = config.source.kind == "labjack-output" and not config.source.external_power
+    if relies_on_interlock and not config.simulated and not state.interlock_s and not measures_interlock:
+        bench.high_voltage_refusal = (
+            f"{bench.amplifier.identity} gives 0 V without power, which is -500 V on the specimen, and its interlock on "
+            f"{config.interlock.line} is not measured. Run `tactor-bench commission`, which measures it; --without-commissioning does not do for this source"
+        )
     bench.configuration = {**bench.configuration, "commissioning": state.stored}
 
 
@@ -191,16 +221,17 @@ def _open_instruments(
         InstrumentError: one does not reply, is another one, or is controlled by another program.
         UnsafeError: the same, after a program that ended without releasing the bench.
     """
-    from drivers import InstrumentLocks, ObservedLink, VisaLink
+    from drivers import InstrumentLocks, ObservedLink
 
     answered_s: dict[str, float] = {}
 
     def open_link(timeout_s: float) -> Link:
-        wire = VisaLink(resource, timeout_s, backend=_backend(config), baud=config.source_connection.baud)
+        wire = _open_wire(config, resource, timeout_s)
         noted = ObservedLink(wire, lambda _: None, lambda: answered_s.update(generator=time.monotonic()))
         return wrap_link(noted, clock)
 
-    open_source_here = partial(open_source, config, clock, open_link, server, stack)
+    address = resource if config.source.kind == "labjack-output" else server
+    open_source_here = partial(open_source, config, clock, open_link, address, stack)
     own_source, card = config.source.kind != "card-output", f"{server or 'this computer'}/{config.card.device}"
     locks = stack.enter_context(InstrumentLocks(config.name, config.simulated))
     with _unsafe_if_left(locks):
@@ -271,9 +302,12 @@ def _make_watchdog(
     config: BenchConfig, resource: str, server: str, clock: HeartbeatClock, locks: tuple[str, ...], source: Source
 ) -> Watchdog:
     """Return the watchdog: a process that opens the same driver on the same resource."""
-    from drivers import WatchdogClient, WatchdogConfig
+    from drivers import PROGRAM_KEY, WatchdogClient, WatchdogConfig
 
-    card_output = config.source.kind == "card-output"
+    card_output, labjack = config.source.kind == "card-output", config.source.kind == "labjack-output"
+    options = source_options(config, clock.speed)
+    if labjack:
+        options |= {"device": resource, "checks_power_up": False}
     if not config.watchdog.enabled or (card_output and server):
         clock.watchdog = NoWatchdog(SERVED_OUTPUT_WARNING if config.watchdog.enabled else WATCHDOG_DISABLED_WARNING)
         return clock.watchdog
@@ -281,11 +315,11 @@ def _make_watchdog(
     clock.watchdog = WatchdogClient(
         WatchdogConfig(
             source=f"{type(source).__module__}:{type(source).__qualname__}",
-            resource="" if card_output else resource,
+            resource="" if card_output or labjack else resource,
             timeout_s=config.source_connection.timeout_s,
             baud=config.source_connection.baud,
             backend=_backend(config),
-            options=source_options(config, clock.speed),
+            options=options,
             map=config.amplifier.amplifier_map,
             limits=config.amplifier.drive_limits,
             speed=clock.speed,
@@ -297,12 +331,22 @@ def _make_watchdog(
             and allows_second_connection(resource)
             and not getattr(source, "single_session", False),
             patience_s=config.watchdog.patience_s,
+            lock_key=PROGRAM_KEY,
             locks=locks,
             measured_stop_s=measured.stop_s,
             measured_reply_s=measured.reply_s,
         )
     )
     return clock.watchdog
+
+
+def _open_wire(config: BenchConfig, resource: str, timeout_s: float) -> "VisaLink":
+    """Open the link to the source; it holds a lock that cannot be shared if the watchdog connects after its end only."""
+    from drivers import VisaLink
+
+    alone = not (config.watchdog.enabled and config.watchdog.own_connection)
+    baud = config.source_connection.baud
+    return VisaLink(resource, timeout_s, backend=_backend(config), baud=baud, holds_exclusive_lock=alone)
 
 
 def _backend(config: BenchConfig) -> str:
@@ -334,15 +378,13 @@ def _make_bench(
     speed: float | None = None,
 ) -> Bench:
     if config.source.kind != "card-output":
-        _check_serial_number(
-            source.identity,
-            config.source_connection.serial,
-            "[supply]" if config.source.kind == "dc-supply" else "[generator]",
-        )
+        labjack = config.source.kind == "labjack-output"
+        serial = config.source.serial if labjack else config.source_connection.serial
+        table = {"dc-supply": "[supply]", "labjack-output": "[source]"}.get(config.source.kind, "[generator]")
+        _check_serial_number(source.identity, serial, table)
     _check_serial_number(digitizer.identity, config.card.serial, "[card]")
     watchdog = make_watchdog(source)
     stack.callback(watchdog.close)
-    environment = open_environment_sensor(config.environment, stack)
     identities = {
         "generator": str(source.identity),  # whichever kind of source it is
         "amplifier": " ".join(
@@ -351,7 +393,6 @@ def _make_bench(
         "card": str(digitizer.identity),
         "sensor": config.sensor.name,
         **{name: str(meter.identity) for name, meter in meters.items()},
-        **({"environment": str(environment.identity)} if environment is not None else {}),
     }
     return Bench(
         amplifier=HvAmplifier(source, config.amplifier.amplifier_map, config.amplifier.drive_limits, clock, watchdog),
@@ -365,7 +406,6 @@ def _make_bench(
         name=config.name,
         watchdog=watchdog,
         levels=LevelSettings(**config.specimen.model_dump(), **config.levels.model_dump()),
-        environment=environment,
         panel_warning=lock_panel(config, source, stack),
         channels=tuple(table.input_channel for table in config.channels),
     )

@@ -84,11 +84,13 @@ def commission(
         of_source, wired = result, config.interlock.line and (not config.simulated or speed is not None)
         if wired:  # until it is measured, so that a commissioning that ends before is no valid one
             result = replace(of_source, checks=(*of_source.checks, INTERLOCK_NOT_MEASURED))
-        path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
+        path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config), config.card.driver)
     if wired and worst_verdict(of_source.checks) == "pass":
         progress("interlock", 1.0)
         reason = "its interlock is measured now"
-        with connect(config, speed, UNATTENDED_BLOCK_S, without_commissioning=reason) as connection:
+        with connect(
+            config, speed, UNATTENDED_BLOCK_S, without_commissioning=reason, measures_interlock=True
+        ) as connection:
             on_live(connection.bench)
             switch = _Switch(connection, ask, is_off=True, may_enable=True)
             check = measure_interlock(connection.bench, switch, check_stop, publish)
@@ -102,7 +104,7 @@ def commission(
 def _second_client(config: BenchConfig) -> Callable[[], float] | None:
     """Return a function that opens a second connection to the source and returns the time of its reply; None if two would interfere."""
     wire = config.source_connection
-    if config.source.kind == "card-output" or not allows_second_connection(wire.resource):
+    if config.source.kind in ("card-output", "labjack-output") or not allows_second_connection(wire.resource):
         return None
 
     def reply_s() -> float:

@@ -30,6 +30,7 @@ class CommissioningState:
         holds_by_offset: whether a level is held by the offset, for want of a measurement of an uneven waveform's volts.
         level_stop_s: measured duration of Stop from a level with a hastened end; 0 if not measured, or impossible.
         interlock_s: measured time from the interlock's last heartbeat until high voltage is off; 0 if not measured.
+        byte_order: order of the source's waveforms in which it was commissioned; empty if unknown.
     """
 
     refusal: str
@@ -40,6 +41,7 @@ class CommissioningState:
     holds_by_offset: bool = False
     level_stop_s: float = 0.0
     interlock_s: float = 0.0
+    byte_order: str = ""
 
 
 def commissioning_state(
@@ -64,7 +66,7 @@ def commissioning_state(
         reply = f"; its slowest reply took {times['reply_s']:.2f} s" if times["reply_s"] else ""
         note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}{reply}"
         stored = {"status": "commissioned", "date": record.date, "record": str(record.path)}
-        return _allowed(note, {**stored, **_or_null(times)}, times)
+        return _allowed(note, {**stored, **_or_null(times)}, times, record.byte_order)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}
@@ -80,20 +82,23 @@ def commissioning_state(
 def _state_of_simulated_bench(identity: Identity, simulated_bench: str) -> CommissioningState:
     stored: dict[str, Any] = {"status": "exempt", "why": "simulated bench"}
     times: dict[str, float] = {}
+    byte_order = ""
     if simulated_bench:
         from app.session.commissioning_record import load_record
 
         record = load_record(identity, simulated_bench)
         if record is not None and record.verdict == "pass":
-            times = _times_used(record, "level_stop_s", "interlock_s")
+            times, byte_order = _times_used(record, "level_stop_s", "interlock_s"), record.byte_order
             stored |= {"record": str(record.path), **_or_null(times)}
-    return _allowed("", stored, times)
+    return _allowed("", stored, times, byte_order)
 
 
-def _allowed(note: str, stored: dict[str, Any], times: dict[str, float]) -> CommissioningState:
-    """Return the state in which high voltage is allowed, with the measured times."""
+def _allowed(note: str, stored: dict[str, Any], times: dict[str, float], byte_order: str) -> CommissioningState:
+    """Return the state in which high voltage is allowed, with the measured times and the byte order."""
     stop_s, reply_s, level_stop_s, interlock_s = (times.get(name, 0.0) for name in TIMES_USED)
-    return CommissioningState("", note, stored, stop_s, reply_s, level_stop_s=level_stop_s, interlock_s=interlock_s)
+    return CommissioningState(
+        "", note, stored, stop_s, reply_s, level_stop_s=level_stop_s, interlock_s=interlock_s, byte_order=byte_order
+    )
 
 
 def _times_used(record: "CommissioningRecord", *names: str) -> dict[str, float]:

@@ -13,10 +13,10 @@ import numpy as np
 from platformdirs import user_data_path
 
 from app.config import BenchConfig
-from drivers import Identity
+from drivers import OTHER_BYTE_ORDER, Identity, open_regular
 from drivers.evidence import OutputCheck, assumptions_about, assumptions_about_card
 from drivers.watchdog import version
-from protocols.base import open_regular, write_atomic
+from protocols.base import write_atomic
 from protocols.commissioning import CheckedOutput, MeasuredTimes, OutputVerdict, checked_assumptions, worst_verdict
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ class CommissioningRecord:
         times: measured times.
         simulated: whether the instrument was a simulated one.
         path: of its file.
+        byte_order: order of the waveforms in which the source was commissioned; empty if it has only one.
     """
 
     verdict: OutputVerdict
@@ -74,6 +75,7 @@ class CommissioningRecord:
     times: MeasuredTimes
     simulated: bool
     path: Path
+    byte_order: str = ""
 
     @property
     def is_valid(self) -> bool:
@@ -82,9 +84,14 @@ class CommissioningRecord:
 
 
 def save_record(
-    identity: Identity, simulated: bool, rate_hz: float, result: "Commissioned", simulated_bench: str = ""
+    identity: Identity,
+    simulated: bool,
+    rate_hz: float,
+    result: "Commissioned",
+    simulated_bench: str = "",
+    card_driver: str = "ni",
 ) -> Path:
-    """Write the record of an instrument and the traces beside it; return the record's path.
+    """Write the record of an instrument, measured by a card, and the traces beside it; return the record's path.
 
     Raises:
         OSError: it cannot be written.
@@ -94,13 +101,14 @@ def save_record(
     traces = {f"{i:02d} {trace.name}": trace.volts.astype(np.float32) for i, trace in enumerate(result.traces)}
     with path.with_suffix(".npz").open("wb") as file:
         np.savez_compressed(file, **{**traces, "rate_hz": np.array(rate_hz)})  # type: ignore[arg-type]
-    write_atomic(
-        path, json.dumps(make_record(identity, simulated, rate_hz, result), indent=1, ensure_ascii=False) + "\n"
-    )
+    record = make_record(identity, simulated, rate_hz, result, card_driver)
+    write_atomic(path, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return path
 
 
-def make_record(identity: Identity, simulated: bool, rate_hz: float, result: "Commissioned") -> dict[str, Any]:
+def make_record(
+    identity: Identity, simulated: bool, rate_hz: float, result: "Commissioned", card_driver: str = "ni"
+) -> dict[str, Any]:
     """Return the record of an instrument as plain values; a figure that was not measured is null."""
     return {
         "format": FORMAT,
@@ -112,6 +120,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, result: "Co
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": version(),
         "rate_hz": rate_hz,
+        "byte_order": result.byte_order,
         "verdict": worst_verdict(result.checks),
         "checks": [
             {
@@ -133,7 +142,10 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, result: "Co
                 "verdict": each.verdict,
             }
             for each in checked_assumptions(
-                (*assumptions_about(identity.model), *assumptions_about_card(plays=identity.maker == CARD_MAKER)),
+                (
+                    *assumptions_about(identity.model),
+                    *assumptions_about_card(plays=identity.maker == CARD_MAKER, driver=card_driver),
+                ),
                 result.checks,
             )
         ],
@@ -168,7 +180,13 @@ def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningR
         times = {name: math.nan if (value := read["times"][name]) is None else float(value) for name in names}
         failed = tuple(describe_check(check) for check in checks if not check.passed)
         return CommissioningRecord(
-            worst_verdict(checks), str(read["date"]), failed, MeasuredTimes(**times), bool(read["simulated"]), path
+            worst_verdict(checks),
+            str(read["date"]),
+            failed,
+            MeasuredTimes(**times),
+            bool(read["simulated"]),
+            path,
+            order if (order := read.get("byte_order")) in OTHER_BYTE_ORDER else "",  # older records have none
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

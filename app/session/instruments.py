@@ -17,6 +17,7 @@ from drivers import Clock, Digitizer, Interlock, Link, Meter, Source
 
 if TYPE_CHECKING:
     from drivers import EnvironmentSensor
+    from sim_hardware import BenchControls
 
 DRIVE_MARGIN_S = 0.1
 """Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
@@ -30,6 +31,8 @@ def open_source(
 ) -> Source:
     """Open the source; `stack` closes it. `open_link` opens a connection with a reply timeout.
 
+    `server` is the address of the card's server, or of a LabJack that plays the drives.
+
     Raises:
         InstrumentError: it does not answer, or another instrument does.
     """
@@ -42,6 +45,12 @@ def open_source(
             )
             stack.callback(output.close)
             return output
+        case "labjack-output":
+            from drivers.labjack import T7Output
+
+            labjack = T7Output(clock=clock, **{**source_options(config, _clock_speed(clock)), "device": server})
+            stack.callback(labjack.close)
+            return labjack
         case "dc-supply":
             from drivers import DcSupply
 
@@ -72,10 +81,16 @@ def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
         case "card-output":
             return {
                 "device": config.card.device,
-                "channel": config.source.channel,
+                "channel": config.source.output,
                 "start_trigger": config.source.start_trigger,
                 "margin_s": DRIVE_MARGIN_S * speed,
                 "lease_s": max(HOLD_LEASE_S, FAST_LEASE_S * speed),
+            }
+        case "labjack-output":
+            return {
+                "device": config.source.device,
+                "channel": config.source.output,
+                "checks_power_up": config.source.external_power,
             }
         case "dc-supply":
             return {
@@ -92,8 +107,10 @@ def _clock_speed(clock: Clock) -> float:
     return float(getattr(clock, "speed", 1.0))
 
 
-DEFAULT_BAUD = {"keyence-lkg": 9600, "optoncdt": 921_600}
-"""Factory settings."""
+OPTONCDT_BAUD = 921_600
+"""Factory setting."""
+
+SIMULATED_PORT = "simulated"
 
 ReadDisplacement = Callable[[], float | None]
 
@@ -110,45 +127,69 @@ def open_meters(
 
 
 def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None) -> Meter:
-    from drivers import KeyenceLkg, OptoNcdt, SerialPort
+    from drivers import BLOCK_DIALECTS, TEXT_DIALECTS, BlockMeter, OptoNcdt, SerialPort, TextMeter
 
-    port = table.port if read_displacement is None else _start_simulated_sensor(table, stack, read_displacement)
-    line = SerialPort(port, table.baud or DEFAULT_BAUD[table.driver], table.timeout_s)
+    ports = table.port, table.command_port
+    if read_displacement is not None:
+        ports = _start_simulated_sensor(table, stack, read_displacement)
+    text, block = TEXT_DIALECTS.get(table.driver), BLOCK_DIALECTS.get(table.driver)
+    baud = table.baud or (text.baud if text else OPTONCDT_BAUD)
+    line = SerialPort(ports[0], baud, table.timeout_s)
     stack.callback(line.close)
-    match table.driver:
-        case "keyence-lkg":
-            return KeyenceLkg(line, clock, output=table.output)
-        case "optoncdt":
-            return OptoNcdt(line, clock, range_m=table.range_m)
+    if text is not None:
+        return TextMeter(line, clock, text, output=table.output)
+    if block is not None:
+        commands = SerialPort(ports[1], baud, table.timeout_s)
+        stack.callback(commands.close)
+        return BlockMeter(line, commands, clock, block, range_m=table.range_m, channel=table.output)
+    return OptoNcdt(line, clock, range_m=table.range_m)
 
 
-def open_environment_sensor(table: EnvironmentTable, stack: ExitStack) -> "EnvironmentSensor | None":
+def open_environment_sensor(
+    table: EnvironmentTable, stack: ExitStack, simulated: "BenchControls | None"
+) -> "EnvironmentSensor | None":
     """Open the sensor of temperature and humidity; `stack` closes it. None if the bench has none.
 
+    `simulated` are the controls of a simulated bench; None on a real one.
+
     Raises:
-        InstrumentError: the port does not exist.
+        InstrumentError: the port does not exist, or is simulated on a real bench.
         BenchError: the driver is a broken plug-in.
     """
     if not table.port:
         return None
-    from drivers import SerialPort
+    from drivers import InstrumentError, SerialPort
 
-    line = SerialPort(table.port, table.baud, table.timeout_s)
+    port = table.port
+    if port == SIMULATED_PORT:
+        if simulated is None:
+            raise InstrumentError("environment.port is 'simulated' on a real bench; give the name of the sensor's port")
+        from sim_hardware.sensors import SimulatedEspec, SimulatedHmt330
+        from sim_hardware.wires import PtyServer
+
+        twin = SimulatedEspec if table.driver == "espec" else SimulatedHmt330
+        port = stack.enter_context(PtyServer(twin(simulated.room_reading, simulated.perform_action))).port
+    line = SerialPort(port, table.baud, table.timeout_s)
     stack.callback(line.close)
     sensor: EnvironmentSensor = load_driver(ENVIRONMENT_SENSORS, table.driver)(line, table.request)
     return sensor
 
 
-def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:
-    from sim_hardware.sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
-    from sim_hardware.wires import PtyServer
+def _start_simulated_sensor(
+    table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement
+) -> tuple[str, str]:
+    """Return the addresses of the data and of the command port of a simulated sensor."""
+    from sim_hardware.sensors import SimulatedMicroEpsilon, SimulatedOptoNcdt, simulated_keyence
+    from sim_hardware.wires import PtyServer, TcpStreamServer
 
-    model = (
-        SimulatedKeyenceLkg(read_displacement)
-        if table.driver == "keyence-lkg"
-        else SimulatedOptoNcdt(read_displacement, table.range_m)
-    )
-    return stack.enter_context(PtyServer(model)).port
+    match table.driver:
+        case "optoncdt-2300" | "capancdt-6200":
+            sensor = SimulatedMicroEpsilon(read_displacement, table.range_m, table.driver, channels=(table.output,))
+            data, commands = (stack.enter_context(TcpStreamServer(each)) for each in (sensor, sensor.commands))
+            return data.port, commands.port
+        case "optoncdt":
+            return stack.enter_context(PtyServer(SimulatedOptoNcdt(read_displacement, table.range_m))).port, ""
+    return stack.enter_context(PtyServer(simulated_keyence(table.driver, read_displacement))).port, ""
 
 
 def open_interlock(config: BenchConfig, server: str) -> Interlock:

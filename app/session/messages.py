@@ -39,6 +39,7 @@ from protocols.base import (
     ShutdownStarted,
     SpecimenMayBeLive,
     SpecimenMounted,
+    StopRequested,
     StreamStarted,
     Verdict,
 )
@@ -94,6 +95,8 @@ def _describe_safety_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return (Severity.WARNING if event.action == "warning" else Severity.ERROR), event.words
         case InjectedFaultChanged(fault, description, active):
             return Severity.WARNING, f"Fault {'injected' if active else 'cleared'}: {description} ({fault})"
+        case StopRequested(by):
+            return Severity.WARNING, f"A stop was requested by {by}"
         case ShutdownStarted():
             return Severity.INFO, "Going to rest"
         case SpecimenMayBeLive():

@@ -320,7 +320,9 @@ def _after_prompt(view: WindowState, event: WindowEvent) -> WindowState | None:
             return replace(view, prompt=event, drive=None if off else view.drive)
         case PromptAnswered(ask_id, _) if view.prompt is not None and view.prompt.ask_id == ask_id:
             off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action
-            view = replace(view, prompt=None, high_voltage=False if off else view.high_voltage)
+            view = replace(
+                view, prompt=None, answered=view.answered + 1, high_voltage=False if off else view.high_voltage
+            )
             return replace(view, phase=BenchState.HV_OFF if off and view.phase in ENERGIZED else view.phase)
         case BenchArmed(high_voltage):
             return _with_live_phase(replace(view, rest_lost=False, suspects=frozenset(), high_voltage=high_voltage))
@@ -343,7 +345,7 @@ def _after_run_event(view: WindowState, event: WindowEvent, streamed_s: float) -
             phase = view.phase if view.phase is BenchState.GOING_TO_REST else BenchState.ARMING
             view = replace(_without_results(view), busy=True, phase=phase, progress=progress, simulated=event.simulated)
             view = replace(view, rest=None, drive=None, warned=False, unread=False, watched=False)
-            return replace(view, high_voltage=None, off_aim=False, protocol=event.protocol)
+            return replace(view, high_voltage=None, off_aim=False, protocol=event.protocol, answered=0)
         case ProgressUpdated(done, entries, left_s, label) if view.progress is not None:
             progress = replace(
                 view.progress, done=done, entries=entries, remaining_s=left_s, label=label, updated_at_s=streamed_s

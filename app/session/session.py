@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from app.common import current_conditions, record_audit, with_sensor
+from app.common import current_conditions, record_audit
 from app.session.supervisor import Rescue, Signs, Supervisor
 from drivers import (
     MEMORY_SHORT,
@@ -46,6 +46,7 @@ from protocols.base import (
     RunEnded,
     RunStatus,
     SpecimenMounted,
+    StopRequested,
     last_mountings,
 )
 from protocols.runner import RunControl, RunRequest
@@ -150,8 +151,15 @@ Observer = Callable[[SessionEvent], object]
 class BuiltInOperator(Operator, Protocol):
     """Operator that belongs to the bench, such as the simulated one."""
 
-    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = (), cycles: float | None = None) -> None:
         """Remove weights and masses of a stopped run from the specimen, which stays as it was mounted. Raises BenchError without a bench."""
+
+
+class RemoteStop(Protocol):
+    """Page on which a phone can stop one run."""
+
+    def open(self, stop: Callable[[str], None]) -> str:
+        """Open the page for a new run and return its address; `stop` takes who asked. Raises BenchError."""
 
 
 class ConnectedBench(Protocol):
@@ -212,6 +220,8 @@ class Session:
         self.finished = threading.Event()
         """Set when the requested run has ended, or cannot start because there is no bench."""
         self.bench: Bench | None = None
+        self.remote_stop: RemoteStop | None = None
+        """Page on which a phone can stop a run; None if the program has no such page."""
         self.unsafe = False
         """Whether the bench could not be opened and was left live by an earlier program."""
         self._stop_requested_s = self._closing_s = math.inf
@@ -276,8 +286,10 @@ class Session:
         """Whether a pause is requested."""
         return self._control.pause.is_set()
 
-    def stop(self) -> None:
-        """Request the current run to go to rest and end; returns immediately."""
+    def stop(self, by: str = "") -> None:
+        """Request the current run to go to rest and end; returns immediately. `by` says who does, if not the operator."""
+        if by and not self._control.cancel.is_set():
+            self._control.external_events.put(StopRequested(by))
         self._stop_requested_s = min(self._stop_requested_s, time.monotonic())
         self._control.cancel.set()
 
@@ -372,7 +384,7 @@ class Session:
             mountings = read_mountings(request.folder, request.specimen)
             if connection.operator is not None:
                 with suppress(BenchError):  # the run reports it better
-                    connection.operator.clear_specimen(mountings)
+                    connection.operator.clear_specimen(mountings, _simulated_cycles(request, connection.bench))
             operator = connection.operator or self._operator
             if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
                 self._events.publish(LogMessage(message))
@@ -383,7 +395,8 @@ class Session:
             self._restore = left or self._restore
             request = replace(_with_conditions(request, connection.bench), mountings=last_mountings(mountings))
             self._mounted = partial(add_mounting, request.folder, request.specimen)
-            self.runner = runner = Runner(request, connection.bench, operator, self._events, self._control)
+            control = replace(self._control, offer_stop=_bound(self.remote_stop, self.stop))
+            self.runner = runner = Runner(request, connection.bench, operator, self._events, control)
         except (RunReadError, StorageError, NotesError, OSError) as error:
             reason = str(error)
             if isinstance(error, OSError):
@@ -503,13 +516,27 @@ class Session:
         self._events.publish(BenchFailed(reason))
 
 
+def _bound(page: RemoteStop | None, stop: Callable[[str], None]) -> Callable[[], str] | None:
+    """Return what opens a page on which a phone can stop a run; None without a page."""
+    return partial(page.open, stop) if page is not None else None
+
+
 def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
-    """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
+    """Return the request with operator, typed temperature and humidity, and warnings of calibrations that are due."""
     from app.config import bench_warnings
 
-    conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
+    conditions = request.conditions or current_conditions()
     expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
     return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
+
+
+def _simulated_cycles(request: RunRequest, bench: Bench) -> float | None:
+    """Return the cycles of a specimen by its runs, for a simulated one that ages with them; None for one that does not."""
+    if not (bench.configuration.get("simulation") or {}).get("ageing"):
+        return None
+    from protocols import counted_cycles
+
+    return counted_cycles(request.folder, request.specimen)
 
 
 def _left_in(folder: Path) -> Prompt | None:

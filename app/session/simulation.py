@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.common import UsageError, format_duration
 from app.session.session import ConnectedBench, SessionEvent
+from drivers import open_regular
 from protocols.base import (
     InjectedFaultChanged,
     Operator,
@@ -76,10 +77,10 @@ class PractisingOperator:
         self._user, self._simulated, self._settings = user, simulated, settings
         self._pending: dict[int, Prompt] = {}
 
-    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = (), cycles: float | None = None) -> None:
         """Remove what a stopped run left on the specimen, which stays as it was mounted."""
         self._pending.clear()
-        self._simulated.clear_specimen(mountings)
+        self._simulated.clear_specimen(mountings, cycles)
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         if self._settings.asks_user:
@@ -260,7 +261,9 @@ def provide_sheet(configuration: Mapping[str, Any], folder: Path, specimen: str)
     path = sheet_path(folder, specimen)
     try:
         if path.exists():
-            if source or not parse_toml(path.read_text("utf-8")).get("simulated"):
+            with open_regular(path) as file:
+                described = parse_toml(file.read().decode())
+            if source or not described.get("simulated"):
                 return ""
             return f"{path.name} describes the specimen of another, simulated bench; give this one another name, or delete that file"
         if not source:

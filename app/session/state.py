@@ -171,6 +171,8 @@ class WindowState:
     """Rest was not confirmed, and has not been measured since."""
     progress: RunProgress | None = None
     prompt: PromptShown | None = None
+    answered: int = 0
+    """Prompts of the run that were answered."""
     points: tuple[Any, ...] = ()
     entries: tuple[int, ...] = ()
     """The entry of the plan each point belongs to."""

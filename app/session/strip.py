@@ -34,6 +34,9 @@ PRESENT_S, KNOWN_S = 0.5, 2.0
 STEP_V = 5.0
 """Volts at the specimen: least difference that is shown as a range, and the steps in which its ends are shown."""
 
+FRESH_S = 0.25
+"""Ages up to this one are shown as 0.1 s: while blocks arrive, the text stays and nothing is painted."""
+
 MONITOR_TOLERANCE, MONITOR_TOLERANCE_V = 0.1, 50.0
 """Largest difference between voltage monitor and amplifier's characteristic: share of the voltage, and at least so much."""
 
@@ -70,17 +73,19 @@ class StripView:
         act: what the operator has to do about the voltage; empty if nothing.
         run: the run.
         instruments: by role: why it is suspect, or its status; and when it answered last.
+
+    Views are equal where their texts are: ages that no text shows do not count.
     """
 
     state: BenchState
     danger: bool
     measured: str
     caption: str
-    age_s: float
+    age_s: float = field(compare=False)
     aim: str
     act: str
     run: RunLine
-    instruments: Mapping[str, str] = field(default_factory=dict)
+    instruments: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     @property
     def present(self) -> bool:
@@ -118,11 +123,7 @@ def strip_view(
         each.role: "; ".join(
             (
                 each.remark or str(each.lamp),
-                *(
-                    f"last answer {max(now_s - at_s, 0):.1f} s ago"
-                    for role, at_s in answered_s.items()
-                    if role == each.role
-                ),
+                *(f"last answer {_age(now_s - at_s)}" for role, at_s in answered_s.items() if role == each.role),
             )
         )
         for each in view.instruments
@@ -187,12 +188,16 @@ def _measured(view: WindowState, reading: CardReading | None, now_s: float) -> t
     else:
         known = view.phase not in (BenchState.IDLE, BenchState.ARMING)
     known = known or reading.monitor_v is not None
-    caption = f"{'at the specimen' if known else 'if the high voltage is on'}, {age_s:.1f} s ago"
+    caption = f"{'at the specimen' if known else 'if the high voltage is on'}, {_age(age_s)}"
     if monitor_disagrees(reading, view.amplifier):
         caption += f", by its monitor; the amplifier's input would give {computed}: look at the amplifier"
     if not known or view.danger:
         text, caption = (text, f"about, {caption}") if "…" in text else (f"about {text}", caption)
     return text, caption, age_s
+
+
+def _age(age_s: float) -> str:
+    return f"{0.1 if age_s <= FRESH_S else age_s:.1f} s ago"
 
 
 def _aim(view: WindowState) -> str:

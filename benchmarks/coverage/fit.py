@@ -23,8 +23,12 @@ from model.identification.adequacy import assess_adequacy
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import ObservationSet, observed_values
-from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
-from model.identification.paper_chain_errors import linearized_errors
+from model.identification.paper_chain import (
+    PaperChainError,
+    PaperChainOptions,
+    identify_by_paper_chain,
+    linearized_errors,
+)
 from model.parameters import Membrane, Tactor
 from tests.helpers.model.redrawn import resample
 

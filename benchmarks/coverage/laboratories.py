@@ -2,8 +2,8 @@
 
 Every laboratory of `tests/helpers/model/laboratories.py` has a specimen, a sheet and instruments of its own; its nonidealities are not drawn
 from the fit's priors. The fit is the default one, with the sheet. Kinds: `coverage` (full campaigns, and of every fourth laboratory every
-small set), `developed` and `withheld` (one departure each). Every identification is a line of JSON in FILE; lines that are there are not
-made again, so that the command can be interrupted and repeated.
+small set), `developed`, `withheld` and `withheld_2` (one departure each). Every identification is a line of JSON in FILE; lines that are there
+are not made again, so that the command can be interrupted and repeated.
 """
 
 import argparse
@@ -23,9 +23,10 @@ from model.identification import FitOptions, ObservationSet
 from tests.helpers.model.departures import DEVELOPED
 from tests.helpers.model.laboratories import SMALL_SETS, UNDISTURBED, Departure, World, draw, measure, subset
 from tests.helpers.model.withheld_departures import WITHHELD
+from tests.helpers.model.withheld_departures_2 import WITHHELD_2
 
 IDENTIFIED = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-STREAMS = {"coverage": 2811, "withheld": 2812, "developed": 2813}
+STREAMS = {"coverage": 2811, "withheld": 2812, "developed": 2813, "withheld_2": 2814}
 SMALL_SETS_EVERY = 4
 Row = dict[str, Any]
 
@@ -92,7 +93,9 @@ def main() -> None:
     args = parser.parse_args()
     rows = [json.loads(line) for line in args.file.read_text("utf-8").splitlines()] if args.file.exists() else []
     done = {(r.get("name"), r.get("size"), r["seed"]) for r in rows}
-    departures = {"coverage": (UNDISTURBED,), "developed": DEVELOPED, "withheld": WITHHELD}[args.kind]
+    departures = {"coverage": (UNDISTURBED,), "developed": DEVELOPED, "withheld": WITHHELD, "withheld_2": WITHHELD_2}[
+        args.kind
+    ]
     with args.file.open("a", encoding="utf-8") as file:
         for d in departures:
             for seed in range(args.laboratories):

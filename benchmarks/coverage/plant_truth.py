@@ -232,6 +232,7 @@ TRUTHS: Mapping[str, Callable[[Any, SimulationParameters, Sequence[Any]], Truth]
     "Hysteresis": _hysteresis,
     "OnsetLatency": _latency,
     "Electrical": _electrical,
+    "Endurance": lambda *_: {},
     "MembraneSag": _membrane_sag,
     "SineDwell": _sine_dwell,
     "MembraneSeries": _membrane_series,

@@ -138,6 +138,8 @@ class Bench:
     """Reason why high voltage must stay off, with the remedy: the source is not commissioned. Empty if high voltage is allowed."""
     commissioning_note: str = ""
     """Remark on the commissioning of the source for the log of each run; may be empty."""
+    notice: str = ""
+    """Command that reports the end of each run to a person elsewhere; empty without one."""
     answered_s: dict[str, float] = field(default_factory=dict)
     """Time (time.monotonic) of the last reply of the instruments that answer by messages, by role."""
     _high_voltage_enabled: bool = field(default=False, init=False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.clock import Clock, WallClock
 from drivers.errors import AcquisitionError, ScansLostError
-from drivers.interfaces import Block, Closeable, InputChannel, RestartableStream, Stream
+from drivers.interfaces import Block, Closeable, InputChannel, RestartableStream, SkippingStream, Stream
 from drivers.sensors import LaserSensor
 
 DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
@@ -164,6 +164,10 @@ class WatchedStream(Closeable):
         if isinstance(block, BaseException):
             raise block
         return block
+
+    def skip(self, seconds: float) -> float:
+        """Let up to `seconds` pass without their samples, where the clock is virtual; return the skipped seconds, 0 elsewhere."""
+        return self._stream.skip(seconds) if isinstance(self._stream, SkippingStream) and not self._runs else 0.0
 
     def close(self) -> None:
         """Stop the card."""

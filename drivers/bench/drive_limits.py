@@ -94,10 +94,10 @@ class HvAmplifier:
         that such waveforms have the volts assumed by its driver."""
         self.measured_stop_s = 0.0
         """Duration of Stop from the commissioning of the source; 0 without commissioning."""
-        self.use_other_byte_order = (
-            source.use_other_byte_order if isinstance(source, ByteOrderSwapper) else lambda: False
+        self.byte_order: Callable[..., str] = (
+            source.byte_order if isinstance(source, ByteOrderSwapper) else lambda _new="": ""
         )
-        """Lets the source upload waveforms in the other byte order from now on; returns False if it has no other."""
+        """Returns the byte order of the source's waveforms, a given one from now on; empty if it has no other."""
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         """Callback at the first failed command of a way to rest, before its remaining commands are sent."""
 

@@ -17,7 +17,7 @@ from drivers.bench.rest import REST_NOISE_V, REST_TOLERANCE_V, drive_voltage
 from drivers.clock import LATE_PER_SPEED_S, Clock
 from drivers.drive_shapes import Sine
 from drivers.errors import BenchError
-from drivers.interfaces import Block
+from drivers.interfaces import OTHER_BYTE_ORDER, Block
 
 Volts = NDArray[np.float64]
 
@@ -124,10 +124,11 @@ class SelfTest:
         if self.amplifier.reason_unsupported(sine):
             return
         why = self._burst_deviation(sine)
-        if why and self.amplifier.use_other_byte_order():
+        if why and (order := self.amplifier.byte_order()):
+            self.amplifier.byte_order(OTHER_BYTE_ORDER[order])
             if not self._burst_deviation(sine):
                 return
-            self.amplifier.use_other_byte_order()  # it is not the order
+            self.amplifier.byte_order(order)
         if why:
             raise BenchError(
                 f"not armed: {self.amplifier.identity}, tested with {1e3 * AMPLITUDE_V:.0f} mV before high voltage, {why}"

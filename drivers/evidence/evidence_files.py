@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from drivers.evidence.assumption import Assumption
 
-CARD_INPUT, CARD_OUTPUT, INTERLOCK, SUPPLY = "card", "card-output", "interlock", "dc-supply"
-"""Drivers of the tables: the card's inputs, its analogue output, the interlock at its digital lines, and the DC supplies."""
+CARD_INPUT, LABJACK, CARD_OUTPUT, INTERLOCK, SUPPLY = "card", "labjack-t7", "card-output", "interlock", "dc-supply"
+"""Drivers of the tables: the card's inputs, those of a LabJack, the card's analogue output, the interlock at its digital lines, and
+the DC supplies. A LabJack that plays the drives has a table of its model, like a generator."""
 
 SUPPLY_MODELS = ("E36", "DP8", "SPD")
 """Prefixes of the names of the supplies of drivers.supplies.dialects."""
@@ -63,15 +64,16 @@ def assumptions_about(model: str) -> tuple[Assumption, ...]:
     return tuple(
         each
         for each in assumptions()
-        if each.driver not in (CARD_INPUT, CARD_OUTPUT, INTERLOCK)
+        if each.driver not in (CARD_INPUT, LABJACK, CARD_OUTPUT, INTERLOCK)
         and (each.driver == SUPPLY) == is_supply
         and each.is_about(model)
     )
 
 
-def assumptions_about_card(*, plays: bool) -> tuple[Assumption, ...]:
-    """Return the assumptions about the card's inputs, and about its output if it plays the drives."""
-    drivers = (CARD_INPUT, CARD_OUTPUT) if plays else (CARD_INPUT,)
+def assumptions_about_card(*, plays: bool, driver: str = "ni") -> tuple[Assumption, ...]:
+    """Return the assumptions about the inputs of a card, by its driver, and about its output if it plays the drives."""
+    inputs = LABJACK if driver == LABJACK else CARD_INPUT
+    drivers = (inputs, CARD_OUTPUT) if plays else (inputs,)
     return tuple(each for each in assumptions() if each.driver in drivers)
 
 

@@ -78,7 +78,7 @@ class BurstGenerator:
         self.dialect = self.dialect_type(self._scpi, clock, self.identity.model)
         self.playable = PlayableDrives(self.capabilities, self._scpi.instrument, self.dialect.max_points, step_v, clock)
         self._output = BurstOutput(self._scpi, clock, self.dialect, step_v, step_interval_s)
-        self.use_other_byte_order = self._output.use_other_byte_order
+        self.byte_order = self._output.byte_order
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         self._output.on_failure = lambda error: self.on_failure(error)  # noqa: PLW0108 - it is replaced later
         self.plays_to_the_end = not self.capabilities.holds_range
@@ -107,7 +107,7 @@ class BurstGenerator:
 
     def lock_panel(self) -> str:
         """Lock the front panel; return the reason if it is not locked, empty if it is."""
-        lock, _ = self.capabilities.panel_lock
+        lock, _ = self.capabilities.panel_lock_of(self.identity.model)
         if not lock:
             return "this driver knows no command for it"
         try:
@@ -118,7 +118,7 @@ class BurstGenerator:
 
     def unlock_panel(self) -> None:
         """Unlock the front panel; without connection it stays locked."""
-        _, unlock = self.capabilities.panel_lock
+        _, unlock = self.capabilities.panel_lock_of(self.identity.model)
         with suppress(InstrumentError):
             if unlock:
                 self._scpi.write_checked(unlock)

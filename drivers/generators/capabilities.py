@@ -36,6 +36,7 @@ class Capabilities:
         min_amplitude_vpp: smallest amplitude into a high-impedance load, if a drive could be smaller.
         idle_amplitude_vpp: amplitude between drives with a held range: negligible, and possible.
         panel_lock: commands that lock and unlock the front panel; empty without such a command.
+        models_that_lock_keys: regular expression for models whose commands to lock name the keys, of which ALL is one; empty: none.
         usb_problem: reason why it cannot be used over USB, with the remedy; empty if it can.
         models_without_usb_problem: regular expression for models that can be used over USB nevertheless; empty: none.
     """
@@ -51,8 +52,16 @@ class Capabilities:
     min_amplitude_vpp: float = 0.0
     idle_amplitude_vpp: float = 0.02
     panel_lock: tuple[str, str] = ("", "")
+    models_that_lock_keys: str = ""
     usb_problem: str = ""
     models_without_usb_problem: str = ""
+
+    def panel_lock_of(self, model: str) -> tuple[str, str]:
+        """Return the commands that lock and unlock the front panel of a model; empty without such a command."""
+        fit, (lock, unlock) = self.models_that_lock_keys, self.panel_lock
+        if fit and re.match(fit, model, re.IGNORECASE):
+            return lock.replace(" ", " ALL,"), unlock.replace(" ", " ALL,")
+        return lock, unlock
 
     def usb_problem_of(self, model: str) -> str:
         """Return the reason why a model cannot be used over USB, with the remedy; empty if it can."""

@@ -187,8 +187,8 @@ class Dialect(Protocol):
     def forget_waveforms(self) -> None:
         """Forget the waveforms in the instrument: another program may have replaced them."""
 
-    def use_other_byte_order(self) -> bool:
-        """Upload waveforms in the other byte order from now on; return False if the order of this model is certain."""
+    def byte_order(self, new: str = "") -> str:
+        """Set the byte order of waveforms if `new` is given, and return the present one; empty if the model has only one."""
         ...
 
     def idle_level_v(self) -> float:

@@ -57,12 +57,11 @@ class BurstOutput:
         self._step_v, self._step_interval_s = step_v, step_interval_s
         self.on_failure: Callable[[BaseException], None] = lambda _: None
 
-    def use_other_byte_order(self) -> bool:
-        """Upload waveforms in the other byte order from now on; return False if the order of this model is certain."""
-        if not self._dialect.use_other_byte_order():
-            return False
-        self.stored_waveform = None
-        return True
+    def byte_order(self, new: str = "") -> str:
+        """Set the byte order of waveforms if `new` is given, and return the present one; empty if the model has only one."""
+        if new:
+            self.stored_waveform = None
+        return self._dialect.byte_order(new)
 
     def load_waveform(self, points: Points) -> None:
         """Download a waveform unless it is the stored one."""

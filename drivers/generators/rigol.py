@@ -19,6 +19,7 @@ Programming Guide, TRACe:DATA:DAC.
 """
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -136,6 +137,11 @@ class Dg1000zDialect(RigolDialect):
         self.freeze_range(levels)
 
 
+COUPLED_TRIGGERS = tuple(
+    NeutralSetting(header, "OFF", ("OFF", "0"), optional=True) for header in (":COUP1:TRI", ":COUP2:TRI")
+)
+"""Settings of a DG800, DG900 and DG2000: a trigger of the other channel starts the burst of this one."""
+
 NEUTRAL_DG4000 = (
     NORMAL_POLARITY,
     NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
@@ -156,6 +162,7 @@ class Dg800Dialect(RigolDialect):
         product_names="Rigol DG800, DG900, DG2000 and DG4000",
         holds_range=False,
         panel_lock=PANEL_LOCK,
+        models_that_lock_keys="DG[289]",
     )
 
     @property
@@ -169,7 +176,10 @@ class Dg800Dialect(RigolDialect):
 
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:
-        return NEUTRAL_DG4000 if self._is_dg4000 else (NORMAL_POLARITY, *OTHER_CHANNEL_OFF)
+        if self._is_dg4000:
+            return NEUTRAL_DG4000
+        has_one_channel = re.match(r"DG8\d1", self.model)
+        return (NORMAL_POLARITY, *(() if has_one_channel else (*OTHER_CHANNEL_OFF, *COUPLED_TRIGGERS)))
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         room_v = levels.span_v / 2

@@ -81,8 +81,9 @@ class ScpiDialect:
     def forget_waveforms(self) -> None:
         """Do nothing: only the last downloaded waveform is used."""
 
-    def use_other_byte_order(self) -> bool:
-        return False
+    def byte_order(self, new: str = "") -> str:
+        del new
+        return ""
 
     def idle_level_v(self) -> float:
         return self.scpi.query_float(f"{self.SOURCE_PREFIX}VOLT:OFFS?")

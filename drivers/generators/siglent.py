@@ -13,7 +13,7 @@ An SDG6000X differs: its waveforms are big-endian, follow the header of a block 
 note of Siglent's names it among the little-endian models: the self-test at arming tries the other order, too.
 
 Sources: SDG Series Programming Guide PG02-E05B; benchctrl at 0c6e51e (SDG1032X, firmware 1.01.01.33R1B6);
-dmm6500-serial-decode at 0465be2 (SDG2122X, firmware 2.01.01.38R4 and 39R7); nacs-lab/pyctrl at 3ea197b (SDG6022X, firmware
+dmm6500-serial-decode at 0465be2 (SDG2122X, firmware 2.01.01.38R4 and 39R7); nacs-lab/pyctrl at cdd5b16 (SDG6022X, firmware
 6.01.01.37R6 and 38R3).
 """
 
@@ -82,11 +82,11 @@ class SiglentSession:
         """Query the parameters of a command; return them by name."""
         query = f"{'' if command == 'COUP' else 'C1:'}{command}?"
         answer = self.scpi.query(query)
-        header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
+        header = re.match(r"(?:C1:)?([A-Z_]+) ", answer)
         if header is None or header[1] != command:  # another user may have chosen long headers, or none
             self.scpi.link.write("CHDR SHORT")
             answer = self.scpi.query(query)
-            header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
+            header = re.match(r"(?:C1:)?([A-Z_]+) ", answer)
         if header is None or header[1] != command:
             self.scpi.link.clear()
             raise LinkError(
@@ -166,20 +166,18 @@ class WaveformStore:
     def __init__(self, session: SiglentSession, clock: Clock, model: str) -> None:
         self._session, self._clock, self._model = session, clock, model
         self._kept: dict[str, str] = {}  # digests of the waveforms in the instrument by name, the last used one last
-        self._byte_order = ">" if model.startswith("SDG6") else "<"
+        self._is_certain = not model.startswith("SDG6")
+        self._byte_order = "little-endian" if self._is_certain else "big-endian"
         self._selects_by_name = True  # an SDG6022X with firmware 6.01.01.37R6 ignores it, one with 38R3 does not
 
-    def use_other_byte_order(self) -> bool:
-        """Use the other byte order from now on; return False if that of the model is certain."""
+    def byte_order(self, new: str = "") -> str:
+        """Set the byte order if `new` is given, and return the present one; empty if the model has only one."""
         if self._is_certain:
-            return False
-        self._byte_order = {">": "<", "<": ">"}[self._byte_order]
-        self.forget()
-        return True
-
-    @property
-    def _is_certain(self) -> bool:
-        return not self._model.startswith("SDG6")
+            return ""
+        if new:
+            self._byte_order = new
+            self.forget()
+        return self._byte_order
 
     def forget(self) -> None:
         """Forget the waveforms: another program may have overwritten them."""
@@ -188,7 +186,7 @@ class WaveformStore:
     def play(self, points: Points) -> None:
         """Select the waveform of these points, upload it if it is not stored, and check that the levels have not changed."""
         codes = without_line_feeds(np.rint(points * FULL_SCALE).astype(np.int16))
-        data = codes.astype(f"{self._byte_order}i2").tobytes()
+        data = codes.astype(">i2" if self._byte_order == "big-endian" else "<i2").tobytes()
         levels = [self._session.number(f"BSWV {name}") for name in ("FRQ", "AMP", "OFST")]
         # Selecting a waveform may restore the levels stored with it: only a waveform with the present levels is reused.
         digest = hashlib.sha256(data + repr(levels[1:]).encode()).hexdigest()
@@ -299,8 +297,8 @@ class SiglentDialect:
     def forget_waveforms(self) -> None:
         self._waveforms.forget()
 
-    def use_other_byte_order(self) -> bool:
-        return self._waveforms.use_other_byte_order()
+    def byte_order(self, new: str = "") -> str:
+        return self._waveforms.byte_order(new)
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield from (
@@ -328,6 +326,7 @@ class SiglentDialect:
         yield "SWWV STATE", ("OFF",), ("C1:SWWV STATE,OFF",)
         yield "MDWV STATE", ("OFF",), ("C1:MDWV STATE,OFF",)
         if not is_sdg1000:
+            yield "NOISE_ADD STATE", ("OFF",), ("C1:NOISE_ADD STATE,OFF",)
             yield "SRATE MODE", ("DDS",), ("C1:SRATE MODE,DDS",)
 
     def reset_foreign_settings(self) -> None:

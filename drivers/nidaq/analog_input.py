@@ -26,6 +26,7 @@ from drivers.clock import Clock
 from drivers.deadlines import Deadline
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
 from drivers.interfaces import Block, Closeable, Identity, Scale
+from drivers.nidaq.card_limits import check_inputs
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
@@ -239,6 +240,8 @@ class NiDigitizer:
         task, where = self._connection.new_task(INPUT), self._connection.description
         try:
             with translate_errors(where, remote=self._connection.is_remote):
+                card = self._connection.device_properties()
+                check_inputs(card, where, len(inputs), rate_hz, self._range_v)
                 grounds = self._add_ground(task, rate_hz) if grounded else 0
                 for terminal, name in inputs:
                     task.ai_channels.add_ai_voltage_chan(
@@ -414,10 +417,10 @@ def acquisition_rate_hz(key: tuple[str, str]) -> float:
 
 def _is_being_read(task: Any) -> bool:
     """Return whether a program reads an input task within `ABANDONED_AFTER_S`."""
-    deadline = time.monotonic() + ABANDONED_AFTER_S
     try:
-        first = task.in_stream.curr_read_pos
-        while time.monotonic() < deadline:
+        first, is_last, deadline = task.in_stream.curr_read_pos, False, time.monotonic() + ABANDONED_AFTER_S
+        while not is_last:  # this process may have been stopped: the last look comes after the deadline
+            is_last = time.monotonic() >= deadline
             time.sleep(POLL_S)
             if task.in_stream.curr_read_pos != first:
                 return True

@@ -24,6 +24,8 @@ from drivers.clock import Clock
 from drivers.drive_shapes import Drive, Hold, Ramp
 from drivers.errors import AcquisitionError, BenchError, CardInUseError, InstrumentError
 from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
+from drivers.nidaq.card_limits import largest_output_rate_hz
+from drivers.nidaq.errors import translate_errors
 from drivers.nidaq.output_readback import RELEASE_TOLERANCE_V, OutputReadback
 from drivers.nidaq.output_task import OutputQueue, OutputTask, PlaybackProgress, find_queue, write_level
 from drivers.nidaq.playback_control import RELEASE_TIMEOUT_S, PlaybackControl
@@ -90,6 +92,13 @@ class NiAnalogOutput:
         self._clock, self._margin_s, self.lease_s = clock, margin_s, lease_s
         self._description = f"{self._connection.description} output {channel}"
         self.identity = self._connection.identity
+        try:
+            with translate_errors(self._connection.description):
+                card = self._connection.device_properties()
+                self._max_rate_hz = largest_output_rate_hz(card, self._connection.description, SAMPLE_RATES_HZ[0])
+        except InstrumentError:
+            self._connection.close()
+            raise
         self._readback = OutputReadback(
             self._connection, f"{device}/_{channel}_vs_aognd", self._description, self._clock
         )
@@ -138,6 +147,11 @@ class NiAnalogOutput:
         if isinstance(drive, Hold | Ramp):
             return ""
         rate = self._rate_for(drive)
+        if rate > self._max_rate_hz:
+            return (
+                f"{self._description}: a {drive.kind} of this frequency and slope takes {rate:g} samples/s, the card gives "
+                f"{self._max_rate_hz:g}; lower its frequency or amplitude. Nothing was sent"
+            )
         if (samples := sample_count(drive, rate)) > MAX_SAMPLES:
             return (
                 f"{self._description}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "

@@ -9,7 +9,7 @@ of each counts, because transmitters send relative humidity and temperature befo
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.errors import LinkError
 from drivers.interfaces import Identity
@@ -47,6 +47,18 @@ class EnvironmentSensor(Protocol):
 
     def close(self) -> None:
         """Close the connection."""
+
+
+@runtime_checkable
+class ClimateChamber(EnvironmentSensor, Protocol):
+    """A sensor in a climate chamber, whose temperature it can set."""
+
+    def set_temperature(self, celsius: float) -> None:
+        """Set the temperature, degrees Celsius; the chamber approaches it in its own time.
+
+        Raises:
+            InstrumentError: no reply, or the chamber refuses the temperature.
+        """
 
 
 class TextEnvironmentSensor:

@@ -1,4 +1,4 @@
-"""Laser displacement sensor on an analogue input: calibration in volts, and presets by model.
+"""Displacement sensor or vibrometer on an analogue input: calibration in volts, and presets by model.
 
 `[sensor] preset = "..."` supplies values missing in the bench file. A preset is a starting point, not a calibration. Its
 `confirmed` names the values of a public document; all others are from memory and depend on the settings of the controller (output
@@ -26,6 +26,7 @@ class SensorPreset:
     valid_high_v: float
     delay_s: float
     confirmed: str = ""
+    quantity: str = "displacement"
 
 
 PRESETS = {
@@ -36,7 +37,7 @@ PRESETS = {
 
 @dataclass(frozen=True, slots=True)
 class LaserSensor:
-    """Calibration of a laser sensor: volts to metres, and the valid range.
+    """Calibration of a sensor: volts to metres, or of a vibrometer to metres per second, and the valid range.
 
     Args:
         name: maker and model, for people.
@@ -48,6 +49,10 @@ class LaserSensor:
         serial: its serial number.
         calibrated, expires: the day of its calibration and its last day of validity, YYYY-MM-DD; empty if unknown.
         delay_uncertainty_s: standard uncertainty of the delay; 0 where none is stated.
+        quantity: `displacement`, or `velocity` of a vibrometer, whose gain is in (m/s)/V.
+        corner_hz: corner of a vibrometer's high pass of first order; 0: it measures constant velocities.
+        curve: points (m, V) of a calibration, at rising volts, linear between them, in place of gain and zero: capacitive probes. Volts
+            beyond its ends are out of range. Empty: a straight line.
     """
 
     name: str
@@ -61,6 +66,19 @@ class LaserSensor:
     calibrated: str = ""
     expires: str = ""
     delay_uncertainty_s: float = 0.0
+    quantity: str = "displacement"
+    corner_hz: float = 0.0
+    curve: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def measures_velocity(self) -> bool:
+        """Whether it is a vibrometer."""
+        return self.quantity == "velocity"
+
+    @property
+    def unit(self) -> str:
+        """SI unit of its quantity."""
+        return "m/s" if self.measures_velocity else "m"
 
     def expiry_warning(self, today: date) -> str:
         """Return the warning for an expired calibration; empty if it is valid, or its expiry unknown."""
@@ -72,10 +90,16 @@ class LaserSensor:
         )
 
     def displacement_m(self, volts: ArrayLike) -> NDArray[np.float64]:
-        """Return the displacement in metres, same shape as `volts`; meaningful only where `is_valid`."""
+        """Return the displacement in metres, of a vibrometer the velocity in m/s, of the shape of `volts`; only where `is_valid`."""
+        if self.curve:
+            metres, at_volts = zip(*self.curve, strict=True)
+            return np.asarray(np.interp(np.asarray(volts, float), at_volts, metres))
         return (np.asarray(volts, float) - self.zero_v) * self.gain_m_per_v
 
     def is_valid(self, volts: ArrayLike) -> NDArray[np.bool_]:
         """Return a mask of the volts that are a displacement, of the shape of `volts`."""
         volts = np.asarray(volts, float)
-        return (volts >= self.valid_low_v) & (volts <= self.valid_high_v)
+        low_v, high_v = self.valid_low_v, self.valid_high_v
+        if self.curve:
+            low_v, high_v = max(low_v, self.curve[0][1]), min(high_v, self.curve[-1][1])
+        return (volts >= low_v) & (volts <= high_v)

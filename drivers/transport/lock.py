@@ -24,6 +24,7 @@ from filelock import FileLock, Timeout
 from drivers.deadlines import Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError, UnsafeError
 from drivers.interfaces import Closeable, Identity
+from drivers.regular_files import open_regular
 
 RELEASED = "{}"
 """Record of an instrument released by its last program."""
@@ -136,7 +137,7 @@ class InstrumentLocks(Closeable):
                 ) from None
             self._locks[str(path)] = lock
             with contextlib.suppress(OSError):
-                record = path.with_suffix(".json").read_text(encoding="utf-8")
+                record = _read_record(path)
                 if record != RELEASED:
                     self._left_records[str(path)] = record
                     self.left_by = self.left_by or _holder(path)
@@ -203,18 +204,26 @@ def _write_holder(path: Path, bench: str) -> None:
 def _write_record(path: Path, record: str) -> None:
     """Write the holder of a lock into the file beside it."""
     file = path.with_suffix(".json")
-    # Without O_CREAT for an existing file: Linux rejects that in a shared folder for a file of another user.
-    flags = os.O_WRONLY | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | (0 if file.exists() else os.O_CREAT)
+    # Without O_CREAT for an existing file: Linux rejects that in a shared folder for a file of another user, who may also have put a
+    # pipe there, which nobody reads.
+    flags = os.O_WRONLY | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    flags |= 0 if file.exists() else os.O_CREAT
     with contextlib.suppress(OSError), os.fdopen(os.open(file, flags, 0o666), "w", encoding="utf-8") as out:
         out.write(record)
         with contextlib.suppress(PermissionError):
             file.chmod(0o666)
 
 
+def _read_record(path: Path) -> str:
+    """Return the record of a lock. Raises OSError if it cannot be read."""
+    with open_regular(path.with_suffix(".json"), "r", encoding="utf-8") as file:
+        return str(file.read())
+
+
 def _holder(path: Path) -> str:
     """Return the holder of the lock according to its record."""
     try:
-        holder = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        holder = json.loads(_read_record(path))
         return (
             f"{_printable(holder['program'])} (process {int(holder['pid'])}, user {_printable(holder['user'])}) has controlled "
             f"it with the bench '{_printable(holder['bench'])}' since {_printable(holder['since'])}"
@@ -226,7 +235,7 @@ def _holder(path: Path) -> str:
 def _is_holder_stopped(path: Path) -> bool:
     """Return whether the program that holds the lock is stopped, as far as this user may see."""
     try:
-        pid = int(json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["pid"])
+        pid = int(json.loads(_read_record(path))["pid"])
         return psutil.Process(pid).status() in (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP)
     except (OSError, ValueError, KeyError, TypeError, psutil.Error):
         return False

@@ -6,6 +6,7 @@ until it is quiet, and all other connections have a device clear.
 """
 
 import contextlib
+import secrets
 import select
 import socket
 import struct
@@ -27,6 +28,9 @@ from drivers.transport.errors import silence_remedy, translate_errors, within_de
 VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
 """Exceptions of pyvisa and pyvisa-py when a connection fails; the last three come from its HiSLIP."""
 
+PROGRAM_KEY = f"tactor-bench {secrets.token_hex(8)}"
+"""Key of the locks that this process takes in instruments."""
+
 BITS_PER_BYTE = 11
 """Number of bits of a byte on a serial line: start, eight, parity, stop."""
 
@@ -42,13 +46,25 @@ class VisaLink:
         timeout_s: longest wait for a reply.
         baud: bits per second of a serial line.
         backend: the VISA library; `@py` is pyvisa-py, `@ivi` a vendor's.
+        lock_key: key of the instrument's own lock, which this program and its watchdog share.
+        holds_exclusive_lock: whether the lock of VXI-11, which nobody can share, is held until this link is closed.
 
     Raises:
-        LinkError: no answer at the resource.
+        LinkError: no answer at the resource, or another program has locked the instrument.
     """
 
-    def __init__(self, resource: str, timeout_s: float = 2.0, backend: str = "@py", *, baud: int = 9600) -> None:
-        self.name = resource
+    def __init__(
+        self,
+        resource: str,
+        timeout_s: float = 2.0,
+        backend: str = "@py",
+        *,
+        baud: int = 9600,
+        lock_key: str = PROGRAM_KEY,
+        holds_exclusive_lock: bool = False,
+    ) -> None:
+        self.name, self._lock_key = resource, lock_key
+        self._holds_exclusive_lock = holds_exclusive_lock
         self._baud = baud
         self._remedy = "check the cable and the address"
         if "::5024::" in resource or "::5555::" in resource:
@@ -197,6 +213,43 @@ class VisaLink:
                 self._session.baud_rate = self._baud
                 self._session.flush(BufferOperation.discard_read_buffer)
             self._disable_nagle()
+            try:
+                self._lock_instrument()
+            except LinkError:
+                self._close_session()
+                raise
+
+    def _lock_instrument(self) -> None:
+        """Take the instrument's own lock, where its protocol has one. Raises LinkError if another program has it.
+
+        HiSLIP holds it until the connection ends. VXI-11 knows exclusive locks only, which keep out the watchdog, too; some instruments
+        keep the lock of a lost connection until they are switched off (python-vxi11, pull request 33). There it is given back at once,
+        if it is not to be held.
+        """
+        wire, address = self._wire_session(), self.name.upper()
+        if not (address.startswith("TCPIP") and address.endswith("INSTR")):
+            return
+        from pyvisa_py.protocols.rpc import RPCError  # with the backend, which is imported at the first opening
+
+        try:
+            if "::HISLIP" not in address:
+                self._session.lock_excl(0)
+                if not self._holds_exclusive_lock:
+                    self._session.unlock()
+            elif wire is None:
+                self._session.lock(0, self._lock_key)
+            elif wire.interface.async_lock_request(0.0, self._lock_key) == "failure":  # pyvisa-py has no `lock` for it
+                raise LinkError(self._lock_message)
+        except VisaIOError as error:
+            if error.error_code == StatusCode.error_resource_locked:
+                raise LinkError(self._lock_message) from error
+            # Any other error: this instrument has no lock.
+        except RPCError:  # it does not know the procedure
+            pass
+
+    @property
+    def _lock_message(self) -> str:
+        return f"{self.name} is locked by another program, perhaps on another computer; end its session there, and open the bench again"
 
     def _disable_nagle(self) -> None:
         """Disable Nagle's algorithm: two messages before a reply take 44 ms on a socket, and pyvisa-py has no setting for it."""
@@ -210,6 +263,9 @@ class VisaLink:
 
     @within_deadline()
     def _close(self) -> None:
+        if self._holds_exclusive_lock and self._session is not None:
+            with contextlib.suppress(*VISA_ERRORS):
+                self._session.unlock()
         self._close_session()
         _open_links.discard(self)
         _close_manager(self._manager)

@@ -27,6 +27,7 @@ class WatchdogConfig:
         own_connection: whether the source accepts a second connection in addition to the program's. If not, the watchdog kills a
             hung program before it connects.
         patience_s: duration of the retries.
+        lock_key: key of the program's lock in the source itself, which the watchdog shares; empty if it has none.
         locks: lock files of the instruments; they stay locked until the watchdog has also ended.
         measured_stop_s: duration of Stop, from the commissioning record of the source; 0 if unknown.
         measured_reply_s: longest time from a message to its reply, from the same record; 0 if unknown.
@@ -45,6 +46,7 @@ class WatchdogConfig:
     silence_s: float = 0.4
     own_connection: bool = True
     patience_s: float = 30.0
+    lock_key: str = ""
     locks: tuple[str, ...] = ()
     measured_stop_s: float = 0.0
     measured_reply_s: float = 0.0

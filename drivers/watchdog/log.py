@@ -5,6 +5,8 @@ import os
 import time
 from pathlib import Path
 
+from drivers.regular_files import open_regular
+
 LOG_NAME = "watchdog.log"
 REPORTED_MARK = "the lines above were shown at the next start"
 FORMER_MARK = "the lines above were told at the next start"
@@ -15,7 +17,7 @@ def append_line(folder: Path, message: str) -> None:
     """Append a line and flush it to disk. An unwritable folder is ignored: the watchdog must continue."""
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        with (folder / LOG_NAME).open("a", encoding="utf-8") as log:
+        with open_regular(folder / LOG_NAME, "a", encoding="utf-8") as log:
             log.write(f"{_utc_timestamp()}  {message}\n")
             log.flush()
             os.fsync(log.fileno())
@@ -24,7 +26,8 @@ def append_line(folder: Path, message: str) -> None:
 def take_unreported_lines(folder: Path) -> list[str]:
     """Return the lines that have not been reported yet, and mark them as reported."""
     try:
-        lines = (folder / LOG_NAME).read_text(encoding="utf-8", errors="replace").splitlines()
+        with open_regular(folder / LOG_NAME, "r", encoding="utf-8", errors="replace") as log:
+            lines = log.read().splitlines()
     except OSError:
         return []
     reported = max((i for i, line in enumerate(lines) if line.endswith((REPORTED_MARK, FORMER_MARK))), default=-1)

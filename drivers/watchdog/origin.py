@@ -1,6 +1,5 @@
 """Version and folder of the running copy of the program, compared by program and watchdog."""
 
-from importlib import metadata
 from pathlib import Path
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[2]
@@ -12,6 +11,8 @@ UNKNOWN_VERSION = "of an unknown version"
 
 def version() -> str:
     """Return the installed version."""
+    from importlib import metadata  # as slow as the rest of a start that does not ask for it
+
     try:
         return metadata.version("tactor-bench")
     except metadata.PackageNotFoundError:

@@ -231,7 +231,9 @@ class WatchdogLoop:
         else:
             from drivers.transport import VisaLink
 
-            link = VisaLink(config.resource, config.timeout_s, config.backend, baud=config.baud)
+            link = VisaLink(
+                config.resource, config.timeout_s, config.backend, baud=config.baud, lock_key=config.lock_key
+            )
             try:
                 source = driver(link, self._clock, **config.options)
             except BaseException:

@@ -11,7 +11,6 @@ eigenproblem of size 2n gives poles *and* residues, and any number of frequencie
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgeev, dpotrf, dtrtri
 
 from model import Array, Complex
 
@@ -93,6 +92,8 @@ def _factors(M: Array, K: Array) -> tuple[Array, Array]:
     """L_M^-1 and L_K; for one set straight from LAPACK, where the overhead of a call counts."""
     if M.ndim > 2:
         return np.linalg.inv(np.asarray(np.linalg.cholesky(M))), np.asarray(np.linalg.cholesky(K))
+    from scipy.linalg.lapack import dpotrf, dtrtri  # takes 0.2 s to load
+
     (L_M, bad_M), (L_K, bad_K) = dpotrf(M, lower=1), dpotrf(K, lower=1)
     if bad_M or bad_K:
         raise np.linalg.LinAlgError("mass or stiffness matrix is not positive definite")
@@ -111,6 +112,8 @@ def _eigenpairs(A: Array) -> tuple[Complex, Complex, Complex]:
 
 
 def _upper_eigenpairs(A: Array) -> tuple[Complex, Complex]:
+    from scipy.linalg.lapack import dgeev
+
     wr, wi, _, vr, info = dgeev(A, compute_vl=0)
     if info:
         raise np.linalg.LinAlgError("the eigenvalues of the damped beam did not converge")

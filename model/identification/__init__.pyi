@@ -11,8 +11,6 @@ from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
-from .chain_difference import ChainDifference as ChainDifference
-from .chain_difference import chain_differences as chain_differences
 from .experiment_design import ExpectedPrecision as ExpectedPrecision
 from .experiment_design import Proposal as Proposal
 from .experiment_design import default_candidates as default_candidates
@@ -40,13 +38,15 @@ from .observations import Side as Side
 from .observations import StaticLoadingObservation as StaticLoadingObservation
 from .observations import VoltageStepsObservation as VoltageStepsObservation
 from .observations import observed_values as observed_values
+from .paper_chain import ChainDifference as ChainDifference
 from .paper_chain import CurveValidation as CurveValidation
 from .paper_chain import PaperChainError as PaperChainError
 from .paper_chain import PaperChainOptions as PaperChainOptions
+from .paper_chain import chain_differences as chain_differences
 from .paper_chain import identify_by_paper_chain as identify_by_paper_chain
+from .paper_chain import linearized_errors as linearized_errors
 from .paper_chain import parabola_vertex as parabola_vertex
 from .paper_chain import resonance_frequencies as resonance_frequencies
-from .paper_chain_errors import linearized_errors as linearized_errors
 from .parameters import SPECIMEN_PARAMETERS as SPECIMEN_PARAMETERS
 from .parameters import default_values as default_values
 from .parameters import elongation_parameter as elongation_parameter

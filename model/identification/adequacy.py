@@ -4,19 +4,19 @@ Tested are the evidence for every possible cause, the size of the misfit, the co
 distribution of the most significant of them under noise alone is simulated for this fit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc, gammaln
 
-from model import Array, Mask
+from model import Array, Complex
 from model.identification import attribution
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
-from model.identification.forward_model import Values, beam_under, equation_factors, skin_from_values
+from model.identification.forward_model import beam_under, equation_factors, skin_from_values
 from model.identification.nonidealities import loop_harmonic, specimen_harmonic, values_of_run
 from model.identification.observations import FrequencyResponseObservation
-from model.identification.receptance import ReceptanceSolver
+from model.identification.receptance import Factors, ReceptanceSolver
 
 SIGNIFICANCE_LEVEL = 0.03
 """Probability over all tests together below which the model is not adequate: rate of false alarms among runs of a correct model."""
@@ -133,7 +133,9 @@ def _pattern_findings(evidence: attribution.Evidence) -> list[Finding]:
 def _harmonic_tests(fit: JointFit) -> list[Finding]:
     """Return tests of measured harmonics against the harmonics of the linear model with the amplifier's two slopes."""
     out = []
-    for run in fit.observations.of_type(FrequencyResponseObservation):
+    runs = [run for run in fit.observations.of_type(FrequencyResponseObservation) if run.harmonics_m is not None]
+    receptances = {k: _receptances(fit, runs, k) for k in TESTED_HARMONICS}
+    for i, run in enumerate(runs):
         noise = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m
         if run.harmonics_m is None or noise is None or run.fundamental_m is None:
             continue
@@ -144,8 +146,7 @@ def _harmonic_tests(fit: JointFit) -> list[Finding]:
             here = np.isfinite(h)
             if not here.any():
                 continue
-            f = run.frequency_hz[run.usable][here]
-            expected = _predicted_harmonic(fit, run, k, f, here)
+            expected = np.abs(receptances[k][i] * _acting_volts(fit, run, k))[here]
             error: Array = np.hypot(noise[run.usable][here], HARMONIC_TOLERANCE * expected)
             h = h[here]
             p = noncentral_chi_square_tail(
@@ -164,17 +165,34 @@ def noncentral_chi_square_tail(value: float, degrees: int, noncentrality: float)
     """Return the probability of more than `value`: a Poisson mixture of central tails, without loading `scipy.stats`."""
     half = max(noncentrality, 1e-12) / 2
     largest = np.sqrt(half * max(value / 2, half))  # the order of the largest term
-    reach = 40 * np.sqrt(largest + 1) + 40
+    reach = 8 * np.sqrt(largest + 1) + 40  # beyond 8 deviations the terms are below 1e-13 of the largest
     j = np.arange(np.floor(max(largest - reach, 0)), np.ceil(largest + reach))
     return float(np.exp(j * np.log(half) - half - gammaln(j + 1)) @ chdtrc(degrees + 2 * j, value))
 
 
-def _predicted_harmonic(fit: JointFit, run: FrequencyResponseObservation, k: int, f: Array, here: Mask) -> Array:
-    v: Values = values_of_run(fit.values, run, fit.observations.reference_c)
-    factors = equation_factors(beam_under(run, v), skin_from_values(run, v), 1)
-    per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
-    H = ReceptanceSolver(l1, l2, fit.options.n).response(factors.take_rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]
+def _receptances(fit: JointFit, runs: Sequence[FrequencyResponseObservation], k: int) -> list[Complex]:
+    """Return the displacement per volt at harmonic k of each usable point of each run, (F,); runs of one geometry are solved together."""
+    values = [values_of_run(fit.values, run, fit.observations.reference_c) for run in runs]
+    groups: dict[tuple[float, float], list[int]] = {}
+    for i, v in enumerate(values):
+        groups.setdefault((v["L1"] / v["L"], v["L2"] / v["L"]), []).append(i)
+    out: dict[int, Complex] = {}
+    for geometry, which in groups.items():
+        own = [equation_factors(beam_under(runs[i], values[i]), skin_from_values(runs[i], values[i]), 1) for i in which]
+        stacked = Factors(*(np.concatenate(each) for each in zip(*own, strict=True)))
+        _, equal = np.unique(np.concatenate(stacked, axis=1), axis=0, return_inverse=True)
+        f = [runs[i].frequency_hz[runs[i].usable] for i in which]
+        rows = np.repeat(np.arange(len(which)), [each.size for each in f])
+        H, _, _ = ReceptanceSolver(*geometry, fit.options.n).response_with_ends(
+            stacked.take_rows(rows), 2 * np.pi * k * np.concatenate(f), (), equal.ravel()[rows]
+        )
+        parts = np.split(H, np.cumsum([each.size for each in f])[:-1])
+        out |= {i: values[i]["mu"] / values[i]["L"] * part for i, part in zip(which, parts, strict=True)}
+    return [out[i] for i in range(len(runs))]
+
+
+def _acting_volts(fit: JointFit, run: FrequencyResponseObservation, k: int) -> Complex:
+    """Return harmonic k of the volts at each usable point, with the hysteresis of the fit, (F,)."""
     volts = specimen_harmonic(run, fit.options.amplifier, k)
-    if v["hysteresis"]:
-        volts = volts + v["hysteresis"] * loop_harmonic(run, fit.options.amplifier, k)
-    return np.asarray(np.abs(per_volt * H) * np.abs(volts[here]))
+    hysteresis = fit.values["hysteresis"]
+    return volts + hysteresis * loop_harmonic(run, fit.options.amplifier, k) if hysteresis else volts

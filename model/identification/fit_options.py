@@ -39,7 +39,7 @@ class FitOptions:
         start: start values by name; default: the present values.
         per_elongation: a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
         loss: loss of one residual in units of its error: "linear" is least squares; the others are robust against outliers.
-        amplifier, n: the amplifier's map, and the number of shape functions.
+        amplifier, n: the amplifier's map, and the number of shape functions: with the paper's 7 a sensor's delay is 0.8 errors off.
     """
 
     tactor: Tactor = field(default_factory=Tactor)
@@ -55,7 +55,7 @@ class FitOptions:
     per_elongation: bool = False
     loss: Loss = "linear"
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
-    n: int = 7
+    n: int = 20
 
     def __post_init__(self) -> None:
         if self.loss not in ("linear", "soft_l1", "cauchy"):

@@ -378,7 +378,11 @@ class ForwardModel:
         errors_hz = [differences.frequency_error(r) for r in runs]
         omega = 2 * np.pi * np.concatenate([r.frequency_hz + e[0] for r, e in zip(runs, errors_hz, strict=True)])
         d_omega = 2 * np.pi * np.concatenate([differences.derivatives(e) for e in errors_hz], axis=1)  # (P, rows)
-        rows = stacked.take_rows(np.repeat(np.arange(len(runs)), sizes))
+        of_run = np.repeat(np.arange(len(runs)), sizes)
+        rows, same = stacked.take_rows(of_run), np.arange(omega.size)
+        if not np.any(v["stiffening"]):
+            _, equal = np.unique(np.concatenate(stacked, axis=1), axis=0, return_inverse=True)
+            same = equal.ravel()[of_run]
         gain = np.zeros((1, omega.size))
         if np.any(v["stiffening"]):
             gain = np.concatenate([self.nonideal.stiffness_gain(r, v, differences.set_count) for r in runs], axis=1)
@@ -386,7 +390,7 @@ class ForwardModel:
         rows.K[:, 3:] *= 1 + gain[0][:, None]
         neighbours = differences.geometry_derivatives(v)
         H, t, moved = ReceptanceSolver(*differences.geometry(v), self.n).response_with_ends(
-            rows, omega, [ends for ends, _ in neighbours]
+            rows, omega, [ends for ends, _ in neighbours], same
         )
         dH = -d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
         if np.any(v["stiffening"]):

@@ -1,6 +1,6 @@
 """Joint fit: weighted least squares over all runs of a specimen, with errors shared by instruments.
 
-Solved by `scipy.optimize.least_squares` (docs/decisions/0027-joint-fit.md). Shared errors are parameters with a prior.
+Solved by a descent along narrow valleys (`valley_descent`, docs/decisions/0027-joint-fit.md). Shared errors are parameters with a prior.
 Unidentified combinations are found from the singular values of the scaled Jacobian and reported instead of numbers. The
 solver works on logarithms of positive parameters and on the others in units of their scale.
 """
@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -18,11 +17,12 @@ from model import Array, ParameterError
 from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
-from model.identification.misfit_scale import LOSS_SCALES, loss_costs, loss_weights
+from model.identification.misfit_scale import loss_costs, loss_weights
 from model.identification.observations import ObservationSet
 from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
 from model.identification.priors import normal_equivalents
 from model.identification.residuals import LeastSquaresProblem
+from model.identification.valley_descent import Box, Linearization, descend
 
 LOG_RANGE = 12.0
 """Range of a logarithm to both sides: five powers of ten."""
@@ -37,9 +37,8 @@ MAX_EVALUATIONS = 400
 """Largest number of evaluations of all descents of a fit. Usual fits need 4 to 50; with 34 parameters and 500 residuals an
 evaluation takes 20 ms."""
 
-ERROR_STAGES = (1000.0, 100.0, 10.0)
-"""Factors on the errors of the runs in first descents, as far as the first misfit exceeds them. Precise runs leave a narrow, bent
-valley, in which descents with the stated errors end far from the minimum; priors lead through a widened valley."""
+RESIDUALS_PER_EVALUATION = 15
+"""Largest number of evaluations of residuals alone, which take a fifth of the time, for each one with slopes; usual fits need 2 to 9."""
 
 SAME_MINIMUM = 1e-3
 """Relative difference of cost up to which two fits ended in one minimum."""
@@ -58,12 +57,6 @@ MAX_LIMIT_FITS = 4
 
 LIMIT_TOLERANCE = 1e-3
 """Change of such a distribution, in standard deviations of the prior, that needs no further fit."""
-
-COARSE_TOLERANCE = 1e-6
-"""Relative, of a descent to a minimum whose misfit turns out to be large: a tenth of an enlarged standard error."""
-
-STAGE_TOLERANCE = 1e-4
-"""Relative tolerance of cost and parameters of a descent with enlarged errors."""
 
 
 class FitCoordinates:
@@ -131,14 +124,14 @@ def joint_fit(
     cancelled: CancelCheck | None = None,
     max_evaluations: int = MAX_EVALUATIONS,
     max_starts: int = 6,
-    tolerance: float = 1e-10,
+    tolerance: float = 0.0,
     enlarged: float = 1.0,
 ) -> JointFit:
     """Fit the free parameters to all runs together.
 
     A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, until two agree. After
     `max_evaluations` the best fit is returned, with a note in `message`; the result does not depend on the computer's load.
-    `tolerance` is the relative tolerance of cost and parameters. The descent takes the errors of the runs `enlarged` times, so that priors
+    `tolerance` is the share of the cost that may be left to gain; 0: a millionth of a standard error. The descent takes the errors of the runs `enlarged` times, so that priors
     count for more; residuals and slopes of the result are over the errors as given.
 
     Raises:
@@ -219,24 +212,6 @@ def _starting_points(problem: LeastSquaresProblem) -> Iterator[Array]:
         yield np.where(spread, table * SPREAD ** (2 * places - 1), table)
 
 
-def _row_losses(problem: LeastSquaresProblem) -> Any:
-    """Return the loss for scipy: prior values count by their squares, whatever the loss of the data."""
-    loss, priors = problem.options.loss, problem.prior_count
-    if loss == "linear":
-        return loss
-
-    def losses(squares: Array) -> Array:
-        rho = np.array([squares, np.ones_like(squares), np.zeros_like(squares)])
-        data = squares.size - priors
-        z, c2 = squares[:data], LOSS_SCALES[loss] ** 2
-        weight = loss_weights(np.sqrt(z), loss)
-        rho[0, :data], rho[1, :data] = loss_costs(np.sqrt(z), loss), weight
-        rho[2, :data] = -(weight**3) / (2 * c2) if loss == "soft_l1" else -(weight**2) / c2
-        return rho
-
-    return losses
-
-
 class _FitMonitor:
     """Runs descents with a limited number of evaluations and cancellation, and keeps the best point."""
 
@@ -246,44 +221,37 @@ class _FitMonitor:
         progress: FitProgress | None,
         cancelled: CancelCheck | None,
         max_evaluations: int,
-        tolerance: float = 1e-10,
+        tolerance: float = 0.0,
         enlarged: float = 1.0,
     ) -> None:
         self.problem, self._progress, self._cancelled = problem, progress, cancelled
         self.evaluations, self.max_evaluations, self._tolerance = 0, max_evaluations, tolerance
+        self._residuals_left = RESIDUALS_PER_EVALUATION * max_evaluations
         self._enlarged = enlarged
 
     def fit(self, start: Array) -> JointFit | None:
         """Return one descent; None if the model cannot be evaluated at the start."""
-        from scipy.optimize import least_squares
-
         p = self.problem
         place = FitCoordinates(p, start)
-        descent = _ResidualFunction(p.condensed, place, self, p.data_count)
+        descent = _ResidualFunction(p.condensed, place, self, 1 / self._enlarged)
         try:
             with np.errstate(all="ignore"):
-                stages = [f for f in ERROR_STAGES if descent.misfit(place.start) > f > self._enlarged]
-                last = [(self._enlarged, tolerance) for tolerance in (COARSE_TOLERANCE, self._tolerance)]
-                for factor, limit in (*((factor, STAGE_TOLERANCE) for factor in stages), *last):
-                    if limit < COARSE_TOLERANCE and descent.misfit(place.start) ** 2 > LARGE_MISFIT:
-                        break
-                    tolerance = max(limit, self._tolerance)
-                    descent.enlarge_errors(factor)
-                    got = least_squares(
-                        descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=_row_losses(p),
-                        xtol=tolerance, ftol=tolerance, gtol=1e-10, max_nfev=DESCENT_EVALUATIONS, x_scale=place.steps,
-                    )  # fmt: skip
-                    place.start = got.x
+                end, settled = descend(
+                    place.start,
+                    Box(place.lower_bounds + BOUND_MARGIN, place.upper_bounds - BOUND_MARGIN, place.steps),
+                    descent.linearize,
+                    descent.cost_and_residuals,
+                    (DESCENT_EVALUATIONS, self._tolerance),
+                )
         except _EvaluationLimitReached:
             if descent.best is None:
                 return None
-            theta = descent.best[0]
+            theta = descent.best
             r, J = p.evaluate(theta)
             converged, message = False, f"stopped after {self.evaluations} evaluations; the best so far"
         else:
-            theta = place.to_parameters(got.x)
+            theta, converged = place.to_parameters(end), settled
             r, J = p.evaluate(theta)
-            converged = bool(got.success)
             message = "converged" if converged else f"stopped after {DESCENT_EVALUATIONS} evaluations without settling"
         if p.options.loss != "linear":
             weights = np.ones(r.size)
@@ -298,6 +266,17 @@ class _FitMonitor:
             message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error is not meaningful"
         return JointFit(p.observations, p.options, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
 
+    def count_residuals(self) -> None:
+        """Count an evaluation of residuals alone; raises as `count_evaluation`."""
+        self._raise_if_cancelled()
+        if self._residuals_left <= 0:
+            raise _EvaluationLimitReached
+        self._residuals_left -= 1
+
+    def _raise_if_cancelled(self) -> None:
+        if self._cancelled is not None and self._cancelled():
+            raise FitCancelled("the fit was stopped on request")
+
     def count_evaluation(self) -> None:
         """Count an evaluation before it begins.
 
@@ -305,8 +284,7 @@ class _FitMonitor:
             FitCancelled: on request.
             _EvaluationLimitReached: the allowed number is exhausted.
         """
-        if self._cancelled is not None and self._cancelled():
-            raise FitCancelled("the fit was stopped on request")
+        self._raise_if_cancelled()
         # The first evaluation is never refused, so that there is a result.
         if self.evaluations >= max(self.max_evaluations, 1):
             raise _EvaluationLimitReached
@@ -319,43 +297,30 @@ class _FitMonitor:
 
 
 class _ResidualFunction:
-    """Return residuals and Jacobian for the solver: each point is evaluated once, and the best point is kept."""
+    """Cost, residuals and slopes for the descent, in its coordinates; the best point is kept.
+
+    Args:
+        problem: the problem.
+        coordinates: the coordinates of the descent.
+        monitor: counts the evaluations.
+        weight: factor on the residuals of the runs; prior values keep their errors.
+    """
 
     def __init__(
-        self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor, data_count: int
+        self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor, weight: float
     ) -> None:
-        self._problem, self._coordinates, self._monitor, self._data_count = problem, coordinates, monitor, data_count
-        self._cached_x, self._cached = b"", (np.empty(0), np.empty((0, 0)))
-        self._weight = 1.0
+        self._problem, self._coordinates, self._monitor, self._weight = problem, coordinates, monitor, weight
         self._least_cost = np.inf
-        self.best: tuple[Array, Array, Array] | None = None
-        """theta, residuals and their slopes at the smallest sum of squares."""
+        self.best: Array | None = None
+        """theta at the least cost."""
 
-    def enlarge_errors(self, factor: float) -> None:
-        """Multiply the errors of the runs by a factor; prior values keep their errors."""
-        self._weight = 1 / factor
+    def linearize(self, x: Array) -> Linearization:
+        """Return cost, residuals and slopes at x, (P,), each row by the root of the weight that its loss gives it.
 
-    def misfit(self, x: Array) -> float:
-        """Root mean square of the residuals of the runs with their own errors."""
-        r = self._evaluate(x)[0]
-        return float(np.sqrt(np.sum(r[: r.size - self._problem.prior_count] ** 2) / self._data_count))
-
-    def residuals(self, x: Array) -> Array:
-        """Return the residuals, (rows,)."""
-        r = self._evaluate(x)[0]
-        return r * self._row_weights(r.size)
-
-    def jacobian(self, x: Array) -> Array:
-        """Return the slopes of the residuals to x, (rows, P)."""
-        J = self._evaluate(x)[1]
-        return J * self._row_weights(len(J))[:, None]
-
-    def _row_weights(self, rows: int) -> Array:
-        return np.where(np.arange(rows) < rows - self._problem.prior_count, self._weight, 1.0)
-
-    def _evaluate(self, x: Array) -> tuple[Array, Array]:
-        if x.tobytes() == self._cached_x:
-            return self._cached
+        Raises:
+            FitCancelled: on request.
+            _EvaluationLimitReached: the allowed number is exhausted, or the model cannot be evaluated at x.
+        """
         self._monitor.count_evaluation()
         theta = self._coordinates.to_parameters(x)
         try:
@@ -363,11 +328,32 @@ class _ResidualFunction:
         except (np.linalg.LinAlgError, ParameterError, FloatingPointError):
             r, J = np.full(1, np.nan), np.zeros((1, x.size))
         if not (np.isfinite(r).all() and np.isfinite(J).all()):
-            if self.best is None:
-                raise _EvaluationLimitReached
-            r, J = np.full(self.best[1].size, 1e8), np.zeros_like(self.best[2])
-        if r @ r < self._least_cost:
-            self._least_cost, self.best = float(r @ r), (theta, r, J)
+            raise _EvaluationLimitReached
+        cost, r, weights = self._weighted(r)
+        if cost < self._least_cost:
+            self._least_cost, self.best = cost, theta
         self._monitor.report(self._least_cost)
-        self._cached_x, self._cached = x.tobytes(), (r, -J * self._coordinates.parameter_derivatives(theta))
-        return self._cached
+        roots = np.sqrt(weights)
+        slopes = -J * self._coordinates.parameter_derivatives(theta)
+        slopes[: r.size - self._problem.prior_count] *= self._weight
+        return Linearization(cost, r * roots, slopes * roots[:, None])
+
+    def cost_and_residuals(self, x: Array) -> tuple[float, Array]:
+        """Return cost and residuals at x; an infinite cost where the model cannot be evaluated. Raises as `linearize`."""
+        self._monitor.count_residuals()
+        try:
+            r = self._problem.residuals(self._coordinates.to_parameters(x))
+        except (np.linalg.LinAlgError, ParameterError, FloatingPointError):
+            return np.inf, np.empty(0)
+        cost, r, weights = self._weighted(r)
+        return (cost if np.isfinite(cost) else np.inf), r * np.sqrt(weights)
+
+    def _weighted(self, r: Array) -> tuple[float, Array, Array]:
+        """Return cost, residuals with the errors of the descent, and the weight of each by its loss."""
+        data = r.size - self._problem.prior_count
+        r = np.concatenate((r[:data] * self._weight, r[data:]))
+        if (loss := self._problem.options.loss) == "linear":
+            return float(r @ r), r, np.ones(r.size)
+        weights = np.ones(r.size)
+        weights[:data] = loss_weights(r[:data], loss)
+        return float(loss_costs(r[:data], loss).sum() + r[data:] @ r[data:]), r, weights

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
 from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, ParameterSpec
 from model.drive_history import DriveHistory, rayleigh_response
 from model.identification import observations as observed
-from model.response import DIFFERENT_DRIVES, REFERENCE_S, crept_response, fourier_series, loop_harmonics
-from model.response import specimen_harmonic as harmonic_of_sine
+from model.response import REFERENCE_S, crept_response, loop_harmonics, sine_harmonics
 from model.specimen import flexible_clamp_lengths
 
 Values = Mapping[str, Any]
@@ -52,6 +50,10 @@ STEP_TIME_S = 1.0
 """Assumed time from a weight, or a level, to its reading, s, for a run that does not state it."""
 SLOPE_STEP = 1e-3
 """Relative step of the amplifier's slopes: loops and creep of earlier levels depend on them, too."""
+KEPT_RUNS = 8192
+"""Largest number of remembered harmonics: of each run up to nine, by order and slopes of the amplifier."""
+DRIVES_AT_ONCE = 64
+"""Drives whose periods are in memory at a time."""
 STIFFENING_M = 1e-3
 """Deflection of a relative growth of the stiffness by `stiffening`, m."""
 TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0, "1/K": 0.1}
@@ -61,19 +63,34 @@ DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.i
 
 def specimen_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
-    return _of_drives(run, lambda *drive: harmonic_of_sine(amplifier, *drive, order))
+    return np.asarray(_sine_harmonics(amplifier, *_drives(run))[:, order])
 
 
 def loop_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of the addition of a `hysteresis` of 1 to the volts on the specimen at each usable point of a run, (F,)."""
-    return _of_drives(run, lambda *drive: loop_harmonics(amplifier, *drive)[order])
+    return np.asarray(_loop_harmonics(amplifier, *_drives(run))[:, order])
 
 
-def _of_drives(run: observed.FrequencyResponseObservation, function: Callable[[float, float], Any]) -> NDArray[Any]:
-    """Return a function of amplitude and offset, called once for each different drive, at each usable point of a run, (F,)."""
-    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
-    different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([function(*drive) for drive in different.tolist()])[where.ravel()]
+def _drives(run: observed.FrequencyResponseObservation) -> tuple[bytes, bytes]:
+    """Return amplitudes and offsets of the usable points of a run as bytes, the keys of the cached harmonics."""
+    amplitude, offset = (np.broadcast_to(a, run.usable.shape) for a in (run.drive_amplitude_v, run.drive_offset_v))
+    return amplitude[run.usable].astype(float).tobytes(), offset[run.usable].astype(float).tobytes()
+
+
+@lru_cache(maxsize=KEPT_RUNS)
+def _sine_harmonics(amplifier: AmplifierMap, amplitude_v: bytes, offset_v: bytes) -> Complex:
+    return sine_harmonics(np.frombuffer(amplitude_v), np.frombuffer(offset_v), amplifier, 0, 5)
+
+
+@lru_cache(maxsize=KEPT_RUNS)
+def _loop_harmonics(amplifier: AmplifierMap, amplitude_v: bytes, offset_v: bytes) -> Complex:
+    amplitude, offset = np.frombuffer(amplitude_v), np.frombuffer(offset_v)
+    starts = range(0, amplitude.size, DRIVES_AT_ONCE)
+    parts = [
+        loop_harmonics(amplifier, amplitude[at : at + DRIVES_AT_ONCE], offset[at : at + DRIVES_AT_ONCE])
+        for at in starts
+    ]
+    return np.concatenate(parts)
 
 
 def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
@@ -177,7 +194,7 @@ class NonidealResponse:
             factor = factor * (1 + _column(v["gain_drift"]) * (run.order - self._first) / (self._last - self._first))
         below, above = v["gain_below_rest"], v["gain_above_rest"]
         if np.any(below) or np.any(above):
-            share = self._keep(run.label, "share", lambda: _of_drives(run, partial(_share_below, self._amplifier)))
+            share = self._keep(run.label, "share", lambda: _share_below(run, self._amplifier))
             factor = factor * (1 + _column(below) * share + _column(above) * (1 - share))
         return factor
 
@@ -245,12 +262,10 @@ def _loading_decades(run: observed.StaticLoadingObservation) -> Array:
     return np.asarray((run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable])
 
 
-@lru_cache(maxsize=DIFFERENT_DRIVES)
-def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> float:
-    """Return the share of the slope below rest in the fundamental of the volts under a sine."""
+def _share_below(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
+    """Return the share of the slope below rest in the fundamental of the volts at each usable point of a run, (F,)."""
     low = AmplifierMap(amplifier.rest_v, amplifier.low_v, amplifier.high_v, amplifier.slope_below, 1e-9)
-    below, both = (fourier_series("sine", amplitude_v, offset_v, each, 1)[1] for each in (low, amplifier))
-    return float((below / both).real)
+    return np.asarray((specimen_harmonic(run, low) / specimen_harmonic(run, amplifier)).real)
 
 
 def _usual_history(run: observed.VoltageStepsObservation, amplifier: AmplifierMap) -> DriveHistory:

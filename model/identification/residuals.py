@@ -76,11 +76,6 @@ class LeastSquaresProblem:
         own = tuple(n for n in self.names if n not in self.observations.shared_errors)
         return LeastSquaresProblem(few, replace(self.options, free=own, also=()), constant)
 
-    @property
-    def data_count(self) -> int:
-        """Number of residuals of runs."""
-        return self.forward_model.rows.row_count
-
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""
         rows = self.forward_model.rows

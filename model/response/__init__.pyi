@@ -1,6 +1,7 @@
 from .closed_form import exact_response as exact_response
 from .drive_spectrum import Waveform as Waveform
 from .drive_spectrum import fourier_series as fourier_series
+from .drive_spectrum import sine_harmonics as sine_harmonics
 from .fast_response import operating_deflection_shape as operating_deflection_shape
 from .fast_response import response_curve as response_curve
 from .harmonic_response import FREQUENCY_SPEC as FREQUENCY_SPEC
@@ -14,13 +15,11 @@ from .harmonic_response import poles as poles
 from .harmonic_response import samples_per_period as samples_per_period
 from .harmonic_response import system_matrices as system_matrices
 from .harmonic_response import tactor_modal_form as tactor_modal_form
-from .lag import DIFFERENT_DRIVES as DIFFERENT_DRIVES
 from .lag import REFERENCE_S as REFERENCE_S
 from .lag import crept_response as crept_response
 from .lag import lag_factor as lag_factor
 from .lag import loop_harmonics as loop_harmonics
 from .lag import loop_share as loop_share
-from .lag import specimen_harmonic as specimen_harmonic
 from .lag import with_lag as with_lag
 from .latency import PUBLISHED_LATENCIES as PUBLISHED_LATENCIES
 from .latency import TOLERANCE_SPEC as TOLERANCE_SPEC
@@ -48,6 +47,7 @@ from .shape_choice import DEFAULT_ACCURACY as DEFAULT_ACCURACY
 from .shape_choice import ShapeChoice as ShapeChoice
 from .shape_choice import choose_shapes as choose_shapes
 from .square_wave import square_wave_response as square_wave_response
+from .square_wave import square_wave_series as square_wave_series
 from .statics import deflection as deflection
 from .statics import load_compliance as load_compliance
 from .statics import voltage_gain as voltage_gain

@@ -7,7 +7,7 @@ scale, so a series, not one number, excites the tactor.
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from model import AmplifierMap, Array, Complex, ParameterError
 
@@ -32,7 +32,7 @@ def fourier_series(
     check_input_range(offset_v - abs(amplitude_v), offset_v + abs(amplitude_v), amplifier)
     match waveform:
         case "sine":
-            return _sine(amplitude_v, offset_v, amplifier, orders)
+            return sine_harmonics(amplitude_v, offset_v, amplifier, 0, orders)
         case "square":
             if not 0 < duty < 1:
                 raise ParameterError(f"duty is {duty}: it must lie between 0 and 1; 0.5 is a symmetric square")
@@ -55,19 +55,27 @@ def check_input_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap
         )
 
 
-def _sine(amplitude: float, offset: float, amplifier: AmplifierMap, orders: int) -> Complex:
-    """Piecewise a + b sin(theta) between the angles where the input crosses rest."""
-    level = (amplifier.rest_v - offset) / amplitude if amplitude else np.inf
-    edges = np.array([0.0, 2 * np.pi])
-    if abs(level) < 1:
-        edges = np.unique(np.concatenate((edges, np.mod([np.arcsin(level), np.pi - np.arcsin(level)], 2 * np.pi))))
-    middle = offset + amplitude * np.sin((edges[1:] + edges[:-1]) / 2)
+def sine_harmonics(
+    amplitude_v: ArrayLike, offset_v: ArrayLike, amplifier: AmplifierMap, first: int, last: int
+) -> Complex:
+    """V_k, k = first..last, of sines at the amplifier's input, (..., last - first + 1), for amplitudes and offsets (...,).
+
+    Piecewise a + b sin(theta) between the angles where the input crosses rest.
+    """
+    amplitude, offset = (np.asarray(a, float)[..., None] for a in (amplitude_v, offset_v))
+    above = amplifier.rest_v - offset
+    level = np.clip(np.divide(above, amplitude, out=np.zeros_like(above + amplitude), where=amplitude != 0), -1, 1)
+    crossings = np.arcsin(level)
+    ends = np.zeros_like(crossings)
+    edges = np.sort(np.mod(np.concatenate((ends, crossings, np.pi - crossings), axis=-1), 2 * np.pi), axis=-1)
+    edges = np.concatenate((edges, ends + 2 * np.pi), axis=-1)  # without a crossing one piece is empty
+    middle = offset + amplitude * np.sin((edges[..., 1:] + edges[..., :-1]) / 2)
     slope = np.where(middle < amplifier.rest_v, amplifier.slope_below, amplifier.slope_above)
-    k = np.arange(-1, orders + 2)
-    E = _integral(k, edges)  # integral of exp(-i k theta) over each piece
-    a, b = slope * (offset - amplifier.rest_v), slope * amplitude
-    V = (a @ E[:, 1:-1] + b @ (E[:, :-2] - E[:, 2:]) / 2j) / np.pi
-    V[0] /= 2
+    E = _integral(np.arange(first - 1, last + 2), edges)  # integral of exp(-i k theta) over each piece
+    a, b = (slope * (offset - amplifier.rest_v))[..., None, :], (slope * amplitude)[..., None, :]
+    V = (a @ E[..., 1:-1] + b @ (E[..., :-2] - E[..., 2:]) / 2j)[..., 0, :] / np.pi
+    if first == 0:
+        V[..., 0] /= 2
     return np.asarray(V)
 
 
@@ -79,7 +87,7 @@ def _square(high: float, low: float, duty: float, orders: int) -> Complex:
 
 
 def _integral(k: NDArray[np.int64], edges: Array) -> Complex:
-    """Integral of exp(-i k theta) over each interval of `edges`, shape (pieces, k.size)."""
+    """Integral of exp(-i k theta) over each interval of `edges`, shape (..., pieces, k.size)."""
     safe = np.where(k == 0, 1, k)
-    phase = np.exp(-1j * edges[:, None] * k)
-    return np.where(k == 0, np.diff(edges)[:, None], np.diff(phase, axis=0) * 1j / safe)
+    phase = np.exp(-1j * edges[..., None] * k)
+    return np.where(k == 0, np.diff(edges)[..., None], np.diff(phase, axis=-2) * 1j / safe)

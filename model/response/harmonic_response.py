@@ -48,8 +48,10 @@ def poles(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Complex:
 
     |s| / 2 pi is the undamped frequency of the pole in Hz and -Re s / |s| its damping ratio.
     """
-    s = tactor_modal_form(tactor, skin, n).poles
-    return s[np.lexsort((-s.imag, np.round(np.abs(s), 9)))]
+    m = system_matrices(tactor, skin, n)
+    # One set of many: NumPy's eigenvalues, without loading SciPy for a single question.
+    s = modal_form(m.M[None], m.C[None], m.K[None], m.B[None], 2 * m.B_F[None]).poles[0]
+    return np.asarray(s[np.lexsort((-s.imag, np.round(np.abs(s), 9)))])
 
 
 def frequency_response(

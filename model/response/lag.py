@@ -6,7 +6,6 @@ the drive. Stiffness and moment refer to the time of 100 Hz and a small drive, w
 """
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model import AmplifierMap, Array, Complex, Specimen
 from model.drive_history import rayleigh_loop, rayleigh_response
-from model.response.drive_spectrum import fourier_series
+from model.response.drive_spectrum import sine_harmonics
 
 if TYPE_CHECKING:
     from model.response.periodic_response import PeriodicResponse
@@ -23,8 +22,6 @@ REFERENCE_S = 1 / (2 * np.pi * 100)
 """Time at which creep is zero by definition: the time constant of 100 Hz, near the resonance."""
 LOOP_SAMPLES = 2048
 """Samples per period, for the harmonics of hysteresis."""
-DIFFERENT_DRIVES = 4096
-"""Number of drives with cached harmonics: each point of a dwell has its own measured drive."""
 
 
 def crept_response(creep: Any, omega: Any) -> Any:
@@ -32,19 +29,16 @@ def crept_response(creep: Any, omega: Any) -> Any:
     return 1 - creep * (np.log(1j * omega * REFERENCE_S) + np.euler_gamma) / np.log(10)
 
 
-@lru_cache(maxsize=DIFFERENT_DRIVES)
-def specimen_harmonic(amplifier: AmplifierMap, amplitude_v: float, offset_v: float, order: int) -> complex:
-    """Return V_k of the volts on the specimen under a sine at the amplifier's input."""
-    return complex(fourier_series("sine", amplitude_v, offset_v, amplifier, order)[order])
+def loop_harmonics(amplifier: AmplifierMap, amplitude_v: ArrayLike, offset_v: ArrayLike) -> Complex:
+    """Return V_k, k = 0..5, added by hysteresis under sines at the amplifier's input, per unit of hysteresis, (..., 6).
 
-
-@lru_cache(maxsize=DIFFERENT_DRIVES)
-def loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> Complex:
-    """Return V_k, k = 0..5, added by hysteresis under a sine at the amplifier's input, per unit of hysteresis."""
+    Amplitudes and offsets, (...,), broadcast.
+    """
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
     theta = 2 * np.pi * np.arange(LOOP_SAMPLES) / LOOP_SAMPLES
-    loop = rayleigh_loop(amplifier.specimen_v(offset_v + amplitude_v * np.sin(theta))) / ((high - low) / 2)
-    return np.asarray(2 * np.fft.rfft(loop)[:6] / LOOP_SAMPLES)
+    amplitude, offset = (np.asarray(a, float)[..., None] for a in (amplitude_v, offset_v))
+    loop = rayleigh_loop(amplifier.specimen_v(offset + amplitude * np.sin(theta))) / ((high - low) / 2)
+    return np.asarray(2 * np.fft.rfft(loop)[..., :6] / LOOP_SAMPLES)
 
 
 def loop_share(volts: Array, lines: NDArray[np.int_], amplifier: AmplifierMap) -> Complex:
@@ -73,7 +67,7 @@ def lag_factor(
     """
     map_ = amplifier or AmplifierMap()
     drive = (map_, float(amplitude_v), float(map_.rest_v if offset_v is None else offset_v))
-    late = loop_harmonics(*drive)[1] / specimen_harmonic(*drive, 1) if np.any(hysteresis) else 0.0
+    late = loop_harmonics(*drive)[1] / sine_harmonics(*drive[1:], map_, 1, 1)[0] if np.any(hysteresis) else 0.0
     f = np.maximum(np.atleast_1d(np.asarray(frequency_hz, float)), 1e-9)
     crept = crept_response(np.asarray(creep, float)[..., None], 2 * np.pi * f)
     return np.asarray((1 + np.asarray(hysteresis, float)[..., None] * late) * crept, complex)

@@ -1,13 +1,14 @@
 """Number of shape functions, or of Hermite elements' unknowns, that keeps a stated accuracy against the closed form."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from model import NO_SKIN, Array, Complex, ParameterError, Skin, Tactor
-from model.beam import hermite_gram, matrices, modal_form, receptance
+from model.beam import gram, hermite_gram, matrices, modal_form, receptance
 from model.response.closed_form import exact_response
-from model.response.harmonic_response import frequency_response
 
 DEFAULT_ACCURACY = 1e-3
 """Largest deviation of the complex response from the closed form, over the response."""
@@ -78,14 +79,16 @@ def choose_shapes(
         tried = [(SHAPE_STEPS[0], False), *((count, True) for count in HERMITE_STEPS)]
     error, count, elements = np.inf, 0, False
     for count, elements in tried:
-        response = _hermite_response(tactor, f, skin, count) if elements else frequency_response(tactor, f, skin, count)
+        response = _response(tactor, f, skin, count, hermite_gram if elements else gram)
         error = float(np.max(np.abs(response - exact) / np.abs(exact)))
         if error <= accuracy:
             break
     return ShapeChoice(count, error, accuracy, top, elements)
 
 
-def _hermite_response(tactor: Tactor, f: Array, skin: Skin | None, n: int) -> Complex:
+def _response(tactor: Tactor, f: Array, skin: Skin | None, n: int, integrals: Callable[..., Any]) -> Complex:
     skin = skin or NO_SKIN
-    m = matrices(tactor.beam, skin.k_s, skin.c_s, n, hermite_gram)
-    return receptance(modal_form(m.M, m.C, m.K, m.B, 2 * m.B_F), 2 * np.pi * f)
+    m = matrices(tactor.beam, skin.k_s, skin.c_s, n, integrals)
+    # One set of many: NumPy's eigenvalues, without loading SciPy for a single question.
+    form = modal_form(m.M[None], m.C[None], m.K[None], m.B[None], 2 * m.B_F[None])
+    return np.asarray(receptance(form, 2 * np.pi * f)[0])

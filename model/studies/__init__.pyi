@@ -11,6 +11,12 @@ from .parameter_study import Axis as Axis
 from .parameter_study import Measure as Measure
 from .parameter_study import Study as Study
 from .parameter_study import StudyResult as StudyResult
+from .power import LOAD_SPECS as LOAD_SPECS
+from .power import PowerWaveform as PowerWaveform
+from .power import battery_life as battery_life
+from .power import drive_power as drive_power
+from .power import least_power as least_power
+from .power import load_set as load_set
 from .sensitivity import sobol_indices_of as sobol_indices_of
 from .shape_function_convergence import convergence as convergence
 from .uncertainty import EstimateSet as EstimateSet

@@ -54,7 +54,7 @@ class OnsetLatencyAspects(Aspects):
         """Yield the responses after an onset, and the times over the frequency beside the times of other actuators."""
         from model.response import PUBLISHED_LATENCIES  # slow to import
 
-        threshold_m = float(points.run.record.parameters["threshold_m"])
+        threshold_m = float(points.run.setup.parameters["threshold_m"])
         yield Figure(lines=points.run.series(), levels=(-threshold_m, threshold_m))
         x = SeriesAxis("frequency", "Hz", "frequency of the sine, a step at 0")
         columns = (("latency", f"time to {1e6 * threshold_m:g} µm"), ("rise", "rise: step 10 to 90 %, sine to 90 %"))

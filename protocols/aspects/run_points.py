@@ -4,7 +4,7 @@ The gain error of a sensor is shared by all its values; its name has the serial 
 share it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
@@ -18,6 +18,8 @@ from protocols.runfile import Run
 
 MAX_INPUT_ERRORS = 100
 """Largest number of errors of single inputs, such as masses or levels, of one run in a fit."""
+ONE_TEMPERATURE_K = 1.0
+"""Differences of temperature within a run that count as one temperature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +31,50 @@ class RunPoints:
         columns: columns of its points, (F,) each.
         good: mask of points that a fit may use, (F,); flagged points are kept but not used.
         read_protocol: function that returns the protocol with the run's parameters; raises RunReadError for rejected parameters.
+        part: end of the label, of a part of the points.
     """
 
     run: Run
     columns: dict[str, Array]
     good: Mask
     read_protocol: Callable[[], Protocol]
+    part: str = ""
 
     @property
     def label(self) -> str:
         """Label of the run's observations."""
-        return self.run.path.stem
+        return self.run.path.stem + self.part
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Mean temperature of the usable points, degrees Celsius; of the run, if they have none; None if unknown."""
+        measured = self._measured_c
+        return self.run.setup.conditions.temperature_c if measured.size == 0 else float(measured.mean())
+
+    @property
+    def _measured_c(self) -> Array:
+        stored = self.columns.get("air_temperature", np.empty(0))
+        return stored[self.good & np.isfinite(stored)] if stored.size else stored
+
+    def by_temperature(self) -> Iterator["RunPoints"]:
+        """Yield the points in groups of nearly one temperature, each with all rows and a mask of its own; most runs are one group.
+
+        A point without a temperature belongs to the group nearest to the mean.
+        """
+        measured = self._measured_c
+        if measured.size == 0 or np.ptp(measured) <= ONE_TEMPERATURE_K:
+            yield self
+            return
+        stored = self.columns["air_temperature"]
+        group = np.round(np.where(np.isfinite(stored), stored, measured.mean()) / ONE_TEMPERATURE_K)
+        for number in np.unique(group[self.good]):
+            mine = replace(self, good=self.good & (group == number))
+            yield replace(mine, part=f" at {mine.temperature_c:.1f} °C")
 
     @property
     def start_s(self) -> float:
         """When the run was started, s: the order of runs."""
-        return datetime.fromisoformat(self.run.record.start_time).timestamp() if self.run.record.start_time else 0.0
+        return datetime.fromisoformat(self.run.setup.start_time).timestamp() if self.run.setup.start_time else 0.0
 
     def take(self, rows: Mask) -> "RunPoints":
         """Return some of the points."""
@@ -87,7 +117,7 @@ class RunPoints:
 
     def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
         """Return the errors of sensor and amplifier that act on these targets, whether the run is simulated, its temperature and mountings."""
-        sensor, amplifier = self.run.record.sensor, self.run.record.configuration.get("amplifier", {})
+        sensor, amplifier = self.run.setup.sensor, self.run.setup.configuration.get("amplifier", {})
         label = f"{sensor.name} {sensor.serial}".strip()
         slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
         stated: tuple[tuple[str, ErrorTarget, float], ...] = (
@@ -96,11 +126,10 @@ class RunPoints:
             (slopes, "volts", float(amplifier.get("slope_relative_uncertainty", 0.0))),
         )
         errors = tuple(SharedError(name, on, size) for name, on, size in stated if size > 0 and on in acting)
-        record = self.run.record
         return {
             "shared_errors": errors,
-            "simulated": record.simulated,
-            "temperature_c": record.conditions.temperature_c,
+            "simulated": self.run.setup.simulated,
+            "temperature_c": self.temperature_c,
             "mountings": {each.part: each.time for each in self.run.mountings},
         }
 
@@ -136,7 +165,7 @@ class RunPoints:
     def recording_times(self, count: int) -> Array | None:
         """Return begin and end of the last `count` recordings of each point, s, (F, count, 2); None if a point has fewer."""
         run, entries = self.run, self.columns["entry"]
-        if run.record.imported or not entries.size or run.resumed_from is not None:
+        if run.setup.imported or not entries.size or run.resumed_from is not None:
             return None
         trace, places = run.trace, dict[int, list[tuple[int, int]]]()
         for first, stop, entry in trace.recording_rows():

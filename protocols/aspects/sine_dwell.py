@@ -159,7 +159,7 @@ def amplitude_model(
     points: RunPoints, elongation_m: float | None = None, peak_to_peak: bool = True
 ) -> Callable[[ModelState, Array], Array]:
     """Return the model of max - min, or of twice the fundamental, under the run's drive, free or at an elongation of the membrane."""
-    amplitude_v = float(points.run.record.parameters["peak_to_peak_v"]) / 2
+    amplitude_v = float(points.run.setup.parameters["peak_to_peak_v"]) / 2
 
     def amplitudes(state: ModelState, frequency_hz: Array) -> Array:
         from model.response import driven_amplitudes, lag_factor  # slow to import
@@ -182,7 +182,7 @@ def dwell_observation(
     """Return the response to sines, free or under a membrane."""
     columns = points.columns
     foreign = (
-        points.run.record.imported and not np.isfinite(columns["harmonics"]).any()
+        points.run.setup.imported and not np.isfinite(columns["harmonics"]).any()
     )  # exports of this program have harmonics
     sine, width = (
         points.good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0)
@@ -209,13 +209,13 @@ def dwell_observation(
     common = points.common_arguments("displacement", "delay", "volts")
     common["shared_errors"] += points.input_errors("frequency", "frequency", good, f"{label}, {{}} Hz")
     if elongation_m is not None:
-        common["mountings"] |= {"membrane": points.run.record.start_time}  # which the run itself puts on
+        common["mountings"] |= {"membrane": points.run.setup.start_time}  # which the run itself puts on
         common["shared_errors"] += points.input_errors("elongation", "elongation", good, f"{label}, {{}} m")
     offset_v = columns["drive_offset"]
     return identification.FrequencyResponseObservation(
         label,
         columns["frequency"],
-        drive_amplitude_v=_within_range(columns["drive_amplitude"], offset_v, points.run.record.amplifier_map),
+        drive_amplitude_v=_within_range(columns["drive_amplitude"], offset_v, points.run.setup.amplifier_map),
         drive_offset_v=offset_v,
         elongation_m=elongation_m,
         good=good,

@@ -100,7 +100,7 @@ class StaticLoadingAspects(Aspects):
         for name, at, deflection in _pushed_sides(points):
             errors = columns["deflection_errors"][at]
             common = points.common_arguments("displacement")
-            common["shared_errors"] += _weight_errors(points, good & at)
+            common["shared_errors"] += _weight_errors(points, good & at, history is not None)
             yield identification.StaticLoadingObservation(
                 f"{points.label} {name}",
                 columns["load"][at],
@@ -130,8 +130,8 @@ def _deflection(state: ModelState, load_n: Array) -> Array:
     )
 
 
-def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
-    """Return the error of each weight, shared by all repeats, both sides and all runs with it."""
+def _weight_errors(points: RunPoints, good: Mask, timed: bool) -> tuple[SharedError, ...]:
+    """Return the error of each weight, shared by all repeats, both sides and all runs with it; `timed`: the run has the history of its loads."""
     load, mass = points.columns["load"], points.columns["mass"]
     grams = 1e3 * load / GRAVITY if np.isnan(mass).any() else 1e3 * mass
     errors = []
@@ -139,7 +139,8 @@ def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
         weight = float(grams[load == error.at][0])
         label = f"weight of {weight:.6g} g (load {error.at:.9g} N, uncertainty {100 * error.standard_error:.6g} %)"
         errors.append(replace(error, name=label))
-        if (crept := _crept_while_placing(points, points.good & (load == error.at))) > 0:
+        crept = _crept_while_placing(points, points.good & (load == error.at)) if timed else 0.0
+        if crept > 0:
             name = f"{points.label}, time of putting on {weight:.6g} g"
             errors.append(replace(error, name=name, standard_error=crept))
     return tuple(errors)
@@ -148,7 +149,7 @@ def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
 def _crept_while_placing(points: RunPoints, rows: Mask) -> float:
     """Return the creep under a weight within the uncertainty of the time at which it was put on, as a share of the deflection."""
     slope = points.columns.get("creep")
-    if slope is None or history_of_loads(points) is None:
+    if slope is None:
         return 0.0
     share = np.abs(slope[rows] / points.columns["deflection"][rows]) * measurements.PLACING_S
     return float(np.median(share)) if np.isfinite(share).all() else 0.0

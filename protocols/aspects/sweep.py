@@ -63,7 +63,7 @@ class SweepAspects(RunningSweepAspects):
         The amplifier's two slopes are their mean and an even part; the sweep is played with both signs, so that only the mean is
         in its lines, as in the fundamental of a sine.
         """
-        run, map_ = points.run, points.run.record.amplifier_map
+        run, map_ = points.run, points.run.setup.amplifier_map
         curves = {curve.entry: curve for curve in run.series() if curve.name == signals.FREQUENCY_RESPONSE}
         for i in np.flatnonzero(points.good).tolist():
             curve = curves.get(int(points.columns["entry"][i]))
@@ -71,7 +71,7 @@ class SweepAspects(RunningSweepAspects):
                 continue
             seen_v = points.columns["drive_amplitude"][i]
             amplitude_v = float(min(seen_v, map_.high_v - map_.rest_v, map_.rest_v - map_.low_v))
-            lines = response_lines(curve, bool(run.record.imported)).scaled(1.0, amplitude_v)
+            lines = response_lines(curve, bool(run.setup.imported)).scaled(1.0, amplitude_v)
             if lines.x.size and amplitude_v > 0:
                 yield identification.FrequencyResponseObservation(
                     f"{points.label} {curve.label}".strip(),
@@ -82,7 +82,7 @@ class SweepAspects(RunningSweepAspects):
                     drive_offset_v=map_.rest_v,
                     swept=True,
                     order=points.start_s,
-                    loop_share=None if run.record.imported else _loop_share(points, lines.x),
+                    loop_share=None if run.setup.imported else _loop_share(points, lines.x),
                     **points.common_arguments("displacement", "delay", "volts"),
                 )
 
@@ -121,7 +121,7 @@ def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:
     """
     from model.response import loop_share  # slow to import
 
-    protocol, amplifier = points.read_protocol(), points.run.record.amplifier_map
+    protocol, amplifier = points.read_protocol(), points.run.setup.amplifier_map
     assert isinstance(protocol, measurements.Sweep)
     drives = protocol.drives(amplifier.rest_v)
     if len(drives) != 1 or drives[0].period_s * drives[0].stop_hz > MAX_SWEPT_CYCLES:

@@ -90,7 +90,7 @@ class VoltageStepsAspects(Aspects):
 
     def figures(self, points: RunPoints) -> Iterator[Figure]:
         """Yield the deflection under a held voltage, against rest: levels reached from below and from above."""
-        amplifier, rising = points.run.record.amplifier_map, _rising(points)
+        amplifier, rising = points.run.setup.amplifier_map, _rising(points)
         x = SeriesAxis("level", "V", "voltage at the amplifier's input")
         measured = replace(points.series(x, SeriesAxis("deflection", "m")), x=_input_v(points))
         ways = () if rising is None else (("rising", rising), ("falling", ~rising))
@@ -116,7 +116,7 @@ class VoltageStepsAspects(Aspects):
             common["shared_errors"] += _rest_errors(points.label, columns["zero"][points.good])
         elif np.isfinite(columns["drive_step"]).any():  # against rest before each level
             held_s = np.where(np.isfinite(time), time, DEFAULT_READ_S)
-            history = DriveHistory.of_levels(input_v, points.run.record.amplifier_map.rest_v, held_s, staircase=False)
+            history = DriveHistory.of_levels(input_v, points.run.setup.amplifier_map.rest_v, held_s, staircase=False)
         yield identification.VoltageStepsObservation(
             points.label,
             input_v,
@@ -159,7 +159,7 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
     if reached is None or not np.isfinite(reached).all():
         return None
     begun, end = reached - ramp, reached + protocol.hold_s
-    rest = np.full(ramp.size, points.run.record.amplifier_map.rest_v)
+    rest = np.full(ramp.size, points.run.setup.amplifier_map.rest_v)
     return DriveHistory.of_points(
         np.stack((begun, reached, end, end + ramp), axis=1),
         np.stack((rest, level, level, rest), axis=1),

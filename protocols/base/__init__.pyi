@@ -1,4 +1,5 @@
 from .aspects import Aspects as Aspects
+from .channels import AIR_KINDS as AIR_KINDS
 from .channels import FLOW_KINDS as FLOW_KINDS
 from .channels import ChannelCalibration as ChannelCalibration
 from .channels import ChannelSignal as ChannelSignal
@@ -12,6 +13,7 @@ from .events import UNCHANGED as UNCHANGED
 from .events import BenchArmed as BenchArmed
 from .events import BlockDiscarded as BlockDiscarded
 from .events import BlockStored as BlockStored
+from .events import CyclesInterrupted as CyclesInterrupted
 from .events import DriveReadbackChanged as DriveReadbackChanged
 from .events import DriveStarted as DriveStarted
 from .events import EntryStarted as EntryStarted
@@ -36,6 +38,8 @@ from .events import SettlingFinished as SettlingFinished
 from .events import ShutdownStarted as ShutdownStarted
 from .events import SpecimenMayBeLive as SpecimenMayBeLive
 from .events import SpecimenMounted as SpecimenMounted
+from .events import StopOffered as StopOffered
+from .events import StopRequested as StopRequested
 from .events import StreamStarted as StreamStarted
 from .events import event_record as event_record
 from .events import last_mountings as last_mountings
@@ -51,7 +55,9 @@ from .importing import ImportedTable as ImportedTable
 from .importing import ImportForm as ImportForm
 from .importing import RunOfSamples as RunOfSamples
 from .importing import TableImportError as TableImportError
+from .protocol import AirTarget as AirTarget
 from .protocol import Protocol as Protocol
+from .protocol import UnattendedRun as UnattendedRun
 from .protocol import extend_plan as extend_plan
 from .protocol import first_adapted as first_adapted
 from .quality import Quality as Quality
@@ -61,6 +67,7 @@ from .records import MAX_RECORDING_SCANS as MAX_RECORDING_SCANS
 from .records import PART_SCANS as PART_SCANS
 from .records import STREAMED_RECORDING_SCANS as STREAMED_RECORDING_SCANS
 from .records import Array as Array
+from .records import CycleStatistics as CycleStatistics
 from .records import EstimatedQuantity as EstimatedQuantity
 from .records import InterferenceLine as InterferenceLine
 from .records import PlanEntry as PlanEntry
@@ -77,6 +84,7 @@ from .run_figures import RunFigure as RunFigure
 from .steps import DISABLE_HIGH_VOLTAGE as DISABLE_HIGH_VOLTAGE
 from .steps import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE
 from .steps import Ask as Ask
+from .steps import Cycle as Cycle
 from .steps import DetectionResult as DetectionResult
 from .steps import Detector as Detector
 from .steps import Log as Log
@@ -108,6 +116,5 @@ from .verdict import checks_by_remedy as checks_by_remedy
 from .verdict import judge as judge
 from .verdict import judge_ended as judge_ended
 from .whole_files import file_hash as file_hash
-from .whole_files import open_regular as open_regular
 from .whole_files import replacing as replacing
 from .whole_files import write_atomic as write_atomic

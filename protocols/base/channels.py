@@ -73,6 +73,8 @@ def _look_up(values: Array, raw: NDArray[np.int16]) -> Array:
 
 VOLTAGE_KIND, FLOW_KINDS = "voltage-monitor", ("current-monitor", "charge")
 """Kinds of a bench's further inputs: volts on the specimen, and what flows into it."""
+AIR_KINDS = "temperature", "humidity"
+"""Kinds of sensors of the air: degrees Celsius, and relative humidity from 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)

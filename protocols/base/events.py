@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any, ClassVar
 
 from drivers import Block, Drive, Scale, as_record
-from protocols.base.records import InterferenceLine, Series
+from protocols.base.records import CycleStatistics, InterferenceLine, Series
 from protocols.base.steps import Prompt
 from protocols.base.text import to_jsonable
 from protocols.base.verdict import Outcome, RunStatus, Verdict
@@ -111,6 +111,14 @@ class SettlingFinished(Event, kind="SettleEnded"):
 
     settled: bool
     after_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CyclesInterrupted(Event, kind="CyclesInterrupted"):
+    """A block of cycles was interrupted; its entry continues with the cycles that are left."""
+
+    entry: int
+    driven: CycleStatistics
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,13 +265,28 @@ class LogMessage(Event, kind="Noted"):
 
 
 @dataclass(frozen=True, slots=True)
+class StopOffered(Event, kind="StopOffered"):
+    """The present run can be stopped from a phone at this address. Published, never stored: the address has the token."""
+
+    url: str
+
+
+@dataclass(frozen=True, slots=True)
+class StopRequested(Event, kind="StopRequested"):
+    """A stop that was not requested by the operator at the bench."""
+
+    by: str
+    """Who requested it, as in `a phone at 192.168.1.20`."""
+
+
+@dataclass(frozen=True, slots=True)
 class LevelExceeded(Event, kind="LevelExceeded"):
     """An abort level was exceeded; the points of the entry are flagged, and `action` follows."""
 
     level: str
-    """Name in the table [levels] of the bench file."""
+    """Name in the table [levels] of the bench file, or of a figure of the protocol with a limit."""
     time_s: float
-    """End of the block that exceeded the level, seconds since the start of the acquisition."""
+    """End of the block that exceeded the level, seconds since the start of the acquisition; NaN for a figure."""
     channel: str
     value: float
     limit: float

@@ -7,15 +7,18 @@ repeating a point therefore work the same way for all protocols.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 
+from annotated_types import Interval, Unit
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from drivers import Drive
+from drivers import HIGHEST_C, LOWEST_C, Drive
 from model import current_parameter
 from protocols.base.aspects import Aspects, AspectsOfModule
+from protocols.base.events import LevelExceeded
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
+    Array,
     EstimatedQuantity,
     InterferenceLine,
     PlanEntry,
@@ -25,6 +28,26 @@ from protocols.base.records import (
 from protocols.base.reference import ReferenceModel
 from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
+
+
+class UnattendedRun(NamedTuple):
+    """An unattended run: the person responsible, its longest duration in bench time, and whether it can be stopped from a phone."""
+
+    responsible: str
+    longest_s: float
+    stop_from_phone: bool = False
+
+
+class AirTarget(NamedTuple):
+    """Temperature of the air to wait for: near `celsius` for `steady_s`; the wait ends the run after `longest_s`."""
+
+    celsius: float
+    within_k: float
+    steady_s: float
+    longest_s: float
+
+    def __str__(self) -> str:
+        return f"{self.celsius:g} °C (within {self.within_k:g} K) for {self.steady_s:g} s"
 
 
 class Protocol(BaseModel, ABC):
@@ -55,6 +78,12 @@ class Protocol(BaseModel, ABC):
     restore: ClassVar[Prompt | None] = None
     """Prompt of the next run of another protocol, if this one does not leave the tactor under the sensor."""
 
+    integrates_velocity: ClassVar[bool] = False
+    """Whether the analysis takes a vibrometer's velocity; the others need the displacement itself, with its mean."""
+
+    repeatable: ClassVar[bool] = True
+    """Whether an entry may be measured again; not where each wears the specimen and is counted."""
+
     rest_record_s: ClassVar[float] = 1.0
     """Duration of the recording at rest before the first entry, in which hum and other interference is measured; 0: none."""
 
@@ -65,6 +94,21 @@ class Protocol(BaseModel, ABC):
     """Aspects for fit, import, figures and lists; a laboratory's protocol assigns an instance of its own subclass."""
 
     sample_rate_hz: float
+    air_temperature_c: Annotated[
+        float,
+        Unit("degC"),
+        Interval(ge=LOWEST_C, le=HIGHEST_C),
+        "temperature of the air to wait for at rest before the first entry",
+    ] = 23.0
+    air_within_k: Annotated[
+        float, Unit("K"), Interval(ge=0, le=10), "largest distance from air_temperature_c; 0: do not wait"
+    ] = 0.0
+    air_steady_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=86_400), "for how long the temperature must be within air_within_k"
+    ] = 300.0
+    air_longest_s: Annotated[float, Unit("s"), Interval(gt=0, le=604_800), "longest wait, after which the run ends"] = (
+        7200.0
+    )
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
@@ -89,6 +133,13 @@ class Protocol(BaseModel, ABC):
         return dict(zip(present, values.values(), strict=True))
 
     @property
+    def air_target(self) -> AirTarget | None:
+        """Temperature of the air to wait for; None: the run does not wait."""
+        if not self.air_within_k:
+            return None
+        return AirTarget(self.air_temperature_c, self.air_within_k, self.air_steady_s, self.air_longest_s)
+
+    @property
     def meters(self) -> tuple[str, ...]:
         """Names of the meters of the protocol, as in the bench file."""
         return ()
@@ -102,6 +153,10 @@ class Protocol(BaseModel, ABC):
 
         `reason_unsupported` returns the reason why the source cannot play a drive, empty if it can.
         """
+        return self
+
+    def with_history(self, points: Mapping[str, Array]) -> Self:
+        """Return the protocol with expected values from the points of the specimen's last good run of the same name. Pure."""
         return self
 
     def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
@@ -138,6 +193,23 @@ class Protocol(BaseModel, ABC):
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """Return warnings about the points so far; each is shown to the operator once."""
         return ()
+
+    def drifts(self, points: Sequence[Any]) -> tuple[Series, ...]:
+        """Return series over all points so far; drawn anew after each point, and stored with the first entry. Pure."""
+        return ()
+
+    def limits_exceeded(self, points: Sequence[Any]) -> tuple[LevelExceeded, ...]:
+        """Return the limits of the protocol's own figures that the points so far exceed; each acts once in a run. Pure."""
+        return ()
+
+    def uncounted(self, entry: PlanEntry) -> str:
+        """Return what an entry may have done uncounted that a killed program has begun, as a sentence; empty if nothing."""
+        return ""
+
+    @property
+    def unattended_run(self) -> UnattendedRun | None:
+        """Who is responsible for a run with nobody at the bench, and its longest duration; None for a run that is attended."""
+        return None
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         """Return the protocol's own checks of the result; the verdict is the worst consequence. Pure.

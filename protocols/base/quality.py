@@ -40,7 +40,9 @@ class Quality(IntFlag):
     """The coinciding line lies above half the sample rate and is folded back: sample faster or at another rate, or filter."""
     DISTURBED = 8192
     """The sensor failed or was moved within the recording: it stuck, jumped, dropped out or was cut off, or its noise changed."""
-    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED | INTERFERENCE | FOLDED
+    AIR_UNKNOWN = 16384
+    """The bench has a sensor of the air, which gave no reading for this point."""
+    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED | INTERFERENCE | FOLDED | AIR_UNKNOWN
     """Flags of a usable value."""
 
     @property

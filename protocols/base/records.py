@@ -1,10 +1,12 @@
 """Records of a run: its conditions, plan entry, recording, series."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from drivers import Drive
 from model import Array as Array
@@ -101,6 +103,48 @@ class InterferenceLine:
 
 
 @dataclass(frozen=True, slots=True)
+class CycleStatistics:
+    """Displacement of a block of cycles, from all its samples that were read and are valid; NaN without any.
+
+    Attributes:
+        cycles: number of cycles driven.
+        scans: number of samples.
+        square_m2: mean of the squares, m^2.
+    """
+
+    cycles: int = 0
+    scans: int = 0
+    low_m: float = math.nan
+    high_m: float = math.nan
+    mean_m: float = math.nan
+    square_m2: float = math.nan
+
+    def with_samples(self, displacement_m: Array) -> "CycleStatistics":
+        """Return the statistics with further samples, (samples,)."""
+        size, scans = displacement_m.size, self.scans + displacement_m.size
+        sums = [float(displacement_m.sum()), float(displacement_m @ displacement_m)]
+        if self.scans:
+            sums = [sums[0] + self.scans * self.mean_m, sums[1] + self.scans * self.square_m2]
+        if not size:
+            return self
+        low, high = float(displacement_m.min()), float(displacement_m.max())
+        return CycleStatistics(
+            self.cycles, scans, float(np.fmin(low, self.low_m)), float(np.fmax(high, self.high_m)), sums[0] / scans, sums[1] / scans
+        )  # fmt: skip
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square about the mean."""
+        return math.sqrt(max(self.square_m2 - self.mean_m**2, 0.0)) if self.scans else math.nan
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, float | None]) -> "CycleStatistics":
+        """Return the statistics that an event in a run file has as a JSON object."""
+        values = {name: math.nan if value is None else value for name, value in record.items()}
+        return cls(int(values.pop("cycles")), int(values.pop("scans")), **values)
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """Samples recorded under one drive, in SI units, and their quality.
 
@@ -127,6 +171,12 @@ class Recording:
     """Noise of the displacement at rest before the first drive, by the errors of its prediction; NaN if not measured."""
     inputs: FurtherInputs | None = None
     """Further inputs of the card; None for a recording of imported samples."""
+    velocity_corner_hz: float | None = None
+    """Corner of the high pass of a vibrometer, whose velocity, in m/s, stands for the displacement; None for a displacement."""
+    cycles: CycleStatistics | None = None
+    """Statistics of a block of cycles (`Cycle`), of which the samples are a part; None for other recordings, and in a file."""
+    air: Mapping[str, float] = field(default_factory=dict)
+    """Air temperature and humidity, by point column; read from a file, the values of the entry. Empty if the bench has no air sensor."""
 
     def parts(self, longest: int = PART_SCANS) -> "tuple[Recording, ...]":
         """Return the recording in parts of about equal length, of `longest` scans at most."""
@@ -158,7 +208,7 @@ class StreamedRecording(Recording):
     _read: Callable[[tuple[int, int], bool], Array]
 
     def __init__(self, read_channel: Callable[[tuple[int, int], bool], Array], **values: Any) -> None:
-        for name, value in {**values, "_read": read_channel}.items():
+        for name, value in {"cycles": None, "velocity_corner_hz": None, **values, "_read": read_channel}.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -188,6 +238,7 @@ class PlanEntry:
         key: identifies the entry by plain values: a frequency, a mass, a repeat. Stored in the file.
         setup: set-up by the operator; prompted if it differs from the previous entry's.
         prompts: number of further prompts.
+        stored_s: duration of its stored samples, if they are fewer than those of its whole duration.
     """
 
     label: str
@@ -196,3 +247,4 @@ class PlanEntry:
     key: tuple[float | str, ...] = ()
     setup: Prompt | None = None
     prompts: int = 0
+    stored_s: float | None = None

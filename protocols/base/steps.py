@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Protocol
 
-from drivers import Drive
+from drivers import Drive, Sine
 from model import Array
 
 
@@ -50,6 +50,18 @@ class Record:
     duration_s: float
     drive: Drive | None = None
     lead_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """Play a sine to its end, count its cycles, store its first `keep_s`, then wait at rest. Returns a `Recording` with `cycles`.
+
+    After an interruption only the cycles that are left are played.
+    """
+
+    drive: Sine
+    keep_s: float
+    rest_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +131,7 @@ class Log:
     text: str
 
 
-Step = Settle | Play | Record | Ask | WaitForDetection | ReadMeter | Log
+Step = Settle | Play | Record | Cycle | Ask | WaitForDetection | ReadMeter | Log
 
 
 class Repeat(Enum):

@@ -11,7 +11,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from protocols.base.whole_files import open_regular
+from drivers import open_regular
 
 MAX_NESTING = 40
 """Largest depth of lists and objects in a JSON or TOML text; the program's own texts have six levels."""

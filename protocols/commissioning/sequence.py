@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from drivers import (
+    OTHER_BYTE_ORDER,
     ArmedBench,
     Bench,
     Clock,
@@ -27,6 +28,7 @@ from protocols.commissioning.checks import (
     HELD_V,
     LEVEL_LIMIT_V,
     REST_LIMIT_V,
+    SHAPE_LIMIT,
     check_crosstalk,
     check_offset,
     check_start_route,
@@ -90,7 +92,10 @@ ProgressListener = Callable[[str, float], object]
 
 @dataclass(frozen=True, slots=True)
 class Commissioned:
-    """Result of a commissioning: checks in order, times, traces, whether the source plays more than levels, reply times."""
+    """Result of a commissioning: checks in order, times, traces, whether the source plays more than levels, reply times.
+
+    `byte_order` is the order of the played waveforms; empty if the source has only one.
+    """
 
     checks: tuple[CheckedOutput, ...]
     times: MeasuredTimes
@@ -98,6 +103,7 @@ class Commissioned:
     errors: tuple[str, ...]
     plays_bursts: bool = True
     commands: tuple[CommandTime, ...] = ()
+    byte_order: str = ""
 
 
 class Commissioning:
@@ -141,6 +147,7 @@ class Commissioning:
             "sine again": small,
             "larger sine": Sine(FREQUENCY_HZ, LARGER_V, rest_v, CYCLES),
         }
+        self._choose_byte_order(small)
         sine, uneven, again, larger = played = [self._burst(name, drive) for name, drive in forms.items()]
         bursts = [b for b in played if b is not None]
         above, below = (
@@ -185,6 +192,7 @@ class Commissioning:
             tuple(self._errors),
             self._plays_bursts,
             self._messages.command_times(),
+            self._bench.amplifier.byte_order(),
         )
 
     def _play(self, name: str, drive: Drive, **options: Any) -> Trace | None:
@@ -213,6 +221,16 @@ class Commissioning:
                 return trace
             self._lost += 1
         return None
+
+    def _choose_byte_order(self, sine: Sine) -> None:
+        """Let a source whose documents disagree use the byte order in which it plays a sine."""
+        order = self._bench.amplifier.byte_order()
+        for each in (order, OTHER_BYTE_ORDER[order]) if order else ():
+            self._bench.amplifier.byte_order(each)
+            played = self._burst(f"sine, {each}", sine)
+            if played is not None and played.residual < SHAPE_LIMIT:
+                return
+        self._bench.amplifier.byte_order(order)
 
     def _announce(self, name: str) -> None:
         done_s = sum(seconds for each, seconds in PLANNED_S.items() if each in self._begun and each != name)

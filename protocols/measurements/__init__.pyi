@@ -1,7 +1,7 @@
+from .dwelt_response import check_response_present as check_response_present
 from .load_point import PLACING_S as PLACING_S
 from .membrane_sag import MembraneSag as MembraneSag
 from .membrane_series import MembraneSeries as MembraneSeries
-from .response_series import check_response_present as check_response_present
 from .sine_dwell import SinePoint as SinePoint
 from .sine_dwell import sine_point as sine_point
 from .static_loading import StaticLoading as StaticLoading

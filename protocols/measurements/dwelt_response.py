@@ -1,19 +1,23 @@
-"""Frequency response from sines at single frequencies, and the frequencies that resolve its peak."""
+"""Frequency response from sines at single frequencies, the frequencies that resolve its peak, and responses as series."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
 from model import Complex
-from protocols.base import Recording
-from protocols.signals import FrequencyResponse, fit_frequency, fit_sine, remove_lines
+from protocols.base import Recording, Series
+from protocols.signals import FrequencyResponse, ModalFit, displacement_under_sine, fit_frequency, fit_sine
 
 HARMONIC_COUNT = 8
 """Components fitted to the displacement, so that the amplifier's harmonics do not disturb the fundamental."""
 
 LINES_IN_PEAK = 13
 """Required frequencies within the half-power width, the range of the peak's fit."""
+
+MIN_RESPONSE_SIGMAS = 5.0
+"""Smallest median ratio of a line to its error for a response."""
 
 FINEST = 1e-3
 """Smallest distance of two frequencies, as a share of them."""
@@ -68,7 +72,7 @@ def _line(recording: Recording) -> tuple[float, float, float, float]:
     rate = recording.rate_hz
     frequency = fit_frequency(recording.drive_v, rate, getattr(recording.drive, "frequency_hz", math.nan))
     driven = fit_sine(recording.drive_v, rate, frequency)
-    clean, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
+    clean, coincident = displacement_under_sine(recording, frequency)
     moved = fit_sine(clean, rate, frequency, HARMONIC_COUNT)
     turned = np.exp(2j * np.pi * frequency * recording.sensor_delay_s)
     response = complex(moved.fundamental / driven.fundamental * turned)
@@ -76,3 +80,28 @@ def _line(recording: Recording) -> tuple[float, float, float, float]:
     moved_error = math.hypot(moved.standard_error, coincident.get(1, 0.0) / math.sqrt(2))
     error = math.hypot(moved_error / drive_v, abs(response) * driven.standard_error / drive_v)
     return frequency, response.real, response.imag, error
+
+
+def with_fitted_mode(response: FrequencyResponse, near: FrequencyResponse, mode: ModalFit | None, label: str) -> Series:
+    """Return the response as a series, with the mode fitted to the lines `near` its peak."""
+    fitted = None
+    if mode is not None:
+        fitted = np.full(response.x.size, np.nan)
+        fitted[(response.x >= near.x[0]) & (response.x <= near.x[-1])] = np.abs(mode.fitted)
+    columns = {each.name: getattr(response, each.name) for each in fields(Series)}
+    return Series(**columns | {"label": label, "fit": fitted})
+
+
+def check_response_present(response: FrequencyResponse) -> None:
+    """Reject a response that is noise.
+
+    Raises:
+        ValueError: hardly a line exceeds its error.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        seen = np.nan_to_num(response.plotted / response.errors)
+    if float(np.percentile(seen, 90)) < MIN_RESPONSE_SIGMAS:
+        raise ValueError(
+            f"no response: nine tenths of the lines lie within {MIN_RESPONSE_SIGMAS:g} standard errors of nothing. Check that the "
+            "amplifier's high voltage is on and the laser meets the tactor"
+        )

@@ -7,8 +7,8 @@ amplifier's own delay appears as loss.
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -16,10 +16,9 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import BenchError, Hold, Sine
-from model import QUANTITIES, format_quantity
+from model import QUANTITIES, Array, format_quantity
 from protocols.base import (
     FLOW_KINDS,
-    ChannelSignal,
     CheckResult,
     EstimatedQuantity,
     PlanEntry,
@@ -34,12 +33,19 @@ from protocols.base import (
 from protocols.measurements.fields import QualityFlags, SampleRate, check_sample_rate, point_quality
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.signals import (
-    ElectricalResponse,
-    InputErrors,
-    electrical_response,
-    fit_frequency,
-    fit_sine,
+    SIGNIFICANCE,
+    ConnectionLimits,
+    ExpectedBending,
+    ExpectedCapacitance,
+    LargestLoss,
+    Polarity,
+    SmallestCapacitance,
+    SmallestShare,
+    flow,
+    input_errors,
     leakage_current,
+    sine_response,
+    specimen_voltage,
 )
 
 SINE, LEVEL = "sine", "level"
@@ -47,8 +53,6 @@ SOURCE = "electrical, total uncertainty"
 
 LEAST_CYCLES = 10
 """Fewest recorded cycles of a sine."""
-SIGNIFICANCE = 5.0
-"""Standard errors of a significant value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,15 +124,12 @@ class Electrical(Protocol):
         float, Unit("s"), Interval(ge=0.5, le=120), "wait at rest, and again at a level, before its recording"
     ] = 3.5
     record_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=60), "duration of each recording"] = 1.0
-    polarity: Annotated[
-        int, Unit("1"), Interval(ge=-1, le=1), "correct sign of displacement per volt; 0: either sign"
-    ] = 1
-    smallest_f: Annotated[
-        float, Unit("F"), Interval(gt=0), "capacitance below which the specimen counts as not connected"
-    ] = 2e-10
-    largest_loss: Annotated[
-        float, Unit("1"), Interval(gt=0), "loss factor of the check above which the specimen counts as short-circuited"
-    ] = 0.5
+    polarity: Polarity = 1
+    smallest_f: SmallestCapacitance = 2e-10
+    largest_loss: LargestLoss = 0.5
+    expected_f: ExpectedCapacitance = 0.0
+    expected_bending: ExpectedBending = 0.0
+    smallest_share: SmallestShare = 0.7
     sample_rate_hz: SampleRate = 50_000.0
 
     @model_validator(mode="after")
@@ -182,31 +183,17 @@ class Electrical(Protocol):
 
     def _fault(self, recording: Recording, f: float) -> str:
         """Return what is wrong with the specimen's connection as a sentence; empty if nothing is."""
-        seen, bending, error = _sine_response(recording)
-        picofarads = 1e12 * seen.capacitance.value
-        if f <= self.check_hz and seen.loss.value > self.largest_loss and seen.is_seen:
-            return (
-                f"the loss factor is {seen.loss.value:.3g} (limit {self.largest_loss:g}), {abs(1 / seen.admittance_s):.3g} ohm at "
-                f"{f:g} Hz: the specimen is short-circuited or damaged; switch high voltage off, discharge it and measure its resistance"
-            )
-        if f <= self.check_hz and picofarads < 1e12 * self.smallest_f:
-            return (
-                f"the capacitance is {picofarads:.3g} pF (limit {1e12 * self.smallest_f:.3g} pF): the specimen is not connected, an electrode "
-                "is broken, or the current is not wired to the card; check the cable with high voltage off, and gain and sign of the channel"
-            )
-        if f > self.check_hz:
-            return ""
-        if abs(bending) < SIGNIFICANCE * error:
-            return (
-                "the specimen has its capacitance but does not move: check that it is under the laser sensor and not held; otherwise it "
-                "is depolarised"
-            )
-        if self.polarity * bending < 0:
-            return (
-                f"the displacement is {1e9 * bending:+.3g} nm per volt where its sign should be {self.polarity:+d}: the specimen is connected the "
-                "wrong way round, or the sign of the bench's gain of the sensor is wrong; exchange its wires with high voltage off, or set polarity"
-            )
-        return ""
+        seen = sine_response(recording)[1]
+        is_first = isinstance(recording.drive, Sine) and 2 * recording.drive.amplitude_v <= self.check_v
+        limits = ConnectionLimits.of(self)
+        limits = limits if is_first else replace(limits, expected_f=0.0, expected_bending=0.0)
+        checks = [each for each in seen.checks(limits) if not each.passed]
+        if f > self.check_hz:  # nearer to the resonance only the capacitance counts
+            checks = [each for each in checks if each.unit == "F"]
+        return checks[0].text if checks else ""
+
+    def with_history(self, points: Mapping[str, Array]) -> Self:
+        return self.model_copy(update=ConnectionLimits.of(self).expected(points))
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> ElectricalPoint:
         drive = float(key[1] if key[0] == LEVEL else key[2])
@@ -214,22 +201,23 @@ class Electrical(Protocol):
         columns: dict[str, Any] = dict.fromkeys(ElectricalPoint.__annotations__, math.nan)
         if key[0] == LEVEL:
             rest, held = recordings[-2:]
-            flows = [_flow(each) for each in (rest, held)]
-            voltage = _voltage(held)
+            flows = [flow(each) for each in (rest, held)]
+            voltage = specimen_voltage(held)
             leakage = leakage_current(
-                flows[1].values, flows[0].values, held.rate_hz, _errors(voltage, flows[1]), flows[1].channel.kind == FLOW_KINDS[1]
+                flows[1].values, flows[0].values, held.rate_hz, input_errors(voltage, flows[1]), flows[1].channel.kind == FLOW_KINDS[1]
             )  # fmt: skip
             columns |= {"frequency": 0.0, "drive": drive, "voltage": float(voltage.values.mean()), "quality": quality}
             names = {"leakage": leakage}
         else:
-            seen, bending, error = _sine_response(recordings[-1])
+            seen, connection = sine_response(recordings[-1])
             columns |= {
                 "frequency": seen.frequency_hz,
                 "drive": drive,
                 "voltage": abs(seen.voltage[0]),
                 "quality": quality,
             }
-            columns |= {"power": seen.energy.value * seen.frequency_hz, "bending": bending, "bending_errors": error}
+            columns |= {"power": seen.energy.value * seen.frequency_hz}
+            columns |= {"bending": connection.bending, "bending_errors": connection.bending_errors}
             names = {"capacitance": seen.capacitance, "loss": seen.loss, "energy": seen.energy}
         for name, figure in names.items():
             columns |= dict(zip((name, f"{name}_errors", f"{name}_total"), figure, strict=True))
@@ -238,7 +226,7 @@ class Electrical(Protocol):
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         if key[0] == LEVEL:
             return ()
-        voltage, charge, error = _sine_response(recordings[-1])[0].loop()
+        voltage, charge, error = sine_response(recordings[-1])[0].loop()
         return (
             Series(
                 voltage,
@@ -279,40 +267,3 @@ class Electrical(Protocol):
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = [p for p in usable_points(points) if p.frequency > 0]
         return signal_to_noise_check("capacitance, smallest", [(p.capacitance, p.capacitance_errors) for p in good])
-
-
-def _flow(recording: Recording) -> ChannelSignal:
-    flow = None if recording.inputs is None else recording.inputs.signal(recording.rows, *FLOW_KINDS)
-    if flow is None:
-        raise ValueError(f"the run has no channel of the kind {' or '.join(FLOW_KINDS)}")
-    return flow
-
-
-def _voltage(recording: Recording) -> ChannelSignal:
-    assert recording.inputs is not None  # of a recording with a current
-    return recording.inputs.specimen_voltage(recording.rows, recording.drive_v)
-
-
-def _errors(voltage: ChannelSignal, flow: ChannelSignal) -> InputErrors:
-    v, i = voltage.channel, flow.channel
-    return InputErrors(
-        voltage.delay_s,
-        flow.delay_s,
-        math.hypot(v.gain_relative_uncertainty, i.gain_relative_uncertainty),
-        math.hypot(v.delay_uncertainty_s, i.delay_uncertainty_s),
-        i.bleed_s,
-    )
-
-
-def _sine_response(recording: Recording) -> tuple[ElectricalResponse, float, float]:
-    """Return the electrical response, and in-phase displacement per volt on the specimen with its standard error."""
-    drive, rate = recording.drive, recording.rate_hz
-    if not isinstance(drive, Sine):
-        raise ValueError(f"a capacitance cannot be taken from a recording under {drive.kind}")
-    frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
-    flow, voltage = _flow(recording), _voltage(recording)
-    is_charge = flow.channel.kind == FLOW_KINDS[1]
-    seen = electrical_response(voltage.values, flow.values, rate, frequency, _errors(voltage, flow), is_charge)
-    moved = fit_sine(recording.displacement_m, rate, frequency, 4)
-    turned = moved.fundamental * np.exp(2j * np.pi * frequency * recording.sensor_delay_s) / seen.voltage[0]
-    return seen, float(turned.real), moved.standard_error / abs(seen.voltage[0])

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from model import Array
 from protocols.base import Quality, Role, Series
 
 CURVE_POINTS = 101
@@ -20,18 +19,6 @@ def line_indices(points: Sequence[Any], x_name: str, y_name: str) -> tuple[int, 
         for i, p in enumerate(points)
         if Quality(p.quality).usable and math.isfinite(getattr(p, x_name)) and math.isfinite(getattr(p, y_name))
     )
-
-
-def weighted_fit(columns: Sequence[Array], y: Array, weight: Array) -> tuple[Array, Array]:
-    """Return coefficients of columns, (N,) each, and their covariance by least squares; scatter widens it (Birge ratio).
-
-    `weight` is the inverse standard error of each y, (N,).
-    """
-    basis = np.stack(columns, axis=1) * weight[:, None]
-    inverse = np.asarray(np.linalg.inv(basis.T @ basis), float)
-    coefficients = inverse @ basis.T @ (y * weight)
-    left = y * weight - basis @ coefficients
-    return coefficients, inverse * max(float(left @ left) / (y.size - len(columns)), 1.0)
 
 
 def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tuple[Series, ...]:

@@ -37,9 +37,9 @@ from protocols.measurements.fields import (
     check_sample_rate,
     point_quality,
 )
-from protocols.measurements.fit_lines import line_indices, weighted_fit
+from protocols.measurements.fit_lines import line_indices
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
-from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remove_lines
+from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remove_lines, weighted_fit
 
 SOURCE = "line through the loop widths of this run over frequency"
 

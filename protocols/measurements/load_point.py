@@ -12,8 +12,7 @@ from drivers import REST_TOLERANCE_V, Hold
 from model import format_quantity
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.fields import QualityFlags, RepeatNumber, point_quality
-from protocols.measurements.fit_lines import weighted_fit
-from protocols.signals import LevelEstimate, WeightStepDetector
+from protocols.signals import LevelEstimate, WeightStepDetector, weighted_fit
 
 SOURCE = "static loading, weighted lines through zero"
 

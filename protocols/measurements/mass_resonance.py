@@ -33,10 +33,16 @@ from protocols.base import (
     Step,
     first_adapted,
 )
-from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
+from protocols.measurements.dwelt_response import (
+    LINES_IN_PEAK,
+    check_response_present,
+    coarse_frequencies,
+    dwelt_response,
+    next_frequencies,
+    with_fitted_mode,
+)
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, modal_columns, point_quality
 from protocols.measurements.fit_lines import CURVE_POINTS, line_indices
-from protocols.measurements.response_series import check_response_present, with_fitted_mode
 from protocols.measurements.result_checks import (
     added_mass_checks,
     coherence_check,

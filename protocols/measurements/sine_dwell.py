@@ -51,10 +51,11 @@ from protocols.signals import (
     SEPARATION_BINS,
     MaxMin,
     SineFit,
+    corner_errors,
+    displacement_under_sine,
     estimate_max_min,
     fit_frequency,
     fit_sine,
-    remove_lines,
 )
 
 HARMONIC_COUNT = 8
@@ -81,8 +82,8 @@ class SinePoint:
     harmonics: Annotated[tuple[float, ...], Unit("m"), "peak amplitudes of orders 1..8 (NaN beyond the sample rate)"]
     drive_amplitude: Annotated[float, Unit("V"), "peak amplitude of the recorded drive at the amplifier's input"]
     drive_offset: Annotated[float, Unit("V"), "mean of the recorded drive"]
-    offset: Annotated[float, Unit("m"), "mean displacement"]
-    drift: Annotated[float, Unit("m/s"), "slope of the mean displacement"]
+    offset: Annotated[float, Unit("m"), "mean displacement; NaN with a vibrometer"]
+    drift: Annotated[float, Unit("m/s"), "slope of the mean displacement; NaN with a vibrometer"]
     noise: Annotated[float, Unit("m"), "standard deviation of the fit's residuals"]
     cycles: Annotated[float, Unit("1"), "cycles recorded"]
     quality: QualityFlags
@@ -154,9 +155,13 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     statistical = error_of_mean("moved.standard_error")
     # Interference at the frequency of the drive has a measured amplitude and an unknown phase; averaging may not help.
     interference = {order: size / math.sqrt(2) for one in each for order, size in one.coincident.items()}
-    error = math.hypot(statistical, interference.get(1, 0.0))
+    frequency, corner_hz = mean("frequency"), recordings[-1].velocity_corner_hz
+    by_corner, phase_by_corner = corner_errors(frequency, corner_hz or 0.0)
+    error = math.hypot(statistical, interference.get(1, 0.0), by_corner * fundamental)
     # The phase is against the recorded drive, whose channel has noise of its own.
-    phase_error = math.hypot(error / fundamental, error_of_mean("drive_error")) if fundamental > 0 else math.inf
+    phase_error = (
+        math.hypot(error / fundamental, error_of_mean("drive_error"), phase_by_corner) if fundamental > 0 else math.inf
+    )
     detected = {
         Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
         Quality.INTERFERENCE: interference.get(1, 0.0) > statistical,
@@ -164,7 +169,6 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
             is_folded_onto(r.interference, drive.frequency_hz, (r.rows[1] - r.rows[0]) / r.rate_hz) for r in recordings
         ),
     }
-    frequency = mean("frequency")
     turn = np.angle(components[0]) + 2 * np.pi * frequency * recordings[-1].sensor_delay_s
     return SinePoint(
         frequency=frequency,
@@ -173,6 +177,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
             error_of_mean("extremes.scatter"),
             max(one.extremes.systematic for one in each),
             2 * math.hypot(*interference.values()),
+            2 * by_corner * fundamental,
         ),
         fundamental=fundamental,
         fundamental_errors=error,
@@ -182,8 +187,8 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         harmonics=harmonic_amplitudes(components),
         drive_amplitude=mean("drive_amplitude"),
         drive_offset=mean("driven.offset"),
-        offset=mean("moved.offset"),
-        drift=mean("moved.drift_per_s"),
+        offset=mean("moved.offset") if corner_hz is None else math.nan,
+        drift=mean("moved.drift_per_s") if corner_hz is None else math.nan,
         noise=math.sqrt(sum(one.moved.noise**2 for one in each) / len(each)),
         cycles=sum(one.samples for one in each) * frequency / rate,
         quality=point_quality(recordings, simulated, detected),
@@ -201,7 +206,7 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
     rate, drive_v = recording.rate_hz, recording.drive_v  # each access may read the file
     frequency = fit_frequency(drive_v, rate, frequency_hz)
     driven = fit_sine(drive_v, rate, frequency)
-    displacement, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
+    displacement, coincident = displacement_under_sine(recording, frequency)
     moved = fit_sine(displacement, rate, frequency, HARMONIC_COUNT)
     orders = np.arange(1, len(moved.components) + 1)
     return _RecordingFit(
@@ -252,6 +257,7 @@ class SineDwell(Protocol):
     point_type: ClassVar[type] = SinePoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "peak_to_peak")
     max_recording_scans: ClassVar[float] = math.inf
+    integrates_velocity: ClassVar[bool] = True
 
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"

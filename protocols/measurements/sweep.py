@@ -30,6 +30,7 @@ from protocols.base import (
     Step,
     first_adapted,
 )
+from protocols.measurements.dwelt_response import check_response_present, with_fitted_mode
 from protocols.measurements.fields import (
     DampingRatio,
     DampingRatioError,
@@ -43,7 +44,6 @@ from protocols.measurements.fields import (
     point_quality,
 )
 from protocols.measurements.fit_lines import mean_line
-from protocols.measurements.response_series import check_response_present, with_fitted_mode
 from protocols.measurements.result_checks import (
     coherence_check,
     drive_ratio_check,
@@ -153,6 +153,7 @@ class Sweep(Protocol):
     axes: ClassVar[tuple[str, str]] = ("repeat", "natural_frequency")
     default_plot: ClassVar[str] = FREQUENCY_RESPONSE
     substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
+    integrates_velocity: ClassVar[bool] = True
 
     start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
     stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, rounded to a line"] = 525.0
@@ -309,7 +310,7 @@ class Sweep(Protocol):
         return parts[0] if self.pieces == 1 else merge_pieces(parts)
 
     def _piece_response(self, recording: Recording) -> FrequencyResponse:
-        from protocols.signals import estimate_periodic_response
+        from protocols.signals import estimate_periodic_response, integrated_response
 
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):
@@ -317,7 +318,7 @@ class Sweep(Protocol):
         # Samples before the drive belong to the dropped periods.
         dropped, used = self._played_periods(drive.sweep_s)
         surplus = len(recording.drive_v) - round((dropped + used) * drive.period_s * recording.rate_hz)
-        return estimate_periodic_response(
+        response = estimate_periodic_response(
             recording.drive_v[max(surplus, 0) :],
             recording.displacement_m[max(surplus, 0) :],
             recording.rate_hz,
@@ -327,6 +328,7 @@ class Sweep(Protocol):
             delay_s=recording.sensor_delay_s,
             interference=recording.interference,
         )
+        return integrated_response(response, recording.velocity_corner_hz)
 
     def _played_periods(self, sweep_s: float) -> tuple[int, int]:
         """Return the numbers of dropped and of used periods of a piece: about equal times for all pieces."""

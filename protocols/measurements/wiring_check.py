@@ -5,8 +5,8 @@ table that `tactor-bench check` prints.
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
@@ -15,6 +15,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Hold, Sine
+from model import QUANTITIES, Array
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -28,7 +29,19 @@ from protocols.base import (
     Step,
 )
 from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate, check_sample_rate, point_quality
-from protocols.signals import fit_frequency, fit_sine
+from protocols.signals import (
+    Connection,
+    ConnectionLimits,
+    ExpectedBending,
+    ExpectedCapacitance,
+    LargestLoss,
+    Polarity,
+    SmallestCapacitance,
+    SmallestShare,
+    connection_columns,
+    fit_frequency,
+    fit_sine,
+)
 
 SOURCE = "wiring check"
 
@@ -58,6 +71,16 @@ class WiringPoint:
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency"]
     noise: Annotated[float, Unit("m"), "standard deviation of the residuals of the displacement"]
     quality: QualityFlags
+    capacitance: Annotated[float, Unit("F"), QUANTITIES["capacitance"].definition] = field(
+        default=math.nan, kw_only=True
+    )
+    loss: Annotated[float, Unit("1"), QUANTITIES["loss_factor"].definition] = field(default=math.nan, kw_only=True)
+    bending: Annotated[float, Unit("m/V"), "in-phase displacement per volt on the specimen"] = field(
+        default=math.nan, kw_only=True
+    )
+    bending_errors: Annotated[float, Unit("m/V"), "standard uncertainty of the bending"] = field(
+        default=math.nan, kw_only=True
+    )
 
     @property
     def summary(self) -> str:
@@ -87,9 +110,12 @@ class WiringCheck(Protocol):
     wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "wait before each recording"] = 0.3
     record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "duration of each recording"] = 1.0
     sample_rate_hz: SampleRate = 5000.0
-    polarity: Annotated[
-        int, Unit("1"), Interval(ge=-1, le=1), "correct sign of displacement per volt; 0: either sign"
-    ] = 1
+    polarity: Polarity = 1
+    smallest_f: SmallestCapacitance = 2e-10
+    largest_loss: LargestLoss = 0.5
+    expected_f: ExpectedCapacitance = 0.0
+    expected_bending: ExpectedBending = 0.0
+    smallest_share: SmallestShare = 0.7
     drive_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "largest deviation of the recorded drive"] = 0.02
     drive_noise_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "largest noise of the recorded drive"] = 0.01
     gain_low_m_per_v: Annotated[float, Unit("m/V"), Interval(gt=0), "smallest displacement per volt at the input"] = (
@@ -131,6 +157,7 @@ class WiringCheck(Protocol):
         amplitude_v = amplitude = 0.0
         commanded_v, commanded_amplitude_v, commanded_hz = drive.end_levels_v[0], 0.0, math.nan
         frequency = latency = latency_errors = math.nan
+        connection: dict[str, float] = {}
         if isinstance(drive, Sine):
             commanded_v, commanded_amplitude_v, commanded_hz = drive.offset_v, drive.amplitude_v, drive.frequency_hz
             driven = fit_sine(recording.drive_v, rate, commanded_hz)
@@ -145,6 +172,7 @@ class WiringCheck(Protocol):
                 turn -= 2 * math.pi * frequency * recording.sensor_delay_s
                 latency = math.remainder(turn, math.pi) / (2 * math.pi * frequency)
                 latency_errors = answer.standard_error / max(amplitude, 1e-12) / (2 * math.pi * frequency)
+                connection = connection_columns(recording)
         drive_off = abs(seen_v - commanded_v) > self.drive_limit_v
         return WiringPoint(
             commanded=commanded_v,
@@ -161,7 +189,11 @@ class WiringCheck(Protocol):
             latency_errors=latency_errors,
             noise=noise,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
+            **connection,
         )
+
+    def with_history(self, points: Mapping[str, Array]) -> Self:
+        return self.model_copy(update=ConnectionLimits.of(self).expected(points))
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         measured = _CheckMeasurements.from_points(list(points))
@@ -210,11 +242,20 @@ class WiringCheck(Protocol):
                 "gain above / below", gains[0] / gains[1] if moves else math.nan, "1", self.slopes_low,
                 self.slopes_high, "check the amplifier's range, and its slopes on the page Bench" if moves else optics,
             ),
+            *self._connection_checks(sine),
             _limit(
                 "latency beyond the sensor's", sine.latency if moves else math.nan, "s", -0.2 * self.latency_limit_s, self.latency_limit_s,
                 "check the sensor's averaging, and its delay on the page Bench" if moves else optics,
             ),
         )  # fmt: skip
+
+    def _connection_checks(self, sine: WiringPoint) -> tuple[CheckResult, ...]:
+        """Return the checks of the specimen's connection; none for a bench without current and charge."""
+        if math.isnan(sine.capacitance):
+            return ()
+        return Connection(sine.capacitance, sine.loss, sine.bending, sine.bending_errors).checks(
+            ConnectionLimits.of(self)
+        )
 
     def _drives(self, rest_v: float) -> tuple[tuple[str, Drive], ...]:
         hold_s = self.wait_s + self._record_duration_s + 1.0

@@ -16,6 +16,7 @@ from .names import other_specimen_message as other_specimen_message
 from .names import safe_name as safe_name
 from .names import sheet_path as sheet_path
 from .names import truncate_utf8 as truncate_utf8
+from .open import CHECKED_FILES as CHECKED_FILES
 from .open import reads_run as reads_run
 from .open import translate_read_errors as translate_read_errors
 from .reader import LoggedEvent as LoggedEvent
@@ -24,6 +25,7 @@ from .record import RunRecord as RunRecord
 from .record import decode_record as decode_record
 from .repair import repair_folder as repair_folder
 from .repair import repair_run as repair_run
+from .schema import AIR_COLUMNS as AIR_COLUMNS
 from .schema import CHANNELS as CHANNELS
 from .schema import ENTRY_COLUMN as ENTRY_COLUMN
 from .schema import HDF5_SIGNATURE as HDF5_SIGNATURE

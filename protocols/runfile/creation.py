@@ -131,7 +131,7 @@ def _create_trace(entry: h5py.Group, sensor: LaserSensor, channels: Sequence[Inp
     # Volts become units as gain * volts + offset; the card's polynomial gives the volts.
     gains = {
         "drive": (1.0, 0.0, "V"),
-        "displacement": (sensor.gain_m_per_v, -sensor.zero_v * sensor.gain_m_per_v, "m"),
+        "displacement": (sensor.gain_m_per_v, -sensor.zero_v * sensor.gain_m_per_v, sensor.unit),
         **{channel.name: (channel.gain, channel.offset, channel.unit) for channel in channels},
     }
     if channels:
@@ -171,16 +171,19 @@ def _create_instrument(entry: h5py.Group, record: RunRecord) -> None:
     instrument = create_group(entry, "instrument", "NXinstrument")
     sensor = create_group(instrument, "displacement_sensor", "NXsensor")
     for name, value, unit in (
-        ("gain", record.sensor.gain_m_per_v, "m/V"),
+        ("gain", record.sensor.gain_m_per_v, f"{record.sensor.unit}/V"),
         ("zero", record.sensor.zero_v, "V"),
         ("delay", record.sensor.delay_s, "s"),
         ("delay_uncertainty", record.sensor.delay_uncertainty_s, "s"),
         ("gain_relative_uncertainty", record.sensor.gain_relative_uncertainty, "1"),
+        ("corner", record.sensor.corner_hz, "Hz"),
         ("valid_low", record.sensor.valid_low_v, "V"),
         ("valid_high", record.sensor.valid_high_v, "V"),
     ):
         sensor.create_dataset(name, data=value).attrs["units"] = unit
-    for name in ("name", "serial", "calibrated", "expires"):
+    if record.sensor.curve:
+        sensor.create_dataset("curve", data=record.sensor.curve).attrs["units"] = "m, V"
+    for name in ("name", "quantity", "serial", "calibrated", "expires"):
         sensor[name] = getattr(record.sensor, name)
     for role, identity in record.identities.items():
         create_group(instrument, role, "NXcollection")["name"] = str(identity)

@@ -44,7 +44,7 @@ def read_mountings(folder: Path, specimen: str) -> tuple[SpecimenMounted, ...]:
         if record["specimen"] != specimen:
             raise ValueError(f"it is of specimen {record['specimen']}")
         return tuple(SpecimenMounted.from_record(each) for each in record["mountings"])
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):  # the latter is told when the run file is created
         return ()
     except (OSError, ValueError, TypeError, AttributeError, LookupError) as error:
         raise NotesError(

@@ -31,10 +31,10 @@ T = TypeVar("T")
 
 SETTLED_NS = 2_000_000_000
 """Age of the last change from which on a further change has another time on every file system."""
-MAX_KNOWN_FILES = 100_000
+MAX_CHECKED_FILES = 100_000
 
-_KNOWN_FILES: dict[tuple[int, int], tuple[int, int, int]] = {}
-"""Size and times of change of the files that this process has found in order, by device and number of the file."""
+CHECKED_FILES: dict[tuple[int, int], tuple[int, int, int]] = {}
+"""Size and times of change of the files that were found in order, by device and number of the file."""
 
 READ_ATTEMPTS = 24
 """Number of read attempts for a piece of a growing file; together they take some ten milliseconds."""
@@ -111,16 +111,16 @@ def _stamp(path: Path) -> tuple[tuple[int, int], tuple[int, int, int]] | None:
 
 def _open(path: Path) -> "h5py.File":
     stamp = _stamp(path)
-    if stamp is not None and _KNOWN_FILES.get(stamp[0]) == stamp[1]:
+    if stamp is not None and CHECKED_FILES.get(stamp[0]) == stamp[1]:
         import h5py
 
         with suppress(OSError, ValueError):
             return h5py.File(path, "r", libver="latest", locking=False)
     file = _open_unknown(path)
     if stamp is not None and stamp == _stamp(path):
-        if len(_KNOWN_FILES) >= MAX_KNOWN_FILES:
-            _KNOWN_FILES.clear()
-        _KNOWN_FILES[stamp[0]] = stamp[1]
+        if len(CHECKED_FILES) >= MAX_CHECKED_FILES:
+            CHECKED_FILES.clear()
+        CHECKED_FILES[stamp[0]] = stamp[1]
     return file
 
 

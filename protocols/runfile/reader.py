@@ -2,7 +2,7 @@
 
 import math
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -51,7 +51,7 @@ from protocols.runfile.names import notes_path
 from protocols.runfile.open import open_run, reads_run, translate_read_errors
 from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.record import LargestPoint, RunRecord, current_parameters
-from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
+from protocols.runfile.schema import AIR_COLUMNS, CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
 from protocols.runfile.sidecar import read_notes, with_later_verdict
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
@@ -123,6 +123,11 @@ class Run(Closeable):
             return replace(record, caution=str(error))
 
     @cached_property
+    def setup(self) -> RunRecord:
+        """The record without results: specimen, conditions, mountings, bench and parameters, read in half the time of all facts."""
+        return self.stored_setup()
+
+    @cached_property
     def bench_record(self) -> RunRecord:
         """A record of the bench's configuration alone, which is read in a tenth of the time of all facts."""
         return RunRecord(
@@ -156,7 +161,7 @@ class Run(Closeable):
     def trace(self) -> RunTrace:
         """The sampled data."""
         return RunTrace(
-            self.path, self._entry, lambda: self.record.sensor, self._rest_record, lambda: self.record.configuration
+            self.path, self._entry, lambda: self.setup.sensor, self._rest_record, lambda: self.setup.configuration
         )
 
     def recordings(self) -> Iterator[Recording]:
@@ -174,7 +179,7 @@ class Run(Closeable):
     def mountings(self) -> tuple[SpecimenMounted, ...]:
         """The last mounting of each part before the first entry; in files of earlier versions, by the answered prompts."""
         if "mountings" in self._entry:
-            return self.record.mountings
+            return self.setup.mountings
         found, prompt = [], {}
         for event in self.events():
             if event.kind == EntryStarted.kind:
@@ -182,7 +187,7 @@ class Run(Closeable):
             if event.kind == PromptShown.kind:
                 prompt = dict(event.fields["prompt"])
             elif event.kind == PromptAnswered.kind and (part := MOUNTING_ACTIONS.get(str(prompt.get("action")))):
-                found.append(SpecimenMounted(part, self.record.start_time))
+                found.append(SpecimenMounted(part, self.setup.start_time))
         return last_mountings(found)
 
     def _stored_points(self) -> dict[str, Array]:
@@ -230,6 +235,28 @@ class Run(Closeable):
         every = subgroup(self._entry, SERIES_GROUP) if SERIES_GROUP in self._entry else {}
         return tuple(series for name in every for series in read_series(subgroup(every, name)))
 
+    def stored_setup(self) -> RunRecord:
+        """Return the record of the file without results.
+
+        Raises:
+            RunReadError: a field is damaged.
+        """
+        entry = self._entry
+        return RunRecord(
+            protocol=self._text("protocol"),
+            title=self._text("title"),
+            specimen=self._text("specimen"),
+            start_time=self._text("start_time"),
+            simulated=self.bench_record.simulated,
+            parameters=current_parameters(read_object(entry, "parameters")),
+            imported=read_object(entry, "imported") if "imported" in entry else {},
+            continues=self._text("continues") if "continues" in entry else "",
+            conditions=_with_measured_air(_read_conditions(entry), _read_estimates(entry, AIR_COLUMNS)),
+            mountings=read_mounting_state(entry),
+            configuration=self.bench_record.configuration,
+            sensor=read_sensor(entry),
+        )
+
     def stored_record(self) -> RunRecord:
         """Return the record of the file.
 
@@ -239,20 +266,9 @@ class Run(Closeable):
         entry, points = self._entry, self._stored_points()
         plotted = subgroup(entry, "points")
         status, reason = RunStatus(self._text("status")), self._text("reason")
-        return RunRecord(
-            protocol=self._text("protocol"),
-            title=self._text("title"),
-            specimen=self._text("specimen"),
-            start_time=self._text("start_time"),
-            simulated=bool(read_integer(entry, "simulated")),
-            parameters=current_parameters(read_object(entry, "parameters")),
+        return replace(
+            self.setup,
             requested=read_object(entry, "requested") if "requested" in entry else {},
-            imported=read_object(entry, "imported") if "imported" in entry else {},
-            continues=self._text("continues") if "continues" in entry else "",
-            conditions=_read_conditions(entry),
-            mountings=read_mounting_state(entry),
-            configuration=read_object(entry, "configuration"),
-            sensor=read_sensor(entry),
             reference=read_object(entry, "reference") if "reference" in entry else {},
             software=read_object(entry, "software"),
             axes=(attribute_text(plotted, "axes"), current_column(attribute_text(plotted, "signal"), plotted)),
@@ -321,8 +337,7 @@ def _read_conditions(entry: "h5py.Group") -> RunConditions:
     user = subgroup(entry, "operator") if hasattr(entry.get("operator"), "keys") else None
     air = subgroup(entry, "instrument") if "instrument" in entry else {}
     temperature_c, humidity = (
-        read_number(subgroup(air, name), "value") if name in air else None
-        for name in ("air_temperature", "air_humidity")
+        read_number(subgroup(air, name), "value") if name in air else None for name in AIR_COLUMNS
     )
     return RunConditions(
         "" if user is None else read_text(user, "name"),
@@ -333,12 +348,26 @@ def _read_conditions(entry: "h5py.Group") -> RunConditions:
     )
 
 
-def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
-    """Return the quantities in their stored order; without a stored order by their names, interference last."""
+def _with_measured_air(conditions: RunConditions, estimates: tuple[EstimatedQuantity, ...]) -> RunConditions:
+    """Return the conditions with the air that sensors at the card measured through the run."""
+    seen = {each.name: each for each in estimates if each.name in AIR_COLUMNS}
+    if not seen:
+        return conditions
+    temperature, humidity = seen.get("air_temperature"), seen.get("air_humidity")
+    return replace(
+        conditions,
+        temperature_c=conditions.temperature_c if temperature is None else temperature.value,
+        humidity=conditions.humidity if humidity is None else humidity.value,
+        origin="; ".join(str(each.source) for each in seen.values()),
+    )
+
+
+def _read_estimates(entry: "h5py.Group", only: Collection[str] = ()) -> tuple[EstimatedQuantity, ...]:
+    """Return the quantities, or `only` some, in their stored order; without a stored order by their names, interference last."""
     stored = subgroup(entry, "estimates") if "estimates" in entry else {}
     estimates = (
         EstimatedQuantity(
-            attribute_text(one, "name") if "name" in one.attrs else visible_text(current_name(name)),
+            label,
             read_number(one, "value"),
             read_number(one, "standard_error"),
             attribute_text(one["value"], "units"),
@@ -346,6 +375,8 @@ def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
         )
         for name in stored
         for one in (subgroup(stored, name),)
+        for label in (attribute_text(one, "name") if "name" in one.attrs else visible_text(current_name(name)),)
+        if not only or label in only
     )
     return tuple(sorted(estimates, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
 

@@ -205,7 +205,10 @@ _COMPOSED: Mapping[str, Any] = {
     "parameters": current_parameters,
     "conditions": lambda plain: RunConditions(**plain),
     "mountings": lambda plain: tuple(map(SpecimenMounted.from_record, plain)),
-    "sensor": lambda plain: LaserSensor(**_numbers(plain, "name", "serial", "calibrated", "expires")),
+    "sensor": lambda plain: LaserSensor(
+        **_numbers(plain | {"curve": 0}, "name", "quantity", "serial", "calibrated", "expires")
+        | {"curve": tuple((float(m), float(v)) for m, v in plain.get("curve", ()))}
+    ),
     "axes": lambda plain: (str(plain[0]), str(plain[1])),
     "status": RunStatus,
     "verdict": Verdict.from_record,

@@ -6,10 +6,13 @@ enough for MATLAB's `h5read`.
 
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Unit
+
+from model import QUANTITIES
+from protocols.base import AIR_KINDS
 
 FORMAT = "tactor-bench-run"
 FORMAT_VERSION = 3
@@ -30,6 +33,11 @@ RECORDING_DTYPE = np.dtype(
 )
 ENTRY_COLUMN = "entry"
 """Column of the points with their plan entries."""
+
+AIR_COLUMNS = {
+    f"air_{kind}": (QUANTITIES[f"air_{kind}"].unit, QUANTITIES[f"air_{kind}"].definition, 0) for kind in AIR_KINDS
+}
+"""Columns of the points of a bench with sensors of the air; NaN where a sensor gave no reading."""
 
 REPAIRED = "repaired"
 """Time at which a crashed run was repaired; absent from all other runs."""
@@ -57,12 +65,13 @@ def is_hdf5(path: Path) -> bool:
 def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
     """Return the columns of a point type: name -> (unit, description, width); width 0 is a scalar.
 
-    A tuple field has a fixed width, which its protocol always fills.
+    A tuple field has a fixed width, which its protocol always fills. A field without `Annotated` has the unit 1.
     """
     hints = get_type_hints(point_type, include_extras=True)
     columns: dict[str, tuple[str, str, int]] = {}
     for field in fields(point_type):
-        inner, *metadata = get_args(hints[field.name])
+        hint = hints[field.name]
+        inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         unit = next((m.unit for m in metadata if isinstance(m, Unit)), "1")
         description = next((m for m in metadata if isinstance(m, str)), "")
         columns[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 SERIES_GROUP = "curves"
 """Name of the group; files of every version have it."""
+PASSES_GROUP, PASS, SETTING = "passes", "part", "elongation"
+"""The plot of several passes over x, and the columns of the points with number and setting of a pass."""
 
 
 def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str = "", gain_error: float = 0.0) -> None:
@@ -45,6 +47,31 @@ def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str
             data.attrs.update({"units": axis.unit, "long_name": axis.long_name})
         if one.name == default_plot and "default" not in every.attrs:
             entry.attrs["default"], every.attrs["default"] = SERIES_GROUP, made
+
+
+def append_passes(file: "h5py.File") -> None:
+    """Append the points of several passes over x as one plot, a line a pass, which a NeXus viewer then shows first."""
+    from protocols.runfile.creation import create_group
+
+    points = file["entry/points"]
+    x, y = attribute_text(points, "axes"), attribute_text(points, "signal")
+    numbers = np.unique(points[PASS][:]) if PASS in points else ()
+    if len(numbers) < 2:
+        return
+    rows = [np.flatnonzero(points[PASS][:] == number) for number in numbers]
+    places = np.sort(points[x][:][max(rows, key=len)])
+    nearest = np.abs(points[x][:][:, None] - places).argmin(axis=1)  # measured places differ a little between passes
+    passes = create_group(file["entry"], PASSES_GROUP, "NXdata", axes=[x])
+    passes["title"] = points[y].attrs["long_name"]
+    passes.create_dataset(x, data=places).attrs.update(points[x].attrs)
+    names = [f"{y}_{number:g}" for number in numbers]
+    for name, own in zip(names, rows, strict=True):
+        line, setting_m = np.full(places.size, np.nan), float(points[SETTING][own[0]])
+        line[nearest[own]] = points[y][:][own]
+        label = "free" if np.isnan(setting_m) else f"{1e3 * setting_m:g} mm"
+        passes.create_dataset(name, data=line).attrs.update({"units": points[y].attrs["units"], "long_name": label})
+    passes.attrs.update({"signal": names[0], "auxiliary_signals": names[1:]})
+    file["entry"].attrs["default"] = PASSES_GROUP
 
 
 def read_series(group: "h5py.Group") -> Iterator[Series]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,9 +24,11 @@ from protocols.base import (
     parse_json_object,
     visible_text,
 )
+from protocols.runfile.errors import RunReadError
 from protocols.runfile.fields import column, read_number, read_text, subgroup, table
 from protocols.runfile.open import reads_run
 from protocols.runfile.schema import (
+    AIR_COLUMNS,
     CHANNELS,
     ENTRY_COLUMN,
     FURTHER_CHANNELS,
@@ -53,9 +56,16 @@ def read_sensor(entry: "h5py.Group") -> LaserSensor:
         calibrated=read_text(group, "calibrated"),
         expires=read_text(group, "expires") if "expires" in group else "",
         delay_uncertainty_s=read_number(group, "delay_uncertainty") if "delay_uncertainty" in group else 0.0,
+        quantity=read_text(group, "quantity") if "quantity" in group else "displacement",
+        corner_hz=read_number(group, "corner") if "corner" in group else 0.0,
+        curve=tuple((float(m), float(v)) for m, v in np.reshape(group["curve"], (-1, 2))) if "curve" in group else (),
     )
 
 
+MAX_TIMED_SCANS, TIMES_PER_CHUNK = 30_000_000, 1 << 18
+"""Longest trace with a time axis, and times of a chunk of it, which take 0.1 to 0.3 bytes each."""
+SHORT_TRACE_SCANS = 1 << 20
+"""Number of scans up to which a whole trace is read at once."""
 MAX_RECORDED_SHARE = 4
 """Largest mean number of recordings per sample; recordings of a run do not overlap."""
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9
@@ -92,9 +102,10 @@ class RunTrace:
     ) -> None:
         self.path = path
         self._configuration = configuration
-        self._entry, self._sensor, self._rest_record = entry, sensor, rest_record
+        self._entry, self.sensor, self._rest_record = entry, sensor, rest_record
         self._calibrations: dict[str, ChannelCalibration] = {}
         self._blocks: NDArray[Any] | None = None
+        self._air: dict[int, dict[str, float]] | None = None
 
     @cached_property
     def interference(self) -> tuple[InterferenceLine, ...]:
@@ -178,6 +189,8 @@ class RunTrace:
     def raw_recordings(self) -> Iterator[tuple[int, tuple[NDArray[np.int16], ...]]]:
         """Yield plan entry and raw counts of the channels, (N,) each, of every recording."""
         count, channels = self.sample_count, [column(self._entry, f"trace/{name}", "i") for name in CHANNELS]
+        if count <= SHORT_TRACE_SCANS:  # a read for each recording takes ten times as long
+            channels = [each[:count] for each in channels]
         for start, stop, entry in self.recording_rows():
             yield entry, tuple(np.asarray(each[start : min(stop, count)], np.int16) for each in channels)
 
@@ -202,13 +215,13 @@ class RunTrace:
         return self._calibration("drive").to_si(self.read_raw("drive", start, stop))
 
     def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
-        """Return the displacement, m, (N,); a Recording's quality states whether it is valid."""
+        """Return the displacement, m, or a vibrometer's velocity, m/s, (N,); a Recording's quality states whether it is valid."""
         return self._calibration("displacement").to_si(self.read_raw("displacement", start, stop))
 
     def _calibration(self, channel: str) -> ChannelCalibration:
         """Return the conversion of a channel, read once because it takes as long as ten thousand samples."""
         if (calibration := self._calibrations.get(channel)) is None:
-            sensor = self._sensor() if channel == "displacement" else None
+            sensor = self.sensor() if channel == "displacement" else None
             calibration = ChannelCalibration(self.channel_scale(channel), sensor)
             if calibration.scale.coefficients:  # a growing file may not have them yet
                 self._calibrations[channel] = calibration
@@ -216,7 +229,7 @@ class RunTrace:
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings of this file, in order, exactly as in the live run."""
-        delay_s = _displacement_delay_s(self._sensor(), self)
+        delay_s = _displacement_delay_s(self.sensor(), self)
         rows = self._recordings[:]
         if (
             int(np.abs(rows["stop_row"] - rows["start_row"]).astype(float).sum())
@@ -234,7 +247,7 @@ class RunTrace:
     def recording(self, index: int) -> Recording:
         """Return one recording, without reading the others; a negative index counts from the end."""
         return self._recording(
-            index % self.recording_count, self._recordings[index], _displacement_delay_s(self._sensor(), self)
+            index % self.recording_count, self._recordings[index], _displacement_delay_s(self.sensor(), self)
         )
 
     def recording_rows(self) -> list[tuple[int, int, int]]:
@@ -266,11 +279,14 @@ class RunTrace:
             "quality": Quality(int(row["quality"])),
             "sensor_delay_s": delay_s,
             "entry": int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one per entry
+            "velocity_corner_hz": self.sensor().corner_hz if self.sensor().measures_velocity else None,
             "interference": self.interference,
             "start_s": float(self.times_of_rows(rows[0])),
             "rest_noise_m": self.rest_noise_m,
             "inputs": FurtherInputs(self._configuration(), self._read_input),
         }
+        self._air = _air_by_entry(self._entry) if self._air is None else self._air
+        attributes["air"] = self._air.get(attributes["entry"], {})
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(
                 lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **attributes
@@ -278,6 +294,32 @@ class RunTrace:
         return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **attributes)
 
 
+def _air_by_entry(run: "h5py.Group") -> dict[int, dict[str, float]]:
+    """Return the values of the air by entry: of the entry's last point."""
+    points = subgroup(run, "points") if "points" in run else {}
+    if not (names := [name for name in AIR_COLUMNS if name in points]) or ENTRY_COLUMN not in points:
+        return {}
+    rows = zip(points[ENTRY_COLUMN][:].tolist(), *(points[name][:].tolist() for name in names), strict=False)
+    return {entry: dict(zip(names, values, strict=True)) for entry, *values in rows}
+
+
 def _displacement_delay_s(sensor: LaserSensor, trace: RunTrace) -> float:
     """Return the delay of displacement against drive: the sensor's delay less the card's skew."""
     return sensor.delay_s - channel_skew_s([trace.channel_scale(name) for name in CHANNELS])
+
+
+def append_time_axis(path: Path, file: "h5py.File", sensor: LaserSensor) -> None:
+    """Append the times of the scans of a run that has ended, over which a NeXus viewer shows its samples; nothing if they are damaged."""
+    trace = RunTrace(path, file["entry"], lambda: sensor)
+    with suppress(RunReadError):  # the results of a run matter more than its axis
+        count = trace.sample_count if trace.rate_hz else 0
+        chunk = min(TIMES_PER_CHUNK, count)
+        if not 0 < count <= MAX_TIMED_SCANS:
+            return
+        times = file["entry/trace"].create_dataset(
+            "time", (count,), "f8", chunks=(chunk,), shuffle=True, compression=1, fletcher32=True
+        )
+        times.attrs.update({"units": "s", "long_name": "time since the stream began (s)"})
+        for start in range(0, count, chunk):
+            times[start : start + chunk] = trace.time_s(start, start + chunk)
+        file["entry/trace"].attrs["axes"] = ["time"]

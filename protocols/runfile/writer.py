@@ -13,11 +13,12 @@ import math
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import h5py
@@ -51,6 +52,7 @@ from protocols.runfile.names import run_path, truncate_utf8
 from protocols.runfile.presence import FilePresence
 from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import (
+    AIR_COLUMNS,
     BLOCK_DTYPE,
     CHANNELS,
     CONTINUED_EVENT,
@@ -62,7 +64,8 @@ from protocols.runfile.schema import (
     RESERVE_BYTES,
     point_columns,
 )
-from protocols.runfile.series import append_series
+from protocols.runfile.series import append_passes, append_series
+from protocols.runfile.trace import append_time_axis
 from protocols.runfile.transaction import announced_transaction, transaction
 
 log = logging.getLogger(__name__)
@@ -110,6 +113,7 @@ class RunFileWriter:
         point_type: type,
         channels: Sequence[InputChannel] = (),
         hold_s: float = 0.0,
+        air: Sequence[str] = (),
     ) -> None:
         """Create the file with all its datasets.
 
@@ -120,18 +124,20 @@ class RunFileWriter:
             channels: further inputs, in the order of a block's rows from the third.
             hold_s: longest real time for which blocks are held and then written together; other appended data, and reading, write
                 them first. A killed program loses held blocks.
+            air: columns of `AIR_COLUMNS` that the points have.
 
         Raises:
             StorageError: no permission, no space, or not a folder.
             FileExistsError: there is such a file.
         """
         self.path = self._first_path = path
-        self._begun_with = record, point_type, channels
+        self._begun_with = record, point_type, channels, hold_s, air
         self._channels = (*CHANNELS, *(channel.name for channel in channels))
         self._created_at, self._created_s = datetime.now(UTC), time.monotonic()
         self._mountings, self._is_measuring = tuple(record.mountings), False
         self.row_count = 0
-        self._columns = point_columns(point_type)
+        self._air = {name: AIR_COLUMNS[name] for name in air}
+        self._columns = {**point_columns(point_type), **self._air}
         self._point_count = 0
         self._hold_s, self._written_s = hold_s, -math.inf
         self._held: list[tuple[Block, int, float]] = []
@@ -150,7 +156,7 @@ class RunFileWriter:
 
     @_within_deadline
     def _create(self) -> None:
-        path, (record, _, channels) = self.path, self._begun_with
+        path, (record, _, channels, _, _) = self.path, self._begun_with
         if os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
             raise FileExistsError(path)
         try:
@@ -185,6 +191,7 @@ class RunFileWriter:
         point_type: type,
         channels: Sequence[InputChannel] = (),
         hold_s: float = 0.0,
+        air: Sequence[str] = (),
     ) -> Self:
         """Create a file in `folder`, named by time, specimen and protocol; numbered within the same second.
 
@@ -196,7 +203,7 @@ class RunFileWriter:
         for attempt in range(1, 1000):
             path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
             with contextlib.suppress(FileExistsError):
-                return cls(path, record, point_type, channels, hold_s)
+                return cls(path, record, point_type, channels, hold_s, air)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
     @_within_deadline
@@ -279,12 +286,13 @@ class RunFileWriter:
             self._append_row("recordings", row)
 
     @_within_deadline
-    def append_point(self, point: Any, entry: int = 0) -> int:
-        """Append one row to every column of the points; return its index."""
+    def append_point(self, point: Any, entry: int = 0, air: Mapping[str, float] = MappingProxyType({})) -> int:
+        """Append one row to every column of the points, with the values of `air` by column; return its index."""
         row = self._point_count
         with self._appending():
             for name in self._columns:
-                self._append_row(f"points/{name}", np.asarray(getattr(point, name), np.float64))
+                value = air.get(name, math.nan) if name in self._air else getattr(point, name)
+                self._append_row(f"points/{name}", np.asarray(value, np.float64))
             self._append_row(f"points/{ENTRY_COLUMN}", np.asarray(entry))
         self._point_count += 1
         return row
@@ -376,7 +384,9 @@ class RunFileWriter:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
                 append_series(file, series, record.default_plot, record.sensor.gain_relative_uncertainty)
+                append_passes(file)
                 append_estimates(file, estimates)
+                append_time_axis(path, file, record.sensor)
         except StorageError as error:
             if path == self.path and not self._presence.problem:
                 self.check_presence()

@@ -39,6 +39,9 @@ of a busy computer are multiplied in bench time."""
 MONITOR_LEVELS = {"voltage-monitor": ("voltage", "voltage_v"), "current-monitor": ("current", "current_a")}
 """Level and limit of `LevelSettings`, by the kind of an input."""
 
+RANGE_LEVELS = {kind: level for kind, (level, _) in MONITOR_LEVELS.items()} | {"charge": "current"}
+"""Level that counts as exceeded when an input reaches the end of the card's range, by its kind: the true value is unknown."""
+
 LEVEL_ANSWERS = ("stop", "again", "ignore")
 """Answers to the question after an exceeded level. An unattended simulated operator gives the first answer."""
 
@@ -51,6 +54,12 @@ def level_prompt(event: LevelExceeded) -> Prompt:
         "remainder of the run (its points are flagged)?",
         choices=LEVEL_ANSWERS,
     )
+
+
+def limit_prompt(event: LevelExceeded) -> Prompt:
+    """Return the question to the operator after an exceeded limit of a protocol's figure."""
+    text = f"{event.words}. The source is at rest. Stop the run, or go on without this limit?"
+    return Prompt("abort-level", text, choices=(LEVEL_ANSWERS[0], "go on"))
 
 
 class LevelExceededError(BenchError):
@@ -90,9 +99,9 @@ class LevelMonitor:
     ) -> None:
         self._settings, self._sensor, self._rest_v, self._clock = settings, sensor, rest_v, clock
         self._monitors = [
-            (row, channel, *MONITOR_LEVELS[channel.kind])
+            (row, channel)
             for row, channel in enumerate(channels, DISPLACEMENT_CHANNEL + 1)
-            if channel.kind in MONITOR_LEVELS
+            if channel.kind in RANGE_LEVELS
         ]
         speed = float(getattr(clock, "speed", 1.0))
         self._latency_s = max(MIN_LATENCY_S, LATE_PER_SPEED_S * speed)
@@ -242,7 +251,8 @@ class LevelMonitor:
         self._check_laser(block, valid)
         if valid is not None and not valid.any():
             return
-        stroke_m = float(np.abs(self._sensor.displacement_m(ends) - self._rest_m).max())
+        largest = float(np.abs(self._sensor.displacement_m(ends) - self._rest_m).max())
+        stroke_m = math.nan if self._sensor.measures_velocity else largest
         if stroke_m > settings.stroke_limit_m:  # not without a displacement at rest
             self._report(
                 "stroke",
@@ -250,7 +260,7 @@ class LevelMonitor:
                 f"the specimen moved {1e3 * stroke_m:.3f} mm from rest (limit {1e3 * settings.stroke_limit_m:.3g} mm, its gap or "
                 "the bench's abort level 'stroke'); lower the drive, or enter the specimen's true gap",
             )
-        rate = self._displacement_rate(raw, valid)
+        rate = largest if self._sensor.measures_velocity else self._displacement_rate(raw, valid)
         if rate > settings.rate_m_per_s:
             self._report(
                 "rate",
@@ -260,10 +270,20 @@ class LevelMonitor:
             )
 
     def _check_monitors(self, block: Block) -> None:
-        for row, channel, level, key in self._monitors:
-            limit = float(getattr(self._settings, key))
-            largest = float(np.abs(channel.values(self._extremes(row, block.raw[row]))).max())
-            if largest > limit:
+        for row, channel in self._monitors:
+            counts = block.raw[row]
+            largest = float(np.abs(channel.values(self._extremes(row, counts))).max())
+            if self._scales[row].is_clipped(np.array([counts.min(), counts.max()], np.int16)).any():
+                self._report(
+                    RANGE_LEVELS[channel.kind],
+                    (channel.name, largest, largest, channel.unit),
+                    f"the channel {channel.name} is at the end of the card's range, {largest:.4g} {channel.unit}: what it measures is unknown; "
+                    "check the specimen, its cable and the input's circuit, lower the drive, or choose a less sensitive monitor",
+                )
+            if channel.kind not in MONITOR_LEVELS:
+                continue
+            level, key = MONITOR_LEVELS[channel.kind]
+            if largest > (limit := float(getattr(self._settings, key))):
                 self._report(
                     level,
                     (channel.name, largest, limit, channel.unit),

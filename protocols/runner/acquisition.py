@@ -138,6 +138,13 @@ class RunAcquisition:
         self.raise_question()
         return block
 
+    def watch_block(self, armed: ArmedBench) -> Block:
+        """Read a block under a drive without storing it; raises as `read_block`. Lost scans are ignored."""
+        block = self.discard_block(armed)
+        self.check_interrupts()
+        self.raise_question()
+        return block
+
     def discard_block(self, armed: ArmedBench) -> Block:
         """Read a block without storing it, and publish it. Lost scans are ignored.
 

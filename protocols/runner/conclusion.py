@@ -62,13 +62,15 @@ def _format_span(span: timedelta) -> str:
 
 
 def describe_end(
-    error: RunCancelled | BenchError | StorageError | OSError | KeyboardInterrupt, progress: PlanProgress
+    error: RunCancelled | BenchError | StorageError | OSError | KeyboardInterrupt,
+    progress: PlanProgress,
+    stopped_by: str,
 ) -> tuple[RunStatus, str]:
-    """Return status and reason of a run ended by the operator or by a failure of bench or file."""
+    """Return status and reason of a run ended by `stopped_by` or by a failure of bench or file."""
     match error:
-        case RunCancelled():
-            done = f"{len(progress.measured)} of {len(progress.plan)} points"
-            return RunStatus.STOPPED, f"stopped by the operator after {done}" + (f": {error}" if error.args else "")
+        case RunCancelled():  # with a reason: a simulated operator may have answered
+            done = f"after {len(progress.measured)} of {len(progress.plan)} points"
+            return RunStatus.STOPPED, f"stopped {done}: {error}" if error.args else f"stopped by {stopped_by} {done}"
         case KeyboardInterrupt():
             return RunStatus.STOPPED, f"interrupted after {len(progress.measured)} points"
         case UnsafeError(__cause__=BenchError() | StorageError() as earlier):
@@ -116,18 +118,24 @@ class RunConclusion:
         self._clock_check = ComputerClockCheck()
 
     def conclude(
-        self, status: RunStatus, reason: str, armed: ArmedBench | None, interference: InterferenceMeasured | None = None
+        self,
+        status: RunStatus,
+        reason: str,
+        armed: ArmedBench | None,
+        interference: InterferenceMeasured | None = None,
+        air: Sequence[EstimatedQuantity] = (),
     ) -> RunEnded:
         """Record the end of the run: in the file if it is writable, and always to the observers.
 
-        `interference` is measured at rest; its largest line is one of the results.
+        `interference` is measured at rest, and `air` through the run; its largest line and the air are among the results.
         """
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
         status, reason = self._publish_rest(status, reason, armed)
         estimates: tuple[EstimatedQuantity, ...] | None = None
         try:
-            estimates = (*self._protocol.estimates(self._progress.points), *_interference_estimate(interference))
+            more = (*_interference_estimate(interference), *air)
+            estimates = (*self._protocol.estimates(self._progress.points), *more)
         except BaseException as error:  # noqa: BLE001 - told in the reason
             reason += f"; the analysis failed by {describe_code_error(error, self._protocol)}"
         try:

@@ -5,8 +5,9 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivers import ArmedBench, ScansLostError
+from drivers import ArmedBench, LevelAction, ScansLostError
 from protocols.base import (
+    CyclesInterrupted,
     EntryStarted,
     LevelExceeded,
     LogMessage,
@@ -22,8 +23,9 @@ from protocols.base import (
     SeriesReady,
     point_quality,
 )
-from protocols.runner.abort_levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
+from protocols.runner.abort_levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt, limit_prompt
 from protocols.runner.acquisition import RunAcquisition
+from protocols.runner.air import mean_air
 from protocols.runner.executor import StepExecutor
 from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
@@ -62,8 +64,13 @@ class EntryRunner:
     def run(self, armed: ArmedBench, preparation: Sequence[Prompt], resumed: "ResumableRun | None") -> None:
         """Measure every entry without a point, and the entries to repeat."""
         self._progress.queue_remaining(resumed.repeat_entries if resumed else ())
+        for entry, driven in (resumed.driven if resumed else {}).items():
+            self._executor.driven[entry] = driven
+            self._recorder.publish(CyclesInterrupted(entry, driven))
         self._recorder.publish(self._progress.progress_event())
         self._operator_actions.prepare(armed, preparation)
+        if (target := self._protocol.air_target) is not None:
+            self._executor.wait_for_air(armed, target, self._tell_wait)
         if self._protocol.rest_record_s:
             self._executor.measure_interference(armed, self._protocol.rest_record_s)
         if resumed is not None:
@@ -71,6 +78,11 @@ class EntryRunner:
         while (index := self._progress.next_entry()) is not None:
             self._progress.complete(index, self._measure_entry(armed, index))
             self._recorder.publish(self._progress.progress_event())
+
+    def _tell_wait(self, text: str, left_s: float) -> None:
+        """Publish the progress of a wait before the first entry, with the longest time that it may still take."""
+        progress = self._progress.progress_event()
+        self._recorder.notify(replace(progress, label=text, left_s=progress.left_s + left_s))
 
     def add_series(self, series: Sequence[Series]) -> None:
         """Store series of entries and publish them."""
@@ -123,12 +135,29 @@ class EntryRunner:
                 self._acquisition.levels.point_measured(Quality.NO_RESPONSE)
             self._recorder.publish(LogMessage(f"{entry.label} gives no point: {error}"))
         else:
-            self._recorder.publish(self._progress.add_point(index, point))
+            self._recorder.publish(self._progress.add_point(index, point, mean_air(recordings)))
             if entry.drives:
                 self._acquisition.levels.point_measured(point_quality(point))
             self.add_series(self._analyze_series(armed, index, entry, results))
+            for one in self._progress.drifts():
+                self._recorder.notify(SeriesReady(one))
             for warning in self._progress.new_warnings():
                 self._recorder.publish(LogMessage(warning))
+            self._act_on_limits(armed)
+
+    def _act_on_limits(self, armed: ArmedBench) -> None:
+        """Act on the limits of the protocol's figures that are exceeded now, each once.
+
+        Raises:
+            LevelExceededError: the run ends.
+            RunCancelled: the operator stops the run.
+        """
+        for event in self._progress.new_limits():
+            self._recorder.publish(event)
+            if event.action == LevelAction.REST:
+                raise LevelExceededError(event.words)
+            if event.action == LevelAction.ASK:
+                self._ask_about_level(armed, event, limit_prompt(event))
 
     def _analyze_series(
         self, armed: ArmedBench, index: int, entry: PlanEntry, results: Iterator[Any]
@@ -165,7 +194,7 @@ class EntryRunner:
             self._acquisition.discard_block(armed)
         self._recorder.publish(RunResumed())
 
-    def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
+    def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded, prompt: Prompt | None = None) -> None:
         """Return to rest and ask the operator how to proceed after an exceeded abort level.
 
         Raises:
@@ -176,7 +205,7 @@ class EntryRunner:
         if why := self._prompts.unreachable_reason:
             raise LevelExceededError(f"{event.words}. Nobody can answer how to proceed: {why}")
         self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
-        answer = self._prompts.ask(level_prompt(event))
+        answer = self._prompts.ask(prompt or level_prompt(event))
         if answer == LEVEL_ANSWERS[0]:
             raise RunCancelled(event.words)
         if answer == LEVEL_ANSWERS[2]:

@@ -1,8 +1,9 @@
 """Step executor: carries out the steps of a plan entry on an armed bench and collects its recordings."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,6 +14,7 @@ from drivers import (
     Bench,
     BenchError,
     Block,
+    ClimateChamber,
     Drive,
     Hold,
     Reading,
@@ -21,8 +23,12 @@ from drivers import (
     channel_skew_s,
 )
 from protocols.base import (
+    AirTarget,
     Array,
     Ask,
+    Cycle,
+    CyclesInterrupted,
+    CycleStatistics,
     DetectionResult,
     DriveStarted,
     FurtherInputs,
@@ -49,6 +55,8 @@ from protocols.base import (
 )
 from protocols.runfile import CHANNELS, RunFileWriter
 from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RecordingBuffer, RunAcquisition
+from protocols.runner.air import JUDGED_S, AirReadings, AirWait, chamber_prompt
+from protocols.runner.cycle_tally import WATCHED_S, CycleTally
 from protocols.runner.operator_actions import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
 from protocols.signals import SettlingDetector, find_lines, prediction_noise
@@ -88,7 +96,10 @@ class StepExecutor:
         self._rest_noise_m = math.nan
         self.interference: InterferenceMeasured | None = None
         """The interference measured at rest; None before, or without a measurement."""
+        self.air = AirReadings(bench)
         self._rest_v = bench.amplifier.map.rest_v
+        self.driven: dict[int, CycleStatistics] = {}
+        """Cycles of interrupted blocks, by entry."""
 
     def run_entry(
         self, protocol: Protocol, index: int, entry: PlanEntry, armed: ArmedBench
@@ -125,6 +136,9 @@ class StepExecutor:
                             drive, settled = step.drive, SettlingResult(True, 0.0)
                         answer = self._record(armed, drive, step, settled, index, protocol.max_recording_scans)
                         recordings.append(answer)
+                    case Cycle():
+                        answer = self._cycle(armed, step, index)
+                        recordings.append(answer)
                     case Ask(prompt):
                         answer = self._prompts.ask(prompt)
                     case WaitForDetection(prompt, detector):
@@ -135,6 +149,33 @@ class StepExecutor:
                     case Log(text):
                         self._recorder.publish(LogMessage(text))
                         answer = None
+
+    def wait_for_air(self, armed: ArmedBench, target: AirTarget, tell: Callable[[str, float], None]) -> None:
+        """Set the climate chamber, by its driver or by a prompt, and wait at rest; `tell` publishes the progress.
+
+        Raises:
+            BenchError: the chamber refuses, or the wait is too long.
+            RunCancelled: Stop was requested.
+        """
+        clock, chamber = self._bench.clock, self._bench.environment
+        wait, is_set = AirWait(target, clock.now()), False
+        armed.return_to_verified_rest()
+        while True:
+            self.air.request()
+            end = self._acquisition.scan_index(armed, JUDGED_S)
+            armed.stream.skip(JUDGED_S - WATCHED_S)
+            while (block := self._acquisition.watch_block(armed)).stop < end:
+                pass
+            if wait.is_over(clock.now(), self.air.present_c(block, armed.scales)):
+                break
+            if isinstance(chamber, ClimateChamber) and not is_set:
+                self._acquisition.run_analysis(armed, partial(chamber.set_temperature, target.celsius))
+            elif not (is_set or wait.is_near or self._prompts.unreachable_reason):
+                self._prompts.ask(chamber_prompt(target))
+                wait = AirWait(target, clock.now())
+            is_set = True
+            tell(f"waiting for {wait.text}", wait.left_s)
+        self._recorder.publish(LogMessage(f"Waited for {wait.text}"))
 
     def measure_interference(self, armed: ArmedBench, duration_s: float) -> None:
         """Record the displacement at rest, before the first drive, and publish its hum and other lines."""
@@ -198,6 +239,7 @@ class StepExecutor:
     def _record(
         self, armed: ArmedBench, drive: Drive | None, step: Record, settled: SettlingResult, entry: int, longest: float
     ) -> Recording:
+        self.air.request()
         start_row = self._run_file.row_count
         scans = math.ceil(step.duration_s * armed.rate_hz)
         if scans > longest:
@@ -215,33 +257,84 @@ class StepExecutor:
         while buffer.scans < scans:
             buffer.add(self._acquisition.read_block(armed))
             drive_off |= levels.drive_lost
-        samples, quality = buffer.finish(scans)
-        if not settled.settled:
-            quality |= Quality.UNSETTLED
+        flags = (Quality.GOOD if settled.settled else Quality.UNSETTLED) | (
+            Quality.DRIVE_OFF if drive_off else Quality.GOOD
+        )
+        return self._store_recording(armed, buffer, (start_row, start_row + scans), drive, flags, entry)
+
+    def _cycle(self, armed: ArmedBench, step: Cycle, entry: int) -> Recording:
+        """Play the cycles that are left of a block to their end; an interruption keeps the count of those driven."""
+        self.air.request()
+        before = self.driven.get(entry, CycleStatistics())
+        left = step.drive.cycles - before.cycles
+        if left > 0:
+            drive, start_row = replace(step.drive, cycles=left), self._run_file.row_count
+            tally = CycleTally(before, self._acquisition)
+            started_s = self._bench.clock.now()
+            try:
+                self._start_drive(armed, drive)
+                started_s = self._bench.clock.now()
+                buffer = tally.read(armed, drive, step.keep_s, self._bench.clock)
+            except BaseException:
+                # Counted until rest is commanded, and a cycle for its way.
+                played = (self._bench.clock.now() - started_s) * drive.frequency_hz
+                driven = before.cycles + min(math.ceil(played) + 1, left)
+                self.driven[entry] = replace(tally.statistics, cycles=driven)
+                self._recorder.publish_always(CyclesInterrupted(entry, self.driven[entry]))
+                raise
+        else:
+            drive, start_row, tally = step.drive, self._run_file.row_count, CycleTally(before, self._acquisition)
+            buffer = RecordingBuffer(self._acquisition.channels, self._acquisition.read_block(armed))
+        statistics = replace(tally.statistics, cycles=step.drive.cycles)
+        self.driven[entry] = statistics  # also where the pause is interrupted
+        if step.rest_s:
+            armed.return_to_verified_rest()
+            tally.rest(armed, step.rest_s)
+        del self.driven[entry]
+        flags = tally.quality | (Quality.DRIVE_OFF if tally.drive_lost else Quality.GOOD)
+        rows = (start_row, start_row + buffer.scans)
+        return self._store_recording(armed, buffer, rows, drive, flags, entry, statistics)
+
+    def _store_recording(
+        self,
+        armed: ArmedBench,
+        buffer: RecordingBuffer,
+        rows: tuple[int, int],
+        drive: Drive | None,
+        flags: Quality,
+        entry: int,
+        cycles: CycleStatistics | None = None,
+    ) -> Recording:
+        """Return the recording of the buffer with its flags, and store its rows."""
+        levels = self._acquisition.levels
+        samples, quality = buffer.finish(rows[1] - rows[0])
+        quality |= flags
         if self._calibration_warning:
             quality |= Quality.CALIBRATION_EXPIRED
-        if drive_off:
-            quality |= Quality.DRIVE_OFF
         if levels.entry_flagged:
             quality |= Quality.LEVEL_EXCEEDED
-        rows = (start_row, start_row + scans)
         fields: dict[str, Any] = {
             "index": self._recording_count,
             "rows": rows,
             "rate_hz": armed.rate_hz,
-            "drive": drive or Hold(self._rest_v, step.duration_s),
+            "drive": drive or Hold(self._rest_v, (rows[1] - rows[0]) / armed.rate_hz),
             "quality": quality,
             "sensor_delay_s": self._bench.sensor.delay_s - channel_skew_s(armed.scales),
+            "velocity_corner_hz": self._bench.sensor.corner_hz if self._bench.sensor.measures_velocity else None,
             "entry": entry,
             "interference": self._lines_at_rest,
             "start_s": buffer.first_scan / armed.rate_hz,
             "rest_noise_m": self._rest_noise_m,
+            "cycles": cycles,
             "inputs": FurtherInputs(self._bench.configuration, partial(self._read_input, armed.scales)),
         }
+        fields["air"], messages = self.air.read(fields["inputs"], rows)
         if samples:
             recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)
         else:
             recording = StreamedRecording(self._read_stored, **fields)
+        for message in messages:
+            self._recorder.publish(LogMessage(message))
         self._recording_count += 1
         self._run_file.append_recording(recording.rows, int(quality), recording.drive, entry)
         self._recorder.publish(RecordingFinished(recording.index, recording.rows, int(quality), recording.drive, entry))

@@ -1,11 +1,15 @@
 """Plan progress: planned, measured and remaining entries of a run, and their points."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from protocols.base import (
     ALL_MEASURED,
+    LevelExceeded,
     PlanEntry,
     PointMeasured,
     ProgressUpdated,
@@ -38,6 +42,7 @@ class PlanProgress:
         self._series: dict[int, list[Series]] = {}
         self._failed_labels: list[str] = []
         """Labels of the entries without a point."""
+        self._limits: set[str] = set()
         self.warnings: tuple[str, ...] = ()
         """The reported warnings of the protocol."""
 
@@ -82,13 +87,15 @@ class PlanProgress:
 
     # -- points and series ---------------------------------------------------------------------------------------------
 
-    def add_point(self, index: int, point: Any) -> PointMeasured:
-        """Append a point to the file, flag the one it supersedes, and return the event to publish.
+    def add_point(self, index: int, point: Any, air: Mapping[str, float] = MappingProxyType({})) -> PointMeasured:
+        """Append a point with its values of the air to the file, flag the one it supersedes, and return the event to publish.
 
         Raises:
             StorageError: the file cannot be written.
         """
-        row = self._run_file.append_point(point, index)
+        if air and not np.isfinite([*air.values()]).any() and hasattr(point, "quality"):
+            point = replace(point, quality=int(point_quality(point) | Quality.AIR_UNKNOWN))
+        row = self._run_file.append_point(point, index, air)
         replaces, _ = self.measured.get(index, (None, None))
         if replaces is not None:
             self._run_file.flag_point(replaces, Quality.SUPERSEDED)
@@ -126,6 +133,20 @@ class PlanProgress:
         new = [warning for warning in warnings if warning not in self.warnings]
         self.warnings += tuple(new)
         return new
+
+    def new_limits(self) -> list[LevelExceeded]:
+        """Return the limits of the protocol's figures that are exceeded for the first time in this run."""
+        new = [each for each in self._protocol.limits_exceeded(self.points) if each.level not in self._limits]
+        self._limits |= {each.level for each in new}
+        return new
+
+    def drifts(self) -> tuple[Series, ...]:
+        """Return the series over all points so far, and keep them with the first entry; none if none has grown."""
+        series = [replace(one, entry=0) for one in self._protocol.drifts(self.points)]
+        if sum(one.x.size for one in series) <= sum(one.x.size for one in self._series.get(0, [])):
+            return ()
+        self._series[0] = series
+        return tuple(series)
 
     def progress_event(self) -> ProgressUpdated:
         """Return the progress as an event to publish."""

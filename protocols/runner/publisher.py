@@ -1,9 +1,10 @@
 """Recorder of a run, which stores events and blocks in the run file and then publishes them; interrupts by Stop and Pause."""
 
+from collections.abc import Callable
 from queue import SimpleQueue
 
-from drivers import Block, Clock
-from protocols.base import BlockStored, Event, EventBus
+from drivers import BenchError, Block, Clock
+from protocols.base import BlockStored, Event, EventBus, StopRequested
 from protocols.runfile import FileLostError, RunFileWriter, StorageError
 from protocols.runner.request import RunControl
 
@@ -25,6 +26,8 @@ class RunRecorder:
         self._store_failed = False
         self.notify = events.publish
         """Publishes an event without storing it."""
+        self.stopped_by = "the operator"
+        """Who requests the end of the run, if somebody does."""
 
     def publish(self, event: Event) -> None:
         """Store an event, then publish it; after a storage error, only publish.
@@ -57,6 +60,8 @@ class RunRecorder:
         """
         while not self._external_events.empty():
             event = self._external_events.get()
+            if isinstance(event, StopRequested):
+                self.stopped_by = event.by
             try:
                 self.publish(event)
             except StorageError:
@@ -91,6 +96,8 @@ class InterruptCheck:
         self._control, self._recorder = control, recorder
         self.pausable = False
         """Whether a pause may interrupt the run now."""
+        self.overtime: Callable[[], str] = lambda: ""
+        """Reason why the run has lasted too long; empty while it has not."""
 
     @property
     def is_pause_requested(self) -> bool:
@@ -102,10 +109,14 @@ class InterruptCheck:
         Raises:
             RunCancelled: Stop was requested.
             PauseInterrupt: Pause was requested, and the run is pausable.
+            BenchError: the run has lasted too long.
             StorageError: an event cannot be stored.
         """
+        cancelled = self._control.cancel.is_set()  # before the events are taken: who requested it is put there first
         self._recorder.publish_external()
-        if self._control.cancel.is_set():
+        if cancelled:
             raise RunCancelled
+        if reason := self.overtime():
+            raise BenchError(reason)
         if self.pausable and self.is_pause_requested:
             raise PauseInterrupt

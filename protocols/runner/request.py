@@ -1,7 +1,7 @@
 """Run request (protocol, folder, specimen, run to resume) and the controls of a running run."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import SimpleQueue
@@ -62,8 +62,10 @@ class RunControl:
 
     Attributes:
         external_events: events of other threads, such as injected faults; stored and published with the run's own.
+        offer_stop: opens the page on which a phone can stop this run, and returns its address; raises BenchError. None: there is none.
     """
 
     cancel: threading.Event = field(default_factory=threading.Event)
     pause: threading.Event = field(default_factory=threading.Event)
     external_events: SimpleQueue[Event] = field(default_factory=SimpleQueue)
+    offer_stop: Callable[[], str] | None = None

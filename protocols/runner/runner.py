@@ -37,11 +37,14 @@ from protocols.base import (
     RunStatus,
     ShutdownStarted,
     SpecimenMayBeLive,
+    StopOffered,
     StreamStarted,
 )
-from protocols.rehearsal import AdaptedProtocol, adapt_to_source, rehearse
+from protocols.history import with_history
+from protocols.rehearsal import AdaptedProtocol, CannotRunError, adapt_to_source, rehearse
 from protocols.runfile import RunFileWriter, RunRecord, StorageError
 from protocols.runner.acquisition import RunAcquisition
+from protocols.runner.air import air_columns
 from protocols.runner.conclusion import RunConclusion, describe_code_error, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
@@ -49,6 +52,7 @@ from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import InterruptCheck, RunCancelled, RunRecorder
 from protocols.runner.request import RunControl, RunRequest
+from protocols.runner.unattended import check_unattended
 from protocols.signals import find_lines, folded_frequencies, mark_folded
 
 PRELOADED_MODULES = ("scipy.fft", "scipy.interpolate", "scipy.optimize")
@@ -61,6 +65,12 @@ WAITING_TEXT = "This source can only wait for the end of its drive: at rest in {
 
 SECOND_RATE_SHARE = 0.87
 """Second rate divided by the run's; no small ratio of integers, at which a folded line could keep its frequency."""
+
+
+def _adapted(request: RunRequest, bench: Bench) -> AdaptedProtocol:
+    """Return the protocol that the source can play, with expected values from the specimen's history."""
+    adapted = adapt_to_source(request.protocol, bench.amplifier)
+    return with_history(adapted, request.folder, request.specimen, bench.simulated)
 
 
 def initial_record(
@@ -114,16 +124,14 @@ class Runner:
             StorageError: the file cannot be created.
         """
         # A resumed run keeps the parameters of its file.
-        self._adapted = (
-            AdaptedProtocol(request.protocol) if request.resume else adapt_to_source(request.protocol, bench.amplifier)
-        )
+        self._adapted = AdaptedProtocol(request.protocol) if request.resume else _adapted(request, bench)
         self._protocol, self._bench, self._preparation = self._adapted.protocol, bench, request.prepare
         self._resumed = request.resume
         # The model of the free specimen, behind this bench's amplifier.
         reference = replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
         record = initial_record(request, bench, reference, self._adapted)
         self._run_file = RunFileWriter.new(
-            request.folder, record, self._protocol.point_type, bench.channels, bench.hold_s
+            request.folder, record, self._protocol.point_type, bench.channels, bench.hold_s, air_columns(bench)
         )
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
@@ -134,10 +142,10 @@ class Runner:
         warnings = (bench.sensor.expiry_warning(datetime.now(UTC).date()), request.calibration_warning)
         self._calibration_warning = ". ".join(filter(None, warnings))
         self._notes = request.notes
-        control = control or RunControl()
+        self._control = control = control or RunControl()
         self._recorder = RunRecorder(self._run_file, events or EventBus(), bench.clock, control.external_events)
         self._plan_progress = PlanProgress(self._protocol, self._run_file, bench.amplifier.map.rest_v)
-        interrupts = InterruptCheck(control, self._recorder)
+        self._interrupts = interrupts = InterruptCheck(control, self._recorder)
         self._acquisition = RunAcquisition(bench, self._recorder, interrupts.check)
         for level in self._protocol.diagnosed_levels:
             self._acquisition.levels.mute(level)
@@ -184,8 +192,10 @@ class Runner:
         with self._concluding:
             self.at_end = True
             if self._ended is None:
-                self._ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)
+                measured = self._executor.interference, self._executor.air.estimates()
+                self._ended = self._conclusion.conclude(status, reason, self._armed, *measured)
                 self._acquisition.close()
+                self._executor.air.close()
                 self.path = self._run_file.path  # another one if the file was moved or deleted
         return self._ended
 
@@ -221,7 +231,7 @@ class Runner:
             self._report_folded_lines()
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except (RunCancelled, BenchError, StorageError, OSError, KeyboardInterrupt) as error:
-            status, reason = describe_end(error, self._plan_progress)
+            status, reason = describe_end(error, self._plan_progress, self._recorder.stopped_by)
         except BaseException as error:  # noqa: BLE001 - also SystemExit of a driver: the end of a run is always reported
             status, reason = RunStatus.FAILED, MEMORY_SHORT
             if not is_memory_short(error):
@@ -255,11 +265,19 @@ class Runner:
         rehearsal = rehearse(
             self._protocol,
             self._bench.amplifier,
+            sensor=self._bench.sensor,
             meters=self._bench.meters,
             channels=self._bench.channels,
             folder=self._run_file.path.parent,
             adapt=False,
         )
+        unattended, stop_url = check_unattended(self._protocol, self._bench, self._control.offer_stop)
+        if self._protocol.air_target and "air_temperature" not in air_columns(self._bench):
+            raise CannotRunError(
+                f"the run is to wait for {self._protocol.air_target}, and the bench has no sensor of the air: add [environment], or a channel of "
+                "the kind temperature, to the bench file, or set air_within_k to 0"
+            )
+        self._limit_duration()
         self._plan_progress.build_plan()
         path = str(self._run_file.path)
         self._recorder.publish(
@@ -276,16 +294,27 @@ class Runner:
             *self._notes,
             self._adapted.message,
             self._resumed.message if self._resumed else "",
-            self._unattended_message(),
+            unattended or self._unattended_message(),
         ):
             if message:
                 self._recorder.publish(LogMessage(message))
+        if stop_url:
+            self._recorder.notify(StopOffered(stop_url))
         for numerics in PRELOADED_MODULES:
             importlib.import_module(numerics)
         if self._resumed is not None:
             for entry, point in self._resumed.points:
-                self._recorder.publish(self._plan_progress.add_point(entry, point))
+                air = self._resumed.air.get(entry, {}) if air_columns(bench) else {}
+                self._recorder.publish(self._plan_progress.add_point(entry, point, air))
             self._entries.add_series(self._resumed.series)
+
+    def _limit_duration(self) -> None:
+        """End the run at its longest duration, where it has one."""
+        if (limit := self._protocol.unattended_run) is None:
+            return
+        end_s, clock = self._bench.clock.now() + limit.longest_s, self._bench.clock
+        reason = f"the unattended run has lasted its longest duration of {limit.longest_s:g} s; resume it, or state a longer one"
+        self._interrupts.overtime = lambda: reason if clock.now() > end_s else ""
 
     def _unattended_message(self) -> str:
         """Return the consequence of an unreachable operator as text; empty if the operator can be asked, or no abort level asks."""

@@ -12,11 +12,10 @@ The scale of the errors is their own, by the median, so that noise other than at
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from statistics import NormalDist
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from drivers import Hold, PeriodicSweep, Sine, SquareWave, Steps
 from model import Array
@@ -43,6 +42,9 @@ MISFIT_SHARE = RESPONSE_SHARE / 40
 SWEPT_MISFIT_SHARE = RESPONSE_SHARE / 12
 """The same under a periodic sweep, whose frequency jumps where it begins anew; the simulated tactor then has errors up to 0.65 %."""
 
+VELOCITY_MISFIT_SHARE = RESPONSE_SHARE / 6
+"""The same of a vibrometer, in whose velocity the kink of the amplifier's slopes is sharper; the simulated one has up to 0.8 %."""
+
 DRIVE_TOLERANCE, DRIVE_NOISE_V = 0.05, 0.01
 """Largest deviation of the recorded drive and of its swing from the commanded ones, as a share of the swing, and the noise of the
 extremes."""
@@ -62,6 +64,9 @@ STRETCH_SCANS = 4096
 
 SCANS_PER_UNKNOWN = 10
 """Fewest scans for each coefficient of a prediction."""
+
+LEAST_SHARE = 1e-24
+"""Smallest mean square of a scan of the windows that counts, as a share of the largest: below it are roundings."""
 
 AVERAGED = 4
 MIN_AVERAGED_RATE_HZ = 5000.0
@@ -131,6 +136,8 @@ def _is_disturbed(moved: Array, drive_v: Array, recording: Recording) -> bool:
     if not (np.isfinite(moved).all() and np.isfinite(drive_v).all()):
         return True
     misfit = SWEPT_MISFIT_SHARE if isinstance(recording.drive, PeriodicSweep) else MISFIT_SHARE
+    is_velocity = recording.velocity_corner_hz is not None
+    misfit = VELOCITY_MISFIT_SHARE if is_velocity else misfit
     floor = max(smallest_step(moved) / math.sqrt(12), misfit * float(np.ptp(moved)))
     steady = _beside_harmonics(moved, drive_v, recording)
     left = moved if steady is None else steady[0]
@@ -147,7 +154,9 @@ def _is_disturbed(moved: Array, drive_v: Array, recording: Recording) -> bool:
     if steady is not None:
         tests.append((steady[0], noise, steady[1]))
     return (
-        _sticks(errors, max(noise, recording.rest_noise_m), smallest_step(moved))
+        _sticks(
+            errors, recording.rest_noise_m if is_velocity else max(noise, recording.rest_noise_m), smallest_step(moved)
+        )
         or noise > largest
         or any(_exceeds(values, math.hypot(scale, floor), allowed) for values, scale, allowed in tests)
     )
@@ -218,15 +227,50 @@ def _prediction_errors(samples: Array, drive_v: Array) -> Array:
 
 
 def _stretch_errors(samples: Array, driven: Array, order: int) -> Iterator[Array]:
-    before = sliding_window_view(samples[:-1], order)
-    inputs = sliding_window_view(driven[1:], order)
-    count = max(round(len(before) / STRETCH_SCANS), 1)
-    ends = [len(before) * i // count for i in range(count + 1)]
+    """Yield the errors of each stretch, from its normal equations: those of windows follow from correlations and the windows' ends."""
+    total = samples.size - order
+    signals = samples[:-1], driven[1:], np.abs(driven[1:])
+    count = max(round(total / STRETCH_SCANS), 1)
+    ends = [total * i // count for i in range(count + 1)]
     for first, stop in itertools.pairwise(ends):
-        drive = inputs[first:stop]
-        columns = np.concatenate([before[first:stop], drive, np.abs(drive), np.ones((stop - first, 1))], axis=1)
-        columns /= np.sqrt((columns**2).mean(0)) + 1e-300
-        gram = columns.T @ columns
-        gram[np.diag_indices_from(gram)] += 1e-11 * (stop - first)  # columns of a constant drive are alike
+        scans = stop - first
+        parts = [np.ascontiguousarray(signal[first : stop + order - 1]) for signal in signals]
         target = samples[order + first : order + stop]
-        yield target - columns @ np.linalg.solve(gram, columns.T @ target)
+        gram = _normal_matrix(parts, order)
+        along = np.concatenate([*(np.correlate(part, target, "valid") for part in parts), [target.sum()]])
+        mean_square = gram.diagonal() / scans
+        scale = np.sqrt(np.maximum(mean_square, LEAST_SHARE * mean_square.max()))
+        gram = gram / scale / scale[:, None]
+        gram[np.diag_indices_from(gram)] += 1e-11 * scans  # columns of a constant drive are alike
+        weights = np.linalg.solve(gram, along / scale) / scale
+        errors = target - weights[-1]
+        for part, weight in zip(parts, weights[:-1].reshape(-1, order), strict=True):
+            errors -= np.correlate(part, weight, "valid")
+        yield errors
+
+
+def _normal_matrix(parts: Sequence[Array], order: int) -> Array:
+    """Return the products, summed over all windows of `order` scans, of the scans of windows of each signal and 1, (k order + 1,) * 2."""
+    size, scans = len(parts) * order + 1, parts[0].size - order + 1
+    out = np.empty((size, size))
+    for i, a in enumerate(parts):
+        rows = slice(i * order, (i + 1) * order)
+        out[rows, -1] = out[-1, rows] = np.cumsum([a[:scans].sum(), *(a[scans:] - a[: order - 1])])
+        for j, b in enumerate(parts[: i + 1]):
+            columns = slice(j * order, (j + 1) * order)
+            out[rows, columns] = _window_products(a, b, order)
+            out[columns, rows] = out[rows, columns].T
+    out[-1, -1] = scans
+    return out
+
+
+def _window_products(a: Array, b: Array, order: int) -> Array:
+    """Return the products of two signals' windows of `order` scans, summed over all windows, (order, order)."""
+    scans = a.size - order + 1
+    out = np.empty((order, order))
+    out[0] = np.correlate(b, a[:scans], "valid")
+    out[:, 0] = out[0] if a is b else np.correlate(a, b[:scans], "valid")
+    step = np.multiply.outer(a[scans:], b[scans:]) - np.multiply.outer(a[: order - 1], b[: order - 1])
+    for i in range(order - 1):
+        out[i + 1, 1:] = out[i, :-1] + step[i]
+    return out

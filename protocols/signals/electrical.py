@@ -13,10 +13,12 @@ import numpy as np
 
 from model import Array, Complex
 from protocols.signals.checks import check_positive
-from protocols.signals.sine import fit_sine
+from protocols.signals.sine import SineFit, fit_sine, line_fit_samples
 
 HARMONICS = 16
 """Components of voltage and current: the amplifier's two slopes make even harmonics, hysteresis odd ones."""
+QUIET_SHARE, QUIET_RMS = 0.99, 0.9616
+"""Share of the changes from cycle to cycle that are noise, not a jump between two samples; rms of that share of normal noise."""
 LOOP_PHASES = 128
 """Phases of a loop."""
 
@@ -117,7 +119,7 @@ def electrical_response(
         fit.components * np.exp(jw * delay_s)
         for fit, delay_s in zip(fits, (errors.voltage_delay_s, errors.flow_delay_s), strict=True)
     )
-    v_error, i_error = (fit.standard_error for fit in fits)
+    v_error, i_error = (_error(samples, fit, rate_hz) for samples, fit in zip((voltage, flow), fits, strict=True))
     if is_charge:
         charge_to_current = jw + (1 / errors.bleed_s if errors.bleed_s else 0.0)
         i, i_error = i * charge_to_current, i_error * abs(charge_to_current[0])
@@ -129,7 +131,7 @@ def electrical_response(
     capacitance, loss = y.imag / omega, y.real / y.imag if y.imag else math.inf
     energy = 0.5 * float(np.sum((np.conj(v) * i).real)) / frequency_hz
     energy_error = 0.5 / frequency_hz * math.hypot(_norm(v) * i_error, _norm(i) * v_error)
-    reactive = 0.5 * abs(v[0]) ** 2 * y.imag / frequency_hz
+    turning = 0.5 * float(np.sum(jw.imag * (np.conj(v) * i).imag)) / frequency_hz  # harmonics turn farther
     c_error, loss_error = abs(y) * noise / omega, (1 + loss**2) * noise
     return ElectricalResponse(
         frequency_hz,
@@ -141,7 +143,9 @@ def electrical_response(
             capacitance, c_error, math.hypot(c_error, capacitance * errors.gain_relative, y.real / omega * turned)
         ),
         Uncertain(loss, loss_error, math.hypot(loss_error, (1 + loss**2) * turned)),
-        Uncertain(energy, energy_error, math.hypot(energy_error, energy * errors.gain_relative, reactive * turned)),
+        Uncertain(
+            energy, energy_error, math.hypot(energy_error, energy * errors.gain_relative, turning * errors.delay_s)
+        ),
     )
 
 
@@ -158,11 +162,34 @@ def leakage_current(held: Array, rest: Array, rate_hz: float, errors: InputError
     value = float(held.mean() - rest.mean())
     error = math.hypot(*(float(x.std(ddof=1)) / math.sqrt(x.size) for x in (held, rest)))
     if is_charge:
-        t = np.arange(held.size) / rate_hz
-        (slope, _), covariance = np.polyfit(t - t.mean(), held, 1, cov=True)
+        (slope, slope_error), (at_rest, rest_error) = (_slope(x, rate_hz) for x in (held, rest))
         share = 1 / errors.bleed_s if errors.bleed_s else 0.0
-        value, error = float(slope) + share * value, math.hypot(math.sqrt(float(covariance[0, 0])), share * error)
+        value, error = slope - at_rest + share * value, math.hypot(slope_error, rest_error, share * error)
     return Uncertain(value, error, math.hypot(error, value * errors.gain_relative))
+
+
+def _slope(samples: Array, rate_hz: float) -> tuple[float, float]:
+    """Return the slope of a line through samples, per second, and its standard error."""
+    t = np.arange(samples.size) / rate_hz
+    (slope, _), covariance = np.polyfit(t - t.mean(), samples, 1, cov=True)
+    return float(slope), math.sqrt(float(covariance[0, 0]))
+
+
+def _error(samples: Array, fit: SineFit, rate_hz: float) -> float:
+    """Return the standard error of each component of a fit, by what does not repeat after some cycles.
+
+    The amplifier's two slopes make harmonics beyond the fitted ones: in a current they fall off slowly and are larger than its noise.
+    """
+    period = rate_hz / fit.frequency_hz
+    cycles = np.arange(1, int(0.5 * samples.size / period) + 1)
+    if not cycles.size:
+        return fit.standard_error
+    lags = np.rint(cycles * period).astype(int)
+    lag = lags[np.argmin(np.abs(lags - cycles * period))]
+    residual = samples - line_fit_samples(fit, samples.size, rate_hz)
+    change = np.abs(residual[lag:] - residual[:-lag])
+    change = change[change <= np.quantile(change, QUIET_SHARE)]
+    return float(np.sqrt(np.mean(change**2))) / (QUIET_RMS * math.sqrt(samples.size))
 
 
 def _norm(components: Complex) -> float:

@@ -14,6 +14,7 @@ INFINITY.
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -32,7 +33,7 @@ MEMORY_POINTS = 16_384
 OTHER_CHANNEL_NOISE_V = 0.3
 """Volts that represent the noise that a DG4000 can add to its output."""
 OTHER_FUNCTION = "SOURce2:FUNCtion[:SHAPe]"
-PANEL_CHANNEL = "SYSTem:CHANnel:CURrent"
+PANEL_CHANNEL, KEY_LOCK = "SYSTem:CHANnel:CURrent", "SYSTem:KLOCk"
 """Commands of a DG4000 for the function of channel 2 and, in place of a key, the channel selected on its front panel."""
 
 TRAITS = (
@@ -114,7 +115,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             self._number(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
             self._number(SOURCE + "BURSt:TDELay", "delay_s", "S", 0.0, 100.0, 0.0),
             *self._idle_commands(),
-            self._stored_switch("SYSTem:KLOCk[:STATe]"),
+            self._panel_lock_command(),
             *self._download_commands(),
             wires.ScpiCommand(SOURCE + "APPLy", None, lambda _: self._query_apply()),
             wires.ScpiCommand(SOURCE + "APPLy:DC", self._apply_dc),
@@ -134,6 +135,9 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             self._choice(SOURCE + "FUNCtion:ARB:MODE", "_sample_rate_mode", {"FREQ": False, "SRATe": True}),
             self._number(SOURCE + "FUNCtion:ARB:SRATe", "_rate_hz", "SA/S", 1e-6, 60e6, 20e6, self._change_rate),
         ]
+
+    def _panel_lock_command(self) -> wires.ScpiCommand:
+        return self._stored_switch("SYSTem:KLOCk[:STATe]")
 
     def _idle_commands(self) -> list[wires.ScpiCommand]:
         return [self._choice(SOURCE + "BURSt:IDLE", "idle", {"FPT": None, "TOP": 1.0, "CENTER": 0.0, "BOTTOM": -1.0})]
@@ -248,7 +252,22 @@ class SimulatedRigolDg800(SimulatedRigolDg):
     def _other_channel_commands(self) -> list[wires.ScpiCommand]:
         if self._is_dg4000:
             return [wires.ScpiCommand("COUPling[:STATe]", self._set_coupling, lambda _: self._query_coupling())]
-        return super()._other_channel_commands() if self._model[4:5] == "2" else []
+        if not re.match(r"DG\d+2", self._model):
+            return []
+        triggers = [self._stored_switch(f"COUPling{channel}:TRIgger[:STATe]") for channel in ("[1]", "2")]
+        return [*super()._other_channel_commands(), *triggers]
+
+    def _panel_lock_command(self) -> wires.ScpiCommand:
+        """Return the lock of keys by their names; of the names only ALL is understood (DG2000 Programming Guide, SYSTem:KLOCk)."""
+        if self._is_dg4000:
+            return super()._panel_lock_command()
+
+        def lock(a: wires.Arguments) -> None:
+            wires.check_argument_count(a, 2)
+            wires.match_keyword(a[0], "ALL")
+            self._keyword_settings[KEY_LOCK] = str(int(wires.parse_boolean(a[1])))
+
+        return wires.ScpiCommand(KEY_LOCK, lock, lambda _: self._keyword_settings.get(KEY_LOCK, "0"))
 
     def _rate_commands(self) -> list[wires.ScpiCommand]:
         return []

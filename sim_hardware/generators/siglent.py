@@ -10,7 +10,7 @@ without an index; a quoted name is ignored; numbers have six digits; queries are
 one session is served; the third waveform above 64 kB hangs remote and panel while the output continues, and one of less than four
 bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X. An SDG6022X
 with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode; both take big-endian points in a block
-with their size (nacs-lab/pyctrl at 3ea197b).
+with their size (nacs-lab/pyctrl at cdd5b16).
 """
 
 import math
@@ -46,6 +46,8 @@ MAX_BURST_CYCLES = 1e6
 MAX_FREQUENCY_HZ = 30e6
 BUILT_IN_NAME = "StairUp"
 LARGE_BYTES = 65_536
+NOISE_V = 0.3
+"""Volts that represent the noise that an SDG2000X or SDG6000X can add to its output."""
 
 TRAITS = (
     Trait(
@@ -171,10 +173,23 @@ class SimulatedSiglentSdg:
                 ScpiCommand("WVDT", None, self._query_waveform),
                 ScpiCommand("C[1]:ARWV", self._select, lambda _: self._query_selection()),
                 ScpiCommand("C[1]:INVT", self._set_inversion, lambda _: f"C1:INVT {self._on(self._inverted['INVT'])}"),
-                ScpiCommand("C[1]:CMBN", self._set_combining, lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"),
+                ScpiCommand(
+                    "C[1]:CMBN", partial(self._set_added, "CMBN"), lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"
+                ),
                 ScpiCommand("COUP", self._set_coupling, lambda _: self._query_coupling()),
                 ScpiCommand("C[1]:SWWV", partial(self._set_mode, "SWWV"), partial(self._query_mode, "SWWV")),
                 ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
+                *(
+                    []
+                    if self._is_sdg1000
+                    else [
+                        ScpiCommand(
+                            "C[1]:NOISE_ADD",
+                            partial(self._set_added, "NOISE_ADD"),
+                            partial(self._query_mode, "NOISE_ADD"),
+                        )
+                    ]
+                ),
                 *(
                     []
                     if self._is_sdg1000 or self.traits.get("rate-mode") == "absent"
@@ -202,9 +217,11 @@ class SimulatedSiglentSdg:
             flipped = self._inverted["PLRT"] != self._inverted["INVT"]
         self._generator.apply_settings(inverted=flipped)
 
-    def _set_combining(self, a: Arguments) -> None:
-        self._switches["CMBN"] = a[0].upper() == "ON"
-        self._generator.apply_settings(added_v=OTHER_CHANNEL_V if self._is_on("CMBN") else 0.0)
+    def _set_added(self, name: str, a: Arguments) -> None:
+        """Switch the other channel, or the volts that represent the noise, onto the output."""
+        self._switches[name] = a[-1 if name == "CMBN" else 1].upper() == "ON"
+        volts = {"CMBN": OTHER_CHANNEL_V, "NOISE_ADD": NOISE_V}
+        self._generator.apply_settings(added_v=sum(v for each, v in volts.items() if self._is_on(each)))
 
     @property
     def _coupling_names(self) -> tuple[str, ...]:

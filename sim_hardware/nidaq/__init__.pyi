@@ -1,5 +1,11 @@
 from .analog_output import SimulatedAnalogOutput as SimulatedAnalogOutput
+from .analog_output import to_counts as to_counts
+from .card import GROUND_CHANNEL as GROUND_CHANNEL
+from .card import Acquisition as Acquisition
+from .card import SampleRateError as SampleRateError
 from .card import SimulatedCard as SimulatedCard
+from .card import actual_rate as actual_rate
+from .card import convert_interval_s as convert_interval_s
 from .card import draw_card_traits as draw_card_traits
 from .grpc_server import NiGrpcServer as NiGrpcServer
 from .in_process_digitizer import SimulatedDigitizer as SimulatedDigitizer

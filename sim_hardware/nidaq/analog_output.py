@@ -86,12 +86,12 @@ class SimulatedAnalogOutput:
 
     def reset(self) -> None:
         """Power-up or device reset: 0 V."""
-        self._emit_segment(lambda _: ConstantSegment(0.0))
+        self.emit(lambda _: ConstantSegment(0.0))
 
     def hold(self, volts: float) -> None:
         """Hold a level."""
         level = float(to_counts(np.array([volts]))[0]) * VOLTS_PER_COUNT
-        self._emit_segment(lambda _: ConstantSegment(level))
+        self.emit(lambda _: ConstantSegment(level))
 
     def play(self, counts: Counts, rate_hz: float, start: Callable[[float], float]) -> float:
         """Play samples from `start(now)`; return this time."""
@@ -102,18 +102,20 @@ class SimulatedAnalogOutput:
             before = float(self._segment.volts(np.array([t]))[0])
             return SampledSegment(origin[0], rate_hz, counts, VOLTS_PER_COUNT, before)
 
-        self._emit_segment(make)
+        self.emit(make)
         return origin[0]
 
     def freeze(self) -> None:
         """Hold the present level, like a stopped task."""
-        self._emit_segment(lambda t: ConstantSegment(float(self._segment.volts(np.array([t]))[0])))
+        self.emit(lambda t: ConstantSegment(float(self._segment.volts(np.array([t]))[0])))
 
     def volts(self, t: Array) -> Array:
         """Volts at the output at past times `t`, ascending."""
         return self._history.volts(t)
 
-    def _emit_segment(self, make: SegmentFactory) -> None:
+    def emit(self, make: SegmentFactory) -> None:
+        """Output the segment that is made for the present time."""
+
         def kept(t: float) -> Segment:
             self._segment = make(t)
             self._history.append(t, self._segment)

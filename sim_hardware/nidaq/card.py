@@ -16,7 +16,15 @@ from sim_hardware.generators import Trait, draw_options
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
 from sim_hardware.nidaq.interlock import SimulatedInterlock
 from sim_hardware.nidaq.output_queue import SimulatedOutputQueue
-from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
+from sim_hardware.plant import (
+    CardParameters,
+    ElectricalQuantity,
+    FaultState,
+    LaserView,
+    Plant,
+    SimulationParameters,
+    VoltageHistory,
+)
 
 SETTLING_SHARE = 0.02
 """Share of the previously converted volts in an input that settles too slowly."""
@@ -68,12 +76,13 @@ def draw_card_traits(seed: int, chosen: str = "") -> dict[str, str]:
 Counts = NDArray[np.int16]
 
 DRIVE_CHANNEL, SENSOR_CHANNEL, VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL = 0, 1, 2, 3
+TEMPERATURE_CHANNEL, HUMIDITY_CHANNEL, CHARGE_CHANNEL = 4, 6, 7
 FIRST_OUTPUT_READBACK_CHANNEL = 1000
 """First number of the channels that are analogue outputs measured inside the card (`_ao0_vs_aognd`)."""
 GROUND_CHANNEL = 2000
 """Number of the channel of the card's analogue ground (`_aignd_vs_aignd`)."""
 
-LAST_CONNECTED_CHANNEL = CURRENT_MONITOR_CHANNEL
+CONNECTED_CHANNELS = {*range(TEMPERATURE_CHANNEL + 1), HUMIDITY_CHANNEL, CHARGE_CHANNEL}
 GHOST_SHARE = 0.98
 """Share of the previously converted volts in an open input: the multiplexer's capacitance keeps its charge."""
 
@@ -97,17 +106,18 @@ def actual_rate(parameters: CardParameters, rate_hz: float, channels: int) -> fl
     """Return the rate of the card's divider for `rate_hz`: the next higher one.
 
     Raises:
-        RateRefusedError: above the converter's limit, which all channels share, or not positive.
+        SampleRateError: above the limit of the converter, which all channels share unless each has its own, or not positive.
     """
-    limit = parameters.max_rate_hz / channels
+    limit = parameters.max_rate_hz / (channels if parameters.convert_s else 1)
     if not 0 < rate_hz <= limit * (1 + 1e-9):
         raise SampleRateError(rate_hz, channels, limit, not 0 < rate_hz <= parameters.max_rate_hz)
-    return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / rate_hz * (1 + 1e-12)))
+    return parameters.timebase_hz / max(1, math.floor(parameters.timebase_hz / rate_hz * (1 + 1e-12)))
 
 
 def convert_interval_s(parameters: CardParameters, rate_hz: float, channels: int) -> float:
-    """Seconds between the conversions of two channels of one scan: NI's default, or the largest that fits into a scan."""
-    return min(parameters.convert_s, 1 / (rate_hz * channels))
+    """Seconds between the conversions of two channels of one scan: the card's default, or the largest that fits into a scan."""
+    fast = rate_hz * channels > parameters.fast_sample_hz
+    return min(parameters.fast_convert_s if fast else parameters.convert_s, 1 / (rate_hz * channels))
 
 
 class _Noise:
@@ -230,8 +240,10 @@ class SimulatedCard:
         slow = SETTLING_SHARE if self.traits.get("settling") == "slow" else 0.0
         self.unsettled_share = max(parameters.card.unsettled_share, slow)
         self.scale = Scale(parameters.card.coefficients)
-        self._sensor, self._amplifier = parameters.sensor, parameters.amplifier
+        self._sensor, self._amplifier, self._room = parameters.sensor, parameters.amplifier, plant.room
+        self._sense_f = parameters.electrical.sense_f
         self.laser_view = laser_view
+        self._step_s = 1 / parameters.plant_rate_hz
         self._history = history
         self._faults = faults
         self._acquisition_count = 0
@@ -242,7 +254,7 @@ class SimulatedCard:
     def start_acquisition(self, rate_hz: float, channels: Sequence[int], now: float) -> Acquisition:
         """Begin an acquisition at bench time `now`. Raises RateRefusedError as `actual_rate`."""
         rate = actual_rate(self.parameters, rate_hz, len(channels))
-        if {VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL} & set(channels):
+        if {VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL, CHARGE_CHANNEL} & set(channels):
             self.plant.keep_electrical()
         self._acquisition_count += 1
         return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
@@ -263,7 +275,7 @@ class SimulatedCard:
         """Whether nothing is connected to a channel's terminal."""
         if channel == DRIVE_CHANNEL:
             return self.parameters.drive_open
-        return LAST_CONNECTED_CHANNEL < channel < FIRST_OUTPUT_READBACK_CHANNEL
+        return channel not in CONNECTED_CHANNELS and channel < FIRST_OUTPUT_READBACK_CHANNEL
 
     def channel_voltage(self, channel: int, t: Array) -> tuple[Array, Array | float]:
         """Return the volts at the channel's terminal without noise, and the rms noise; a stuck sensor has none of its own."""
@@ -271,20 +283,39 @@ class SimulatedCard:
             return self._history.volts(t), self.parameters.noise_v
         if channel == SENSOR_CHANNEL:
             s = self._sensor
-            w = self.laser_view.displacement(t)
+            w = self._seen(t)
             invalid = (np.abs(w) > s.range_m) | self._faults.was_active("sensor-out-of-range", t)
-            volts = self._with_stuck_sensor(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
+            seen_v = s.zero_v + w / s.gain_m_per_v * (1 + s.curve_per_m * w)
+            volts = self._with_stuck_sensor(np.where(invalid, s.invalid_v, seen_v), t)
             noise_v = np.where(self._faults.was_active("sensor-stuck", t), 0.0, s.noise_m / abs(s.gain_m_per_v))
             return volts, np.hypot(self.parameters.noise_v, noise_v)
         if channel == VOLTAGE_MONITOR_CHANNEL:
-            return self._amplifier.voltage_monitor_v_per_v * self.plant.specimen_voltage(t), self.parameters.noise_v
+            volts = self.plant.electrical(ElectricalQuantity.VOLTAGE, t)
+            return self._amplifier.voltage_monitor_v_per_v * volts, self.parameters.noise_v
         if channel == CURRENT_MONITOR_CHANNEL:
             a = self._amplifier
-            volts = a.current_monitor_zero_v + a.current_monitor_v_per_a * self.plant.current(t)
+            amps = self.plant.electrical(ElectricalQuantity.CURRENT, t)
+            volts = a.current_monitor_zero_v + a.current_monitor_v_per_a * amps
             return volts, math.hypot(self.parameters.noise_v, a.current_monitor_noise_v)
+        if channel == CHARGE_CHANNEL:
+            return self.plant.electrical(ElectricalQuantity.CHARGE, t) / self._sense_f, self.parameters.noise_v
+        if channel == TEMPERATURE_CHANNEL:
+            v_per_k = self._room.parameters.sensor_v_per_k
+            volts = v_per_k * self._room.temperature_at(t)
+            thermal_v = self._room.parameters.sensor_noise_k * v_per_k
+            return volts, math.hypot(self.parameters.noise_v, thermal_v)
+        if channel == HUMIDITY_CHANNEL:
+            return np.full(t.size, self._room.parameters.humidity), self.parameters.noise_v
         if FIRST_OUTPUT_READBACK_CHANNEL <= channel < GROUND_CHANNEL:
             return self.outputs[channel - FIRST_OUTPUT_READBACK_CHANNEL].volts(t), self.parameters.noise_v
         return np.zeros(t.size), self.parameters.noise_v
+
+    def _seen(self, t: Array) -> Array:
+        """Return the displacement at the sensor, or for a vibrometer its change over a step of the plant, m/s."""
+        if self._sensor.quantity == "displacement":
+            return self.laser_view.displacement(t)
+        until = t + min(0.5 * self._step_s, self._sensor.delay_s)  # the delay of the sensor precedes it
+        return (self.laser_view.displacement(until) - self.laser_view.displacement(until - self._step_s)) / self._step_s
 
     def _with_stuck_sensor(self, volts: Array, t: Array) -> Array:
         """Return the sensor's volts, constant after the begin of the fault."""

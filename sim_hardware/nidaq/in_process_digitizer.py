@@ -76,7 +76,8 @@ class SimulatedDigitizer:
         buffer_s: float = 10.0,
         inputs: Sequence[int] = (DRIVE_CHANNEL, SENSOR_CHANNEL),
     ) -> None:
-        self.identity = Identity("NI", card.parameters.product, f"{card.parameters.serial:X}")
+        given = card.parameters
+        self.identity = Identity(given.maker, given.product, format(given.serial, "X" if given.maker == "NI" else "d"))
         self.card, self.clock, self.faults = card, clock, faults
         self._buffer_s, self._inputs = buffer_s, tuple(inputs)
         self._stream: SimulatedStream | None = None
@@ -154,6 +155,13 @@ class SimulatedStream(Closeable):
         block = Block(self._next_scan, self._ahead.read(position, clock.now()))
         self._next_scan = block.stop
         return block
+
+    def skip(self, seconds: float) -> float:
+        """Let whole blocks pass unread (see drivers.interfaces.SkippingStream)."""
+        scans = max(int(seconds * self.rate_hz / self._block_scans), 0) * self._block_scans
+        self._digitizer.clock.sleep(scans / self.rate_hz)
+        self._next_scan += scans
+        return scans / self.rate_hz
 
     def restart(self) -> None:
         """Acquire again after scans were lost (see drivers.interfaces.RestartableStream)."""

@@ -43,7 +43,7 @@ class NiOutputTask(NiTask):
         match = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
         if device.lower() != self.device.name.lower():
             raise NiError(-200220, f"Device Specified: {device}")
-        if not match or int(match[1]) >= len(self.device.card.outputs):
+        if not match or int(match[1]) >= self.device.card.parameters.ao_channels:
             raise NiError(-200170, f"Physical Channel Name: {text}")
         if not -RANGE_V <= low_v < high_v <= RANGE_V:
             raise NiError(-200077, f"Property: AO.Max\nRequested Value: {high_v}\nMaximum Value: {RANGE_V}")
@@ -74,6 +74,13 @@ class NiOutputTask(NiTask):
                 raise NiError(-200452, f"Property: {number:#x}")
 
     def _divided_rate(self, rate_hz: float) -> float:
+        card = self.device.card.parameters
+        if not card.ao_clocked:
+            raise NiError(-200077, "Property: SampTimingType\nRequested Value: Sample Clock")
+        if rate_hz > card.ao_max_rate_hz:
+            raise NiError(
+                -200081, f"Property: SampClk.Rate\nRequested Value: {rate_hz}\nMaximum Value: {card.ao_max_rate_hz}"
+            )
         return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / rate_hz * (1 + 1e-12)))
 
     def set_buffer(self, scans: int) -> None:

@@ -41,7 +41,9 @@ DEVICE_PROPERTIES: Properties = {
     0x632: _serial_number,
     0x22CA: lambda _: True,  # simulated
     0x231E: lambda device: ", ".join(f"{device.name}/ai{i}" for i in range(device.card.parameters.channels)),
-    0x231F: lambda device: ", ".join(f"{device.name}/ao{i}" for i in range(len(device.card.outputs))),
+    0x231F: lambda device: ", ".join(f"{device.name}/ao{i}" for i in range(device.card.parameters.ao_channels)),
+    0x2996: lambda device: device.card.parameters.ao_clocked,
+    0x2997: lambda device: device.card.parameters.ao_max_rate_hz,
     0x2A40: _terminals,
     **dict.fromkeys((0x2320, 0x2321, 0x2322, 0x2323, 0x2324), lambda _: ""),  # digital lines and counters: none
     **dict.fromkeys((0x298C, 0x298D), lambda device: device.card.parameters.max_rate_hz),  # one channel, all channels

@@ -10,6 +10,7 @@ from .parameters import GeneratorParameters as GeneratorParameters
 from .parameters import InterlockParameters as InterlockParameters
 from .parameters import SimulationParameters as SimulationParameters
 from .parameters import SupplyParameters as SupplyParameters
+from .plant import ElectricalQuantity as ElectricalQuantity
 from .plant import Plant as Plant
 from .segments import ArbitraryWaveform as ArbitraryWaveform
 from .segments import ChirpSegment as ChirpSegment
@@ -19,6 +20,7 @@ from .segments import RelayGlitchSegment as RelayGlitchSegment
 from .segments import SaggingSegment as SaggingSegment
 from .segments import Segment as Segment
 from .setup_state import OPERATOR_ACTIONS as OPERATOR_ACTIONS
+from .setup_state import SET_CHAMBER as SET_CHAMBER
 from .setup_state import SPECIMEN_ACTIONS as SPECIMEN_ACTIONS
 from .setup_state import SetupState as SetupState
 from .setup_state import apply_action as apply_action

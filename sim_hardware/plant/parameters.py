@@ -1,9 +1,11 @@
 """Simulation parameters: ground truth of a simulated bench, read from its bench file."""
 
 import math
+import tomllib
 import types
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from functools import cache, lru_cache
+from importlib import resources
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -112,7 +114,7 @@ def _drawn(part: int, number: int, seed: int) -> float:
 
 SHEET_CHOICES = ("", "realistic.specimen.toml")
 """Specimen sheets of the simulated benches."""
-SOURCE_CHOICES = ("generator", "ao0", "ao1", "supply")
+SOURCE_CHOICES = ("generator", "ao0", "ao1", "supply", "DAC0", "DAC1")
 """Outputs that can drive the cable to the amplifier."""
 
 
@@ -205,8 +207,48 @@ class AmplifierParameters:
         _not_negative("amplifier", self, "current_monitor_noise_v", "current_monitor_delay_s")
 
 
-ELECTRODES = ("connected", "reversed", "open", "damaged")
-"""States of the specimen's connection: to the amplifier, with its wires exchanged, not at all, or short-circuited by a breakdown."""
+@dataclass(frozen=True, slots=True)
+class RoomParameters:
+    """The air of the laboratory, and what its temperature does to the tactor.
+
+    Attributes:
+        temperature_c: at bench time 0.
+        drift_k_per_h: change of the temperature.
+        humidity: relative humidity.
+        reference_c: temperature of the tactor's parameters.
+        k2_per_kelvin, mu_per_kelvin, c0_per_kelvin, capacitance_per_kelvin: relative change of each.
+        chamber_lag_s: time constant with which a climate chamber approaches the temperature that is set.
+        sensor_v_per_k: of the thermometer at the card's ai4, 0 V at 0 °C; a humidity sensor at ai6 has 1 V at 100 %.
+        sensor_noise_k: rms noise of the thermometer.
+    """
+
+    temperature_c: float = 23.0
+    drift_k_per_h: float = 0.0
+    humidity: float = 0.45
+    reference_c: float = 23.0
+    k2_per_kelvin: float = 0.0
+    mu_per_kelvin: float = 0.0
+    c0_per_kelvin: float = 0.0
+    capacitance_per_kelvin: float = 0.0
+    chamber_lag_s: float = 120.0
+    sensor_v_per_k: float = 0.01
+    sensor_noise_k: float = 0.02
+
+    def __post_init__(self) -> None:
+        _within("room.temperature_c", self.temperature_c, -40, 85)
+        _within("room.humidity", self.humidity, 0, 1)
+
+    def tactor_at(self, tactor: Tactor, temperature_c: float) -> Tactor:
+        """Return the tactor at a temperature."""
+        warmer = temperature_c - self.reference_c
+        names = [name for name in ("k2", "mu", "c0") if getattr(self, f"{name}_per_kelvin")]
+        changed = {name: getattr(tactor, name) * (1 + getattr(self, f"{name}_per_kelvin") * warmer) for name in names}
+        return replace(tactor, **changed) if changed else tactor
+
+
+ELECTRODES = ("connected", "reversed", "open", "damaged", "broken")
+"""States of the specimen's connection: to the amplifier, with its wires exchanged, not at all, short-circuited by a breakdown, or in part
+only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +262,11 @@ class ElectricalParameters:
         coupling: charge per displacement, as a share of the reciprocal of the tactor's bending by voltage.
         cable_f: capacitance of the cable alone, of an open specimen.
         breakdown_ohm: resistance of damaged electrodes.
-        electrodes: `connected`, `reversed`, `open` or `damaged`.
+        polarisation: share of the poling that is left: of the bending, and of the charge that belongs to it.
+        broken_share: share of the electrodes that is left when they are broken.
+        sense_f: sense capacitor in the return of the specimen, whose volts are at the card's ai7.
+        sense_ohm: its bleed resistor.
+        electrodes: `connected`, `reversed`, `open`, `damaged` or `broken`.
     """
 
     capacitance_f: float = 1.2e-9
@@ -229,25 +275,87 @@ class ElectricalParameters:
     coupling: float = 1.0
     cable_f: float = 3e-11
     breakdown_ohm: float = 2e5
+    polarisation: float = 1.0
+    broken_share: float = 0.5
+    sense_f: float = 1e-6
+    sense_ohm: float = 1e7
     electrodes: str = "connected"
 
     def __post_init__(self) -> None:
-        _positive("electrical", self, "capacitance_f", "leakage_ohm", "breakdown_ohm")
+        _positive("electrical", self, "capacitance_f", "leakage_ohm", "breakdown_ohm", "sense_f", "sense_ohm")
         _not_negative("electrical", self, "loss_per_decade", "coupling", "cable_f")
+        _within("electrical.polarisation", self.polarisation, 0, 1)
+        _within("electrical.broken_share", self.broken_share, 0, 1)
         if self.electrodes not in ELECTRODES:
             raise ValueError(f"electrical.electrodes is {self.electrodes!r}: choose from {', '.join(ELECTRODES)}")
 
     @property
     def bending(self) -> float:
         """Share of the volts at the amplifier's output that bends the specimen."""
-        return {"connected": 1.0, "reversed": -1.0}.get(self.electrodes, 0.0)
+        share = {"connected": 1.0, "reversed": -1.0, "broken": self.broken_share}.get(self.electrodes, 0.0)
+        return share * self.polarisation
+
+    @property
+    def connected_f(self) -> float:
+        """Capacitance of the clamped specimen, with its cable, as far as it is connected."""
+        whole = self.capacitance_f - self.cable_f
+        share = {"open": 0.0, "broken": self.broken_share}.get(self.electrodes, 1.0)
+        return self.cable_f + share * whole
+
+
+@dataclass(frozen=True, slots=True)
+class AgeingParameters:
+    """Ageing of the specimen by the cycles of bursts of a generator; the defaults omit it.
+
+    Attributes:
+        from_v: smallest amplitude at the amplifier's input that is counted.
+        wear_per_decade: share of the bending by voltage that is lost per decade of cycles beyond a thousand: depolarisation.
+        crack_cycles: cycles at which a crack opens; 0: never.
+        crack_stiffness: share of the bending stiffness of plate and MFC that the crack takes.
+        crack_damping: share of the damping that it adds.
+        crack_capacitance: share of the capacitance that is behind it.
+        crack_harmonics: excess of the displacement in one direction, in which the crack opens.
+    """
+
+    from_v: float = 0.75
+    wear_per_decade: float = 0.0
+    crack_cycles: float = 0.0
+    crack_stiffness: float = 0.06
+    crack_damping: float = 0.2
+    crack_capacitance: float = 0.1
+    crack_harmonics: float = 0.05
+
+    def __post_init__(self) -> None:
+        _not_negative("ageing", self, *(each.name for each in fields(self)))
+        for name in ("wear_per_decade", "crack_stiffness", "crack_capacitance"):
+            if getattr(self, name) >= 0.2:
+                raise ValueError(f"ageing.{name} must be below 0.2, not {getattr(self, name):g}")
+
+    def age(self, cycles: float) -> tuple[bool, float]:
+        """Return whether the crack is open after these cycles, and the remaining share of the bending by voltage, in small steps."""
+        worn = self.wear_per_decade * round(20 * math.log10(1 + cycles / 1000)) / 20
+        return 0 < self.crack_cycles <= cycles, 1 - worn
+
+    def aged(self, tactor: Tactor, age: tuple[bool, float]) -> Tactor:
+        """Return the tactor at an age."""
+        cracked, left = age
+        k2, c0 = (1 - self.crack_stiffness, 1 + self.crack_damping) if cracked else (1.0, 1.0)
+        return replace(tactor, k2=k2 * tactor.k2, c0=c0 * tactor.c0, mu=left * tactor.mu)
+
+
+NEW = (False, 1.0)
+"""Age of a new specimen."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorParameters:
     """The laser displacement sensor's analogue output: volts = zero_v + displacement / gain_m_per_v, delayed.
 
+    A vibrometer has a gain in (m/s)/V, and noise_m and range_m in m/s.
+
     Attributes:
+        quantity: `displacement`, or `velocity` of a vibrometer.
+        curve_per_m: bend of a capacitive probe: volts = zero_v + u (1 + curve_per_m w) with u the straight line's at w; 0: none.
         noise_m: rms noise per sample in metres.
         delay_s: delay from the motion to the voltage.
         range_m: half the measuring range; beyond it the output shows `invalid_v`.
@@ -259,8 +367,12 @@ class SensorParameters:
     delay_s: float = 1e-4
     range_m: float = 1e-3
     invalid_v: float = 10.3
+    quantity: str = "displacement"
+    curve_per_m: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.quantity not in ("displacement", "velocity"):
+            raise ValueError(f"sensor.quantity must be displacement or velocity, not {self.quantity!r}")
         if self.gain_m_per_v == 0:
             raise ValueError("sensor.gain_m_per_v must not be 0")
         _positive("sensor", self, "range_m")
@@ -272,22 +384,28 @@ class CardParameters:
     """The multifunction card: one 16-bit converter, multiplexed.
 
     Attributes:
+        maker, product: `cards.toml` has the values of each product.
         range_v: half the input range; NI's rails lie 5 % outside it.
         noise_v: rms noise per sample at the card's input.
         max_rate_hz: samples per second of all channels together.
         convert_s: time between the conversions of two channels of one scan, if the rate permits it; 0: simultaneous sampling.
             NI's default is the converter's fastest time plus 10 us for the settling of the inputs.
+        fast_sample_hz, fast_convert_s: the same above this sample rate of all channels together.
+        timebase_hz: clock whose integer divisions are the possible rates.
         latency_s: time from the start of a task to its first sample.
         coefficients: counts to volts, c0 + c1 n + c2 n^2 + c3 n^3.
+        ao_channels, ao_clocked, ao_max_rate_hz: number of its analogue outputs, whether they have a sample clock, and its largest rate.
         usb_requests, usb_request_bytes: pending transfers to its analogue output; 0: drawn from the seed.
         usb_adjustable: whether their size can be changed; None: drawn from the seed.
         drive_open: whether the cable from the drive to ai0 is off: an open input shows the previously converted voltage (NI
             knowledge base kA03q000000YHy6CAG, "How do I eliminate ghosting").
         unsettled_share: share of the previously converted volts in the inputs after the drive, for sources with an impedance too
             high to settle. The drive's source has 50 ohms.
+        power_up_v: level of the outputs of a LabJack that plays the drives after it has started, stored in its flash; 0 in a new one.
         traits: chosen traits, e.g. `skew=double` (sim_hardware.nidaq.card); others are drawn from the seed.
     """
 
+    maker: str = "NI"
     product: str = "USB-6341"
     serial: int = 0x01A2B3C4
     channels: int = 16
@@ -295,13 +413,20 @@ class CardParameters:
     noise_v: float = 2.7e-4
     max_rate_hz: float = 500e3
     convert_s: float = 12e-6
+    fast_sample_hz: float = 1e9
+    fast_convert_s: float = 12e-6
+    timebase_hz: float = 100e6
     latency_s: float = 0.0
     coefficients: tuple[float, ...] = (-1.7e-4, 3.2054e-4, 2.0e-14, -3.1e-19)
+    ao_channels: int = 2
+    ao_clocked: bool = True
+    ao_max_rate_hz: float = 900e3
     usb_requests: int = 0
     usb_request_bytes: int = 0
     usb_adjustable: bool | None = None
     drive_open: bool = False
     unsettled_share: float = 0.0
+    power_up_v: float = 2.5
     traits: str = ""
 
     def __post_init__(self) -> None:
@@ -382,6 +507,8 @@ class SimulationParameters:
     beyond: Nonidealities = field(default_factory=Nonidealities)
     mounting: MountingScatter = field(default_factory=MountingScatter)
     electrical: ElectricalParameters = field(default_factory=ElectricalParameters)
+    room: RoomParameters = field(default_factory=RoomParameters)
+    ageing: AgeingParameters = field(default_factory=AgeingParameters)
     modes: int = 7
     generator: GeneratorParameters = field(default_factory=GeneratorParameters)
     amplifier: AmplifierParameters = field(default_factory=AmplifierParameters)
@@ -420,8 +547,22 @@ class SimulationParameters:
         Raises:
             ValueError: a key is unknown or a value does not fit.
         """
-        parameters: Self = _build(cls, record, "simulation")
+        parameters: Self = _build(cls, _with_product(record), "simulation")
         return parameters
+
+
+@cache
+def card_products() -> dict[str, dict[str, Any]]:
+    """Return the parameters of the known cards, by product, that differ from the default."""
+    text = resources.files("sim_hardware.plant").joinpath("cards.toml").read_text("utf-8")
+    return {name: {"product": name, **table} for name, table in tomllib.loads(text).items()}
+
+
+def _with_product(record: dict[str, Any]) -> dict[str, Any]:
+    """Return the record with the values of the card's product, which its own values replace."""
+    card = record.get("card")
+    known = card_products().get(str(card.get("product"))) if isinstance(card, dict) else None
+    return {**record, "card": {**known, **card}} if known and isinstance(card, dict) else record
 
 
 def _build(target_type: Any, value: Any, key: str) -> Any:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import asdict, dataclass, replace
+from enum import IntEnum
 from itertools import pairwise
 from typing import Any
 
@@ -19,10 +20,12 @@ import numpy as np
 
 from drivers import Clock
 from model import Array, flexible_clamp_lengths
+from sim_hardware.plant.ageing import SpecimenAge
 from sim_hardware.plant.creep import CreepModel
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.hysteresis import HysteresisModel
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
+from sim_hardware.plant.room import Room
 from sim_hardware.plant.setup_state import SetupState, initial_state, weight_force_n
 from sim_hardware.plant.specimen_current import SpecimenCurrent
 from sim_hardware.plant.stepper import BLOCK, Stepper, limit_slew
@@ -50,6 +53,7 @@ _ADVANCING = (
 _ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis", "_specimen_current")
 """State changed by a simulated step, in addition to the rings."""
 
+
 TOUCHDOWN_S = 2e-3
 """Duration of a weight's first touch."""
 
@@ -76,6 +80,14 @@ class SetupChange:
         return np.asarray(force + self.impulse_ns / TOUCHDOWN_S * math.pi / 2 * np.sin(math.pi * touch))
 
 
+class ElectricalQuantity(IntEnum):
+    """Electrical quantity of the specimen, at an input of the card."""
+
+    VOLTAGE = 0
+    CURRENT = 1
+    CHARGE = 2
+
+
 class Plant:
     """Displacement of the tactor's centre for the volts at the amplifier's input, and the weights on it.
 
@@ -92,12 +104,12 @@ class Plant:
         self._bending = parameters.electrical.bending
         self._rate = parameters.plant_rate_hz
         self._ring = np.zeros(max(BLOCK, math.ceil(parameters.window_s * self._rate / BLOCK) * BLOCK))
-        self._specimen_ring: Array | None = None
-        """Volts on the specimen, kept after the first acquisition of a monitor."""
-        self._current_ring: Array | None = None
-        """Current at the monitor, likewise."""
+        self._electrical_rings = np.zeros((len(ElectricalQuantity), 0))
+        """Of each quantity, kept after the first acquisition of one."""
         self._specimen_current: SpecimenCurrent | None = None
         self._lock = threading.RLock()
+        self.room = Room(parameters.room)
+        self._age = SpecimenAge(parameters.ageing, history, self.room)
         self._steppers: dict[tuple[object, ...], Stepper] = {}
         self._changes = [SetupChange(-math.inf, -math.inf, initial_state(parameters))]
         self._starts = [-math.inf]
@@ -217,26 +229,19 @@ class Plant:
         return self._interpolated(self._ring, t)
 
     def keep_electrical(self) -> None:
-        """Keep volts on the specimen and current into it, for `specimen_voltage` and `current`."""
+        """Keep volts on the specimen, current into it and charge, for `electrical`."""
         with self._lock:
-            if self._specimen_ring is None:
-                self._specimen_ring = np.full(self._ring.size, self._previous_specimen_v)
-                self._current_ring = np.zeros(self._ring.size)
+            if self._specimen_current is None:
+                self._electrical_rings = np.zeros((len(ElectricalQuantity), self._ring.size))
+                self._electrical_rings[ElectricalQuantity.VOLTAGE] = self._previous_specimen_v
                 self._specimen_current = SpecimenCurrent(self._parameters, self._previous_specimen_v)
 
-    def specimen_voltage(self, t: Array) -> Array:
-        """Volts at the amplifier's output at past times `t`, as `displacement`. Raises ValueError like it."""
+    def electrical(self, quantity: ElectricalQuantity, t: Array) -> Array:
+        """Return volts at the amplifier's output, amperes at its monitor, or coulombs sensed at past times `t`, as `displacement`."""
         self.keep_electrical()
-        ring = self._specimen_ring
-        return np.zeros(t.size) if ring is None else self._interpolated(ring, t)
-
-    def current(self, t: Array) -> Array:
-        """Return the current at the amplifier's monitor at past times `t`, A, as `displacement`."""
-        self.keep_electrical()
-        ring = self._current_ring
-        # A value of the ring is the mean over the step before it.
-        delay_s = max(self._amplifier.current_monitor_delay_s - 0.5 / self._rate, 0.0)
-        return np.zeros(t.size) if ring is None else self._interpolated(ring, np.maximum(t - delay_s, 0.0))
+        if quantity is ElectricalQuantity.CURRENT:  # a value of its ring is the mean over the step before it
+            t = np.maximum(t - max(self._amplifier.current_monitor_delay_s - 0.5 / self._rate, 0.0), 0.0)
+        return self._interpolated(self._electrical_rings[quantity], t)
 
     def _interpolated(self, ring: Array, t: Array) -> Array:
         if not t.size:
@@ -264,14 +269,17 @@ class Plant:
         return bisect_right(self._starts, (step + 1e-3) / self._rate) - 1
 
     def _stepper_for(self, state: SetupState) -> Stepper:
-        tactor, difference = self._parameters.tactor, self._parameters.beyond.side_difference
+        difference = self._parameters.beyond.side_difference
+        tactor = self._parameters.room.tactor_at(
+            self._parameters.tactor, self.room.tactor_c(self._next_step / self._rate)
+        )
         # A load bends the plate towards the lower side; a voltage bends it in both directions, with the mean.
         k2 = tactor.k2 * (1 + state.side * difference / 2) if state.weights_kg else tactor.k2
-        key = (state.mass_kg, state.skin, k2, state.plate_mountings)
+        key = (state.mass_kg, state.skin, k2, state.plate_mountings, tactor, self._age.value)
         if key not in self._steppers:
             bends = self._parameters.mounting.difference("plate", state.plate_mountings, self._parameters.seed)
             lengths = flexible_clamp_lengths(asdict(tactor), bends)
-            there = replace(tactor, m_add=state.mass_kg, k2=k2, **lengths)
+            there = self._age.tactor(replace(tactor, m_add=state.mass_kg, k2=k2, **lengths))
             self._steppers[key] = Stepper.for_tactor(there, state.skin, self._parameters.modes, 1 / self._rate)
         return self._steppers[key]
 
@@ -286,6 +294,7 @@ class Plant:
         while self._next_step <= last:
             number = self._change_index(self._next_step)
             change = self._changes[number]
+            self._age.reach(self._next_step / self._rate, change.state.earlier_cycles, self._specimen_current)
             stepper = self._stepper_for(change.state)
             if stepper is not self._stepper:
                 self._state = stepper.converted_state(
@@ -314,16 +323,16 @@ class Plant:
                     volts, self._previous_bending_v, newtons, self._previous_force_n, self._state, per_s
                 )
                 self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
-            current = None
+            w = self._age.displacement(w)
+            rings = [(self._ring, w)]
             if self._specimen_current is not None:
-                current = self._specimen_current.process(specimen, change.state.side * w)
+                outputs = self._specimen_current.process(specimen, change.state.side * w)
+                rings += zip(self._electrical_rings, (specimen, *outputs), strict=True)
             begin = self._next_step % self._ring.size
             head = min(w.size, self._ring.size - begin)
-            rings = (self._ring, w), (self._specimen_ring, specimen), (self._current_ring, current)
             for ring, values in rings:
-                if ring is not None and values is not None:
-                    ring[begin : begin + head] = values[:head]
-                    ring[: w.size - head] = values[head:]
+                ring[begin : begin + head] = values[:head]
+                ring[: w.size - head] = values[head:]
             self._next_step = stop
             self._last_step = max(self._last_step, stop)
 
@@ -381,6 +390,7 @@ class Plant:
             return
         change = self._changes[self._change_index(start - 1)]
         gap_s = (start - self._next_step) / self._rate
+        self._age.reach(start / self._rate, change.state.earlier_cycles, self._specimen_current)
         self._next_step = self._valid_from = start
         volts = self._requested_voltage(start - 1, start, change.state)
         self._previous_specimen_v = float(volts[0])

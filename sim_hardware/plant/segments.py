@@ -122,6 +122,12 @@ class PeriodicSegment:
         """Phase in radians at time `t` of the running sine."""
         return math.remainder(self.phase_rad + 2 * math.pi * self.frequency_hz * (t - self.origin_s), 2 * math.pi)
 
+    def cycles_until(self, t: float) -> float:
+        """Return the number of periods of a single burst until time `t`; 0 of a repeated one."""
+        if math.isfinite(self.period_s):
+            return 0.0
+        return min(max((t - self.origin_s) * self.frequency_hz, 0.0), self.cycles)
+
     def volts(self, t: Array) -> Array:
         since = np.asarray(t, float) - self.origin_s
         if math.isfinite(self.period_s):

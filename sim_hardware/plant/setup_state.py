@@ -20,7 +20,7 @@ SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
 """Actions on the specimen, and their numbers. Weights are loose; a mass is fixed in the cylinder.
 
 `tidy-up` is never a prompt: the start of another run restores the set-up with which the bench was opened, or as it was mounted last:
-with `mass_kg`, and the numbers of its mountings so far, `mass_mountings`, `plate_mountings` and `laser_mountings`.
+with `mass_kg`, and the numbers of its mountings so far, `mass_mountings`, `plate_mountings` and `laser_mountings`; `cycles` is the number of its cycles so far.
 
 `moving` of `fix-mass`: `mass_kg` is the effective mass, not the mass in the cylinder; `mounted`: it is the specimen's own, which is glued. `turn-side` removes all weights; it may
 have `offset_kg`, the weight to lie on the other side, and `shorted`.
@@ -36,7 +36,8 @@ SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """Actions on the sensor and under it. A bump and an output that saturates are accidents, not answers to a prompt."""
 
-OPERATOR_ACTIONS = {**SPECIMEN_ACTIONS, **SENSOR_ACTIONS}
+SET_CHAMBER = "set-chamber"
+OPERATOR_ACTIONS = {**SPECIMEN_ACTIONS, **SENSOR_ACTIONS, SET_CHAMBER: ("temperature_c",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ class SetupState:
         shorted: whether the electrodes are shorted and disconnected from the amplifier.
         weights_kg: nominal masses on the centre, in the order of placing.
         mass_mountings, plate_mountings: how often each was mounted anew.
+        earlier_cycles: cycles of the specimen beside those of this session.
     """
 
     fixed_kg: float = 0.0
@@ -60,6 +62,7 @@ class SetupState:
     weights_kg: tuple[float, ...] = ()
     mass_mountings: int = 0
     plate_mountings: int = 0
+    earlier_cycles: float = 0.0
 
     @property
     def mass_kg(self) -> float:
@@ -111,7 +114,8 @@ def apply_action(
             )
         case "tidy-up":
             glued, clamped = (int(values.get(f"{part}_mountings", 0)) for part in ("mass", "plate"))
-            state = replace(initial_state(parameters), plate_mountings=clamped)
+            cycles = float(values.get("cycles", 0.0))
+            state = replace(initial_state(parameters), plate_mountings=clamped, earlier_cycles=cycles)
             own = {"mass_kg": parameters.tactor.m_add, "moving": 1.0} if "mass_kg" not in values else {}
             return _with_mass(state, {**values, **own, "mounted": 1.0}, parameters, glued) if glued else state
     return replace(state, skin=None)

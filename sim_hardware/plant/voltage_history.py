@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from drivers import Clock
 from model import Array, Mask
-from sim_hardware.plant.segments import ConstantSegment, Segment
+from sim_hardware.plant.segments import ConstantSegment, PeriodicSegment, Segment
 
 REMEMBERED_S, REMEMBERED = 120.0, 1000
 """Time before the last read, and number of changes, that are remembered; a plant remembers 60 s at most."""
@@ -26,11 +26,19 @@ REMEMBERED_S, REMEMBERED = 120.0, 1000
 
 @dataclass(frozen=True, slots=True)
 class HistoryEntry:
-    """From `start_s`: segment at the input, high voltage on or off."""
+    """From `start_s`: segment at the input, high voltage on or off; `cycles` were driven before."""
 
     start_s: float
     segment: Segment
     hv: bool
+    cycles: float = 0.0
+
+    def cycles_until(self, t: float, from_v: float) -> float:
+        """Return the cycles of bursts of an amplitude of at least `from_v`, with high voltage on, until a time in this entry."""
+        sine = self.segment
+        if not (self.hv and isinstance(sine, PeriodicSegment) and sine.amplitude_v >= from_v):
+            return self.cycles
+        return self.cycles + sine.cycles_until(t) - sine.cycles_until(self.start_s)
 
 
 class VoltageHistory:
@@ -44,6 +52,8 @@ class VoltageHistory:
         self._lock = threading.RLock()
         self.keeps_past = False
         """Whether no change is ever dropped, so that `entries` has the whole history."""
+        self.counted_from_v = math.inf
+        """Smallest amplitude of the cycles that are counted."""
         self._dropped = 0
         self._entries = [HistoryEntry(-math.inf, ConstantSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
@@ -114,7 +124,9 @@ class VoltageHistory:
     def _append_entry(self, start_s: float, segment: Segment) -> None:
         if start_s < max(self._read_until, self._starts[-1]):
             raise ValueError(f"the past cannot be changed: {start_s} s has been read or written already")
-        self._entries.append(HistoryEntry(start_s, segment, self._switched_on and start_s < self._permitted_until))
+        cycles = self._entries[-1].cycles_until(start_s, self.counted_from_v)
+        hv = self._switched_on and start_s < self._permitted_until
+        self._entries.append(HistoryEntry(start_s, segment, hv, cycles))
         self._starts.append(start_s)
         if len(self._starts) > 2 * REMEMBERED and not self.keeps_past:
             self._drop_past()
@@ -129,6 +141,11 @@ class VoltageHistory:
     def mark_read(self, until_s: float) -> None:
         """Close the past: later changes must begin after `until_s`."""
         self._read_until = max(self._read_until, min(until_s, self._readable_until))
+
+    def cycles_until(self, t: float) -> float:
+        """Return the number of counted cycles until a time."""
+        with self._lock:
+            return self._entries[bisect_right(self._starts, t) - 1].cycles_until(t, self.counted_from_v)
 
     def entries(self) -> list[HistoryEntry]:
         """Return all pieces, the first from minus infinity.

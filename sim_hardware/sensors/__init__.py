@@ -1,4 +1,4 @@
-"""Simulated laser sensors."""
+"""Simulated displacement sensors."""
 
 import lazy_loader
 

@@ -43,7 +43,7 @@ def main() -> int:
         path = first.get("time_file", "")
         clock = WallClock(parameters.speed, SharedTime(Path(path), parameters.speed) if path else None)
         with ServedBench(SimulatedBench(parameters, clock)) as served:
-            _write_response(answers, result={"scpi_port": served.scpi.port, "card_port": served.card.port})
+            _write_response(answers, result={"source": served.source_address, "card": served.card.address})
             while line := lines.get():
                 try:
                     request = json.loads(line)
@@ -54,7 +54,7 @@ def main() -> int:
                     _write_response(answers, result=result)
             # A watchdog outlives its program: while it holds the generator's link it may have to bring the generator to rest.
             for _ in range(round(LINGER_S / POLL_S)):
-                if not served.scpi.connections:
+                if not served.source_connections:
                     break
                 time.sleep(POLL_S)
     return 0

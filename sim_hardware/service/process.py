@@ -14,7 +14,6 @@ from typing import Any
 from drivers import BenchError, Closeable, Deadline, SharedTime
 from drivers.watchdog import python_command, python_environment, terminate
 from sim_hardware.plant import SimulationParameters, VoltageReport
-from sim_hardware.wires import HOST
 
 
 class BenchProcess(Closeable):
@@ -69,18 +68,10 @@ class BenchProcess(Closeable):
         except BaseException:
             self.close()
             raise
-        self.scpi_port = int(ports["scpi_port"])
-        self.card_port = int(ports["card_port"])
-
-    @property
-    def resource(self) -> str:
-        """VISA resource string of the generator."""
-        return f"TCPIP::{HOST}::{self.scpi_port}::SOCKET"
-
-    @property
-    def server(self) -> str:
-        """host:port of the card's gRPC service."""
-        return f"{HOST}:{self.card_port}"
+        self.resource = str(ports["source"])
+        """VISA resource string of the generator, or address of the LabJack that plays the drives."""
+        self.server = str(ports["card"])
+        """Address of the card: host:port of its gRPC service, or that of a LabJack."""
 
     @property
     def pid(self) -> int:
@@ -122,6 +113,10 @@ class BenchProcess(Closeable):
     def laser_reading_m(self) -> float | None:
         reading: float | None = self.control("laser_reading_m")
         return reading
+
+    def room_reading(self) -> tuple[float, float]:
+        temperature_c, humidity = self.control("room_reading")
+        return temperature_c, humidity
 
     def close(self) -> None:
         """End the process and wait for it."""

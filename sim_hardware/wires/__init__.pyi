@@ -16,4 +16,6 @@ from .scpi_engine import parse_boolean as parse_boolean
 from .scpi_engine import parse_number as parse_number
 from .scpi_engine import short_form as short_form
 from .scpi_engine import single_argument as single_argument
+from .selector_server import SelectorServer as SelectorServer
 from .tcp_server import ScpiTcpServer as ScpiTcpServer
+from .tcp_stream import TcpStreamServer as TcpStreamServer

@@ -218,7 +218,7 @@ def header_regex(pattern: str) -> re.Pattern[str]:
     `VOLTage` is VOLT or VOLTAGE, `[x]` may be left out, a number is a suffix, one in brackets an optional suffix.
     """
     out = []
-    for part in re.findall(r"\[\d+\]|[A-Za-z]+|\d+|[\[\]:]|\*[A-Z]+", pattern):
+    for part in re.findall(r"\[\d+\]|[A-Za-z_]+|\d+|[\[\]:]|\*[A-Z]+", pattern):
         if part == "[":
             out.append("(?:")
         elif part == "]":

@@ -4,19 +4,19 @@ import heapq
 import itertools
 import selectors
 import socket
-import threading
 import time
 
-from drivers import Clock, Closeable, WallClock
+from drivers import Clock, WallClock
 from sim_hardware.wires.port import HOST, MessagePort
 from sim_hardware.wires.scpi_engine import split_received
+from sim_hardware.wires.selector_server import SelectorServer
 
 _MAX_LINE_LENGTH = 1 << 24
 _MIN_WAIT_S = 2e-4
 """Replies due within this time are sent immediately: the selector cannot wait for less than a millisecond."""
 
 
-class ScpiTcpServer(Closeable):
+class ScpiTcpServer(SelectorServer):
     """Serves a port on loopback until closed; any number of connections, one after the other or together.
 
     Args:
@@ -31,13 +31,11 @@ class ScpiTcpServer(Closeable):
     def __init__(
         self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0, clock: Clock | None = None
     ) -> None:
+        super().__init__()
         self._instrument = instrument
         self._clock = clock or WallClock(speed)
         self._speed = speed
         self._command_s = command_s
-        self._selector = selectors.DefaultSelector()
-        self._wake, self._waker = socket.socketpair()
-        self._selector.register(self._wake, selectors.EVENT_READ)
         self._partial_lines: dict[socket.socket, bytes] = {}
         self._pending_responses: list[tuple[float, int, socket.socket, bytes]] = []
         self._sequence = itertools.count()
@@ -45,11 +43,7 @@ class ScpiTcpServer(Closeable):
         self._listener: socket.socket | None = None
         self.port = 0
         self._listen()
-        self._closing = False
-        self._update_condition = threading.Condition()
-        self._updates_requested = self._updates_done = 0
-        self._thread = threading.Thread(target=self._run, name="simulated generator", daemon=True)
-        self._thread.start()
+        self._start("simulated generator")
 
     @property
     def resource(self) -> str:
@@ -61,25 +55,6 @@ class ScpiTcpServer(Closeable):
         """Number of open connections."""
         return len(self._partial_lines)
 
-    def update_from_faults(self) -> None:
-        """Apply the active faults and return afterwards; call it after the injection or end of a fault."""
-        if self._closing or threading.current_thread() is self._thread:  # it applies them itself after its reply
-            return
-        with self._update_condition:
-            self._updates_requested += 1
-            mine = self._updates_requested
-            self._waker.send(b"!")
-            self._update_condition.wait_for(lambda: self._updates_done >= mine, timeout=5.0)
-
-    def close(self) -> None:
-        """Close everything and wait for the thread."""
-        self._closing = True
-        self._waker.send(b"!")
-        self._thread.join()
-        self._selector.close()
-        self._wake.close()
-        self._waker.close()
-
     def _listen(self) -> None:
         listener = socket.create_server((HOST, self.port))
         listener.setblocking(False)
@@ -87,35 +62,29 @@ class ScpiTcpServer(Closeable):
         self._selector.register(listener, selectors.EVENT_READ)
         self._listener = listener
 
-    def _run(self) -> None:
-        while not self._closing:
-            wait = max(0.0, self._pending_responses[0][0] - time.monotonic()) if self._pending_responses else None
-            for key, _ in self._selector.select(wait):
-                sock = key.fileobj
-                if sock is self._wake:
-                    self._wake.recv(64)
-                elif sock is self._listener:
-                    self._accept()
-                elif isinstance(sock, socket.socket) and sock in self._partial_lines:
-                    self._receive(sock)
-            requested = self._updates_requested  # later requests are served by the next pass
-            self._update_listener()
-            with self._update_condition:
-                self._updates_done = requested
-                self._update_condition.notify_all()
-            while self._pending_responses and self._pending_responses[0][0] <= time.monotonic():
-                _, _, sock, data = heapq.heappop(self._pending_responses)
-                self._send(sock, data)
+    def _wait_s(self) -> float | None:
+        return max(0.0, self._pending_responses[0][0] - time.monotonic()) if self._pending_responses else None
+
+    def _serve(self, sock: socket.socket) -> None:
+        if sock is self._listener:
+            self._accept()
+        elif sock in self._partial_lines:
+            self._receive(sock)
+
+    def _advance(self) -> None:
+        while self._pending_responses and self._pending_responses[0][0] <= time.monotonic():
+            _, _, sock, data = heapq.heappop(self._pending_responses)
+            self._send(sock, data)
+
+    def _disconnect(self) -> None:
         for sock in [*self._partial_lines]:
             self._drop(sock)
         self._stop_listening()
 
-    def _update_listener(self) -> None:
+    def _apply_faults(self) -> None:
         """Close everything while the instrument is unreachable, and listen again afterwards."""
         if not self._instrument.connected:
-            for sock in [*self._partial_lines]:
-                self._drop(sock)
-            self._stop_listening()
+            self._disconnect()
         elif self._listener is None:
             self._listen()
 

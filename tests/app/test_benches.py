@@ -48,8 +48,12 @@ def test_every_example_is_as_it_stands_a_bench_that_can_be_simulated(example: Pa
 
 def test_the_examples_cover_every_kind_of_source_and_meter() -> None:
     configs = [load_bench(str(example)) for example in EXAMPLES]
-    assert {config.source.kind for config in configs} == {"generator", "card-output", "dc-supply"}
-    assert {meter.driver for config in configs for meter in config.meters.values()} == {"keyence-lkg", "optoncdt"}
+    assert {config.source.kind for config in configs} == {"generator", "card-output", "dc-supply", "labjack-output"}
+    assert {meter.driver for config in configs for meter in config.meters.values()} == {
+        "keyence-lkg",
+        "optoncdt",
+        "capancdt-6200",
+    }
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -62,7 +66,8 @@ def test_a_preset_tells_out_of_range_from_a_displacement(name: str, tmp_path: Pa
     assert sensor.displacement_m([sensor.zero_v])[0] == 0
     assert abs(middle_v - sensor.zero_v) < 0.01
     assert not sensor.is_valid([sensor.valid_low_v - 0.1, sensor.valid_high_v + 0.1]).any()
-    assert 1e-3 <= (sensor.valid_high_v - sensor.valid_low_v) * abs(sensor.gain_m_per_v) <= 0.12
+    most = 20.0 if sensor.measures_velocity else 0.12  # m/s or m
+    assert 1e-3 <= (sensor.valid_high_v - sensor.valid_low_v) * abs(sensor.gain_m_per_v) <= most
     assert sensor.delay_s > 0
     assert sensor.serial == "7"
 
@@ -88,12 +93,15 @@ def test_what_the_bench_file_says_wins_over_the_preset() -> None:
     ("text", "says"),
     [
         ('[source]\nkind = "dc-supply"\n', "supply.resource is missing; give the VISA resource of the supply"),
-        ('[source]\nkind = "zero"\n', "line 2: source.kind: must be 'generator', 'card-output' or 'dc-supply'"),
+        (
+            '[source]\nkind = "zero"\n',
+            "line 2: source.kind: must be 'generator', 'card-output', 'dc-supply' or 'labjack-output'",
+        ),
         ('[generator]\nresource="x"\n[sensor]\npreset = "il"\n', "there is no preset 'il'; choose from keyence-lk-g30"),
         ('[generator]\nresource="x"\n[meters.a]\ndriver = "optoncdt"\n', "meters.a.port is missing"),
         (
             '[generator]\nresource="x"\n[meters.a]\ndriver = "lk"\nport = "COM3"\n',
-            "must be 'keyence-lkg' or 'optoncdt'",
+            "must be 'keyence-lkg', 'keyence-lkg5000', 'keyence-il', 'optoncdt', 'optoncdt-2300' or 'capancdt-6200', not 'lk'",
         ),
         ('[generator]\nresource="x"\n[meters.a]\ndriver = "optoncdt"\nprot = "COM3"\n', "unknown key"),
         ('[source]\nkind = "card-output"\nstart_trigger = "PFI0"\n', "must be '' or 'ai/SampleClock'"),

@@ -26,6 +26,7 @@ from app.archive.run_search import read_since
 from app.archive.run_summary import RunState, RunSummary, read_run_summary
 from app.cli.main import main
 from app.common import Progress
+from app.common.exit_codes import ExitCode
 from model import quantity_label
 from protocols.base import CheckResult, Outcome, RunStatus, Verdict
 from protocols.rejudgement import judge_file
@@ -34,7 +35,10 @@ from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
 from protocols.runfile.sidecar import Notes, _digest, change_notes, listed_record, read_notes
 from tests.helpers.messages import assert_names
+from tests.helpers.report_specimen import DWELL, TRUTH
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
+from tests.helpers.simulated_bench import laboratory, simulated
+from tests.helpers.simulated_bench import run as measured
 
 
 @pytest.fixture(scope="module")
@@ -380,8 +384,10 @@ def test_notes_are_written_on_a_share_without_locks(folder: Path, monkeypatch: p
     assert not list(folder.glob(".*.lock"))
 
 
-def test_a_run_file_is_not_touched_after_its_end(folder: Path, tmp_path: Path) -> None:
-    path = next(folder.glob("*_T7_*.h5"))
+def test_a_run_file_is_not_touched_after_its_end(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0})) as lab:
+        path = measured(DWELL, folder, lab).path
     before, stat = hashlib.sha256(path.read_bytes()).hexdigest(), path.stat()
     for command in (
         ["judge", str(path), "--store"],
@@ -389,13 +395,13 @@ def test_a_run_file_is_not_touched_after_its_end(folder: Path, tmp_path: Path) -
         ["runs", str(folder), "--rebuild"],
         ["show", str(path)],
         ["verify", str(path), "--repair"],
-        ["identify", str(path), "--free", "c0", "--accept", "--reason", "x"],
-        ["report", "T7", "--folder", str(folder), "--out", str(tmp_path)],
+        ["identify", str(path), "--free", "mu,c0", "--accept", "--reason", "x"],
+        ["report", "T1", "--folder", str(folder), "--out", str(tmp_path)],
         ["export", str(path), "--out", str(tmp_path / "out")],
         ["backup", str(tmp_path / "copies"), "--folder", str(folder)],
-        ["archive", "T7", "--folder", str(folder), "--out", str(tmp_path / "T7.eln"), "--no-report"],
+        ["archive", "T1", "--folder", str(folder), "--out", str(tmp_path / "T1.eln"), "--no-report"],
     ):
-        main(command)
+        assert main(command) == ExitCode.DONE, command
     note = "a note"
     annotate_runs([(path, "", "")], "good", note)
     scanned(folder, tmp_path)

@@ -83,6 +83,24 @@ def test_the_command_answers_from_the_calibration_and_says_what_cannot_be_reache
     assert AmplifierMap().high_v == 5.0
 
 
+def test_the_drive_of_least_power_and_the_life_of_a_battery(
+    ask: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, ERRORS),), 1))
+    given = ("--specimen", "T7", "--folder", str(tmp_path), "--frequencies", "120...160 step 20", "-n", "7")
+    asked = ("model", "power", "--battery", "2 W h", "--on-share", "0.25", "--idle", "1 mW", *given)
+    assert main([*asked]) == 2
+    assert "--loss" in capsys.readouterr().err
+    load = ("--capacitance", "1.83 nF +- 0.02 nF", "--loss", "0.03", "--efficiency", "0.7 +- 0.05")
+    got = ask(*asked, *load)["power"]
+    assert got["waveform"] == ["sine", "square", "belt"]
+    assert set(got["frequency"]) <= {120, 140, 160}
+    for life, power, error in zip(got["battery_value"], got["driver_value"], got["driver_standard_error"], strict=True):
+        assert life == pytest.approx(2 / (0.25 * power + 1e-3))
+        assert error > 0.05 / 0.7 * power
+    assert main([*asked, "--capacitance", "1.83", "--loss", "0.03"]) == 2
+
+
 def test_the_margin_is_over_the_threshold_that_is_chosen(
     ask: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

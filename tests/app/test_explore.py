@@ -22,7 +22,7 @@ from app.explore.fit import fit_runs
 from app.explore.sliders import GROUPS, SLIDERS
 from app.explore.state import PRESET_TITLES, ExploreSetting, describe_difference, make_preset, make_study
 from app.live.latest_only import LatestOnlyWorker
-from model.identification.fit_options import FitCancelled
+from model.identification.fit_options import FitCancelled, FitOptions
 from model.parameter_spec import ParameterError
 from model.response.harmonic_response import amplifier_response
 from model.series import Series
@@ -149,7 +149,7 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(
 ) -> None:
     specimen = truth.specimen
     f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
-    made = amplifier_response(specimen.tactor, f, skin=specimen.skin)
+    made = amplifier_response(specimen.tactor, f, skin=specimen.skin, n=FitOptions.n)
     run = MeasuredResponse(
         tmp_path,
         "made",
@@ -169,7 +169,7 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(
 def test_the_errors_of_a_fit_contain_those_of_ruler_and_caliper(tmp_path: Path) -> None:
     """Noise alone makes the added mass uncertain by 1e-5 of it, the dimensions by some percent."""
     f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
-    made = amplifier_response(ExploreSetting().specimen.tactor, f)
+    made = amplifier_response(ExploreSetting().specimen.tactor, f, n=FitOptions.n)
     run = MeasuredResponse(
         tmp_path,
         "made",

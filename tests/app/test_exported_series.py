@@ -3,8 +3,10 @@
 import csv
 import json
 import re
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,13 @@ import h5py
 import numpy as np
 import pytest
 
-from app.archive import ExportError, export_run
+from app.archive import FORMATS, ExportError, export_run
+from app.archive.exporting.parts import ExportedRun
 from app.cli.main import main
+from app.comparison import ComparisonView, open_comparison
+from app.comparison.files import ComparisonExport
 from drivers.sensors.laser_sensor import LaserSensor
+from model import Relation
 from protocols.base import EstimatedQuantity, RunStatus, Series, SeriesAxis
 from protocols.measurements.sine_dwell import SinePoint
 from protocols.registry import PROTOCOLS
@@ -22,10 +28,13 @@ from protocols.runfile.reader import Run
 from protocols.runfile.verify import FileState, verify_run
 from protocols.runfile.writer import RunFileWriter
 from tests.compare_runs import SEED, SHORT
-from tests.helpers.importing import brought
+from tests.helpers.importing import FULL, brought
 from tests.helpers.run_files import begun_run, initial_record
 
-FORMATS = ("csv", "xlsx", "json", "parquet", "mat", "mat73", "uff")
+FEW = SHORT | {"endurance": ["cycles=3000", "block_cycles=1000", "per_decade=2"]}
+"""Settings that keep a run short."""
+MONITORED_BENCH = Path(__file__).parents[2] / "docs/how-to/electrical.toml"
+PARTS = ("about", "points", "series", "estimates")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}\Z")
 TIME, MOVED = SeriesAxis("time", "s", "time"), SeriesAxis("displacement", "m", "displacement")
 
@@ -37,7 +46,7 @@ def series_of(path: Path) -> tuple[Series, ...]:
 
 def exported(path: Path, folder: Path, kind: Any) -> list[Path]:
     with Run(path) as run:
-        return export_run(run, folder / kind, kind, ("about", "points", "series", "estimates"))
+        return export_run(run, folder / kind, kind, PARTS)
 
 
 def columns_of(series: Series) -> dict[str, np.ndarray]:
@@ -50,7 +59,7 @@ def check_rows(rows: dict[tuple[int, str, str], dict[str, list[Any]]], series: t
     for one in series:
         got = rows[one.entry, one.label, one.y_axis.name]
         for name, values in columns_of(one).items():
-            cells = [np.nan if cell in (None, "") else float(cell) for cell in got[name]]
+            cells = [np.nan if cell in (None, "") else float(cell) for cell in np.atleast_1d(got[name])]
             np.testing.assert_allclose(cells, values, rtol=1e-12, err_msg=f"{one.title}: {name}")
 
 
@@ -161,39 +170,152 @@ def check_universal_file(file: Path, series: tuple[Series, ...]) -> None:
         ), one.title
 
 
-def check_every_format(path: Path, folder: Path) -> None:
-    series = series_of(path)
-    for kind, read in (
-        ("csv", read_csv),
-        ("xlsx", read_xlsx),
-        ("json", read_json),
-        ("parquet", read_parquet),
-        ("mat", read_mat),
-        ("mat73", read_mat73),
-    ):
-        check_rows(read(exported(path, folder, kind)), series)
-    check_universal_file(*exported(path, folder, "uff"), series)
+READERS: dict[Any, Any] = {
+    "csv": read_csv,
+    "xlsx": read_xlsx,
+    "json": read_json,
+    "parquet": read_parquet,
+    "mat": read_mat,
+    "mat73": read_mat73,
+}
 
 
-@pytest.mark.deep
-@pytest.mark.parametrize("protocol", SHORT)
-def test_series_of_a_protocol_are_in_every_format(protocol: str, tmp_path: Path) -> None:
-    chosen = [part for setting in SHORT[protocol] for part in ("--set", setting)]
-    assert main(["run", protocol, *SEED, "--out", str(tmp_path), "--specimen", "T1 µ", *chosen]) == 0
-    (path,) = tmp_path.glob("*.h5")
-    check_every_format(path, tmp_path)
-    kind = PROTOCOLS[protocol]
-    with h5py.File(path) as file:  # as a NeXus viewer finds its default plot
-        plot = file
+def points_read(kind: str, files: list[Path]) -> Mapping[str, Any]:
+    """Columns of the points, as another program reads them."""
+    match kind:
+        case "csv":
+            (file,) = (file for file in files if file.stem.endswith("_points"))
+            with file.open(newline="", encoding="utf-8") as text:
+                head, *rows = csv.reader(text)
+        case "xlsx":
+            from openpyxl import load_workbook
+
+            head, *rows = load_workbook(files[0])["points"].iter_rows(values_only=True)
+        case "parquet":
+            import pyarrow.parquet as pq
+
+            (file,) = (file for file in files if file.stem.endswith("_points"))
+            return pq.read_table(file).to_pydict()
+        case "json":
+            return json.loads(files[0].read_text("utf-8"))["points"]
+        case "mat":
+            from scipy.io import loadmat
+
+            return loadmat(files[0], simplify_cells=True)["points"]
+        case _:
+            with h5py.File(files[0]) as file:
+                return {n: data[:].T for n, data in file["points"].items() if isinstance(data, h5py.Dataset)}
+    return dict(zip((name.partition(" [")[0] for name in head), zip(*rows, strict=True), strict=True))
+
+
+def check_points(got: Mapping[str, Any], points: Mapping[str, np.ndarray]) -> None:
+    """Every column of the points is in a table; one of several orders may be several columns."""
+    for name, values in points.items():
+        orders = values.T if values.ndim == 2 and name not in got else ()
+        found = [got[f"{name}_{at + 1}"] for at in range(len(orders))] if len(orders) else got[name]
+        cells = np.array(
+            [[np.nan if c in (None, "") else float(c) for c in np.ravel(each)] for each in np.atleast_1d(found)]
+        )
+        expected = orders if len(orders) else values
+        np.testing.assert_allclose(cells.reshape(np.shape(expected)), expected, rtol=1e-12, err_msg=name)
+
+
+def check_every_format(run: ExportedRun, folder: Path) -> None:
+    series, points = run.series(), {name: values for name, values in run.points().items() if values.size}
+    for kind, read in READERS.items():
+        files = export_run(run, folder / kind, kind, PARTS)
+        check_rows(read(files), series)
+        if points:
+            check_points(points_read(kind, files), points)
+    if points or any(one.x.size > 1 for one in series):  # a Universal File holds curves
+        check_universal_file(*export_run(run, folder / "uff", "uff", PARTS), series)
+
+
+def check_comparison(path: Path, folder: Path) -> None:
+    """Difference of a run and its copy."""
+    copy = Path(shutil.copy(path, folder / f"copy_{path.name}"))
+    comparison = open_comparison([path, copy], ComparisonView(relation=Relation.DIFFERENCE))
+    check_every_format(ComparisonExport(comparison, "comparison"), folder / "comparison")
+
+
+def check_nexus(path: Path, protocol: str) -> None:
+    """A NeXus viewer finds the plot of the protocol, and the samples over time."""
+    with h5py.File(path) as file:
+        plot, trace = file, file["entry/trace"]
         while "default" in plot.attrs:
             plot = plot[plot.attrs["default"]]
         assert plot.attrs["NX_class"] == "NXdata"
         x, y = plot.attrs["axes"][0], plot.attrs["signal"]
         assert plot[x].shape == plot[y].shape
-        assert plot.attrs.get("name", "") == kind.default_plot
+        assert plot.attrs.get("name", "") == PROTOCOLS[protocol].default_plot
         assert {plot[x].attrs["units"], plot[y].attrs["units"]}
-        if protocol in ("sweep", "free-decay", "hysteresis", "mass-resonance", "latency"):
+        if protocol in ("sweep", "free-decay", "hysteresis", "mass-resonance", "latency", "electrical"):
             assert plot[y].size > 50
+        if protocol == "membrane-series":
+            lines = [plot.attrs["signal"], *plot.attrs["auxiliary_signals"]]
+            assert [plot[name].attrs["long_name"] for name in lines] == ["free", "0 mm", "2.54 mm", "free"]
+            assert np.isfinite([plot[name][:] for name in lines]).all()
+            points = file["entry/points"]
+            np.testing.assert_array_equal(np.ravel([plot[name][:] for name in lines]), points[y.rpartition("_")[0]])
+        assert list(trace.attrs["axes"]) == ["time"]
+        with Run(path) as run:
+            np.testing.assert_array_equal(trace["time"][:], run.trace.time_s())
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Measures a protocol once, with the settings of `FEW`, on a bench with the inputs that it needs."""
+
+    @cache
+    def run_of(protocol: str) -> Path:
+        folder, bench = tmp_path_factory.mktemp("runs"), SEED[:2]
+        if PROTOCOLS[protocol].input_kinds:
+            bench = ["--bench", str(MONITORED_BENCH)]
+        chosen = [part for setting in FEW.get(protocol, ()) for part in ("--set", setting)]
+        assert main(["run", protocol, *bench, *SEED[2:], "--out", str(folder), "--specimen", "T1 µ", *chosen]) == 0
+        (path,) = folder.glob("*.h5")
+        return path
+
+    return run_of
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_protocol_is_read_back_from_every_format(
+    protocol: str, measured: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = measured(protocol)
+    check_nexus(path, protocol)
+    with Run(path) as run:
+        check_every_format(run, tmp_path)
+    check_comparison(path, tmp_path)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_nexus_readers_open_a_protocol(protocol: str, measured: Callable[[str], Path]) -> None:
+    """Default plot and trace by the readers of NeXpy and silx view, where they are installed."""
+    nexus = pytest.importorskip("nexusformat.nexus", reason="nexusformat is not installed")
+    silx = pytest.importorskip("silx.io.nxdata", reason="silx is not installed")
+    path = measured(protocol)
+    root = nexus.nxload(str(path))
+    with h5py.File(path) as file:
+        default, trace = silx.get_default(file), silx.NXdata(file["entry/trace"])
+        assert (default.is_valid, default.is_curve, default.issues) == (True, True, [])
+        assert (trace.is_valid, trace.axes_dataset_names) == (True, ["time"])
+        assert root.get_default().nxpath == default.group.name
+    assert [axis.nxname for axis in root["entry/trace"].nxaxes] == ["time"]
+
+
+@pytest.mark.deep
+def test_an_import_is_read_back_from_every_format(tmp_path: Path) -> None:
+    table = tmp_path / "fig4.csv"
+    table.write_text("frequency [Hz],pp [um],phase [deg]\n100,760,-26\n150,1154,-76\n160,1100,-90\n", "utf-8")
+    path = brought(table, *FULL)
+    with Run(path) as run:
+        assert run.record.imported
+        check_every_format(run, tmp_path)
+    check_comparison(path, tmp_path)
 
 
 @pytest.fixture
@@ -228,7 +350,8 @@ def many(tmp_path: Path) -> Path:
 def test_names_of_any_kind_are_exported(many: Path, tmp_path: Path) -> None:
     from scipy.io import loadmat
 
-    check_every_format(many, tmp_path)
+    with Run(many) as run:
+        check_every_format(run, tmp_path)
     estimates = loadmat(*exported(many, tmp_path, "mat"), simplify_cells=True)["estimates"]
     assert [one["name"] for one in estimates.values()] == [each.name for each in estimates_of(many)]
 

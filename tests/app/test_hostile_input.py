@@ -15,6 +15,7 @@ from app.cli import headless as commands
 from app.cli.main import complete_parser, main
 from app.common.exit_codes import ExitCode
 from protocols.measurements.sine_dwell import SineDwell
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run
 
 TEXTS = ("", "nan", "-1e400", "☃ [red]x", "x" * 300)
@@ -67,7 +68,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     monkeypatch.setattr("drivers.list_resources", lambda: ([], []))
     monkeypatch.setattr("app.cli.bench.find_devices", lambda *_: ([], []))
     monkeypatch.setattr("app.gui.display_check.has_screen", lambda: False)
-    monkeypatch.setattr("app.cli.study.CONNECT_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("app.services.cluster.CONNECT_TIMEOUT_S", 0.1)
     quick = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
     make = commands.make_protocol
     monkeypatch.setattr(
@@ -179,6 +180,14 @@ def test_a_bench_file_that_is_too_long_is_not_read_to_its_end(here: Path, capsys
     assert "long.toml is longer than 1 MB and no bench file" in capsys.readouterr().err
 
 
+def test_a_folder_of_runs_that_is_a_file_is_another_folder_to_choose(here: Path, capsys: Any) -> None:
+    Path("runs").write_text("no folder")
+    assert main(["run", "sine-dwell", "--speed", "max", *SHORT, "--out", "runs"]) == ExitCode.FAILED
+    told = capsys.readouterr().err
+    assert_names(told, "folder")
+    assert "mountings" not in told
+
+
 def test_an_interruption_within_hdf5_is_one(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: Any) -> None:
         raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
@@ -219,7 +228,7 @@ def test_a_folder_whose_name_is_not_utf_8_holds_runs(here: Path, capsys: Any) ->
         "show {file}",
         "export {file}",
         "export {file} --format xlsx",
-        "archive unnamed --folder {}",
+        "archive unnamed --no-report --folder {}",
     ):
         words = [word.format(folder, file=file) for word in command.split()]
         assert main(words) == ExitCode.DONE, command

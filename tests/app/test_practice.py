@@ -7,13 +7,7 @@ import pytest
 from app.config.bench_file import BenchConfig, load_bench
 from app.live.session_link import PromptMailbox
 from app.session.bench_connection import BenchConnection, connect
-from app.session.simulation import (
-    AnsweredBy,
-    PractisingOperator,
-    SimulationSettings,
-    format_bench_duration,
-    practise,
-)
+from app.session.simulation import AnsweredBy, PractisingOperator, SimulationSettings, format_bench_duration, practise
 from protocols.base import Prompt
 from sim_hardware.operator import SimulatedOperator
 

@@ -57,7 +57,8 @@ def test_the_fitted_curve_of_explore_lies_on_the_points(measured: tuple[Path, Pa
     run = read_measured_response(measured[1])
     setting = fit_runs([run], ExploreSetting(peak_to_peak_v=2.0)).setting
     curve = response_curve(setting.specimen, run.frequency_hz, 1.0)
-    np.testing.assert_allclose(np.abs(curve.fundamental), run.fundamental.plotted, rtol=2e-3)
+    # Fitted with 20 shapes and drawn with 7, whose largest deviation is 0.36 % (decision 0071).
+    np.testing.assert_allclose(np.abs(curve.fundamental), run.fundamental.plotted, rtol=4e-3)
 
 
 def test_lag_is_none_at_the_reference_and_grows_with_the_drive() -> None:

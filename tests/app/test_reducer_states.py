@@ -8,6 +8,7 @@ from protocols.base import (
     ENABLE_HIGH_VOLTAGE,
     BenchArmed,
     DriveReadbackChanged,
+    DriveStarted,
     PromptAnswered,
     PromptShown,
     RunPaused,
@@ -15,7 +16,9 @@ from protocols.base import (
     ShutdownStarted,
 )
 from protocols.base.events import Prompt
-from tests.app.test_view import BEGUN, FAILED, LIVE, LOST, OPENED, SINE, STARTED, view_after
+from tests.app.test_view import AT_REST, BEGUN, COMPLETED, FAILED, LIVE, LOST, OPENED, SINE, STARTED, UNSAFE, view_after
+
+pytestmark = pytest.mark.one_in(1)
 
 DISABLE = (PromptShown(7, DISABLE_HIGH_VOLTAGE), PromptAnswered(7, "done"))
 OTHER = (PromptShown(7, Prompt("weight-off", "Take the weight off")), PromptAnswered(7, "done"))
@@ -39,6 +42,29 @@ def test_only_the_prompt_to_switch_off_ends_the_state_in_which_the_specimen_is_l
     view = view_after(*events)
     assert view.bench_state is state
     assert (view.drive == SINE) == plays
+
+
+def test_a_run_that_was_given_up_unsafe_without_a_measurement_is_unsafe_until_rest_is_measured() -> None:
+    """The thread that would have measured rest hangs."""
+    left = (*LIVE, UNSAFE)
+    for events in (left, (*left, OperatorAction.ACKNOWLEDGE), (*left, OPENED), (*left, OperatorAction.RECONNECT)):
+        view = view_after(*events)
+        assert view.bench_state is BenchState.UNSAFE
+        assert view.exit_code == 3
+    armed = view_after(*left, OperatorAction.ACKNOWLEDGE, RunRequested("Sine dwell"), STARTED)
+    assert armed.bench_state is BenchState.ARMING
+    assert armed.exit_code == 3
+    failed = (*left, OperatorAction.ACKNOWLEDGE, RunRequested("Sine dwell"), STARTED, FAILED)
+    for events in (failed, (*failed, OPENED)):
+        assert view_after(*events).bench_state is BenchState.UNSAFE, "before it was armed it has measured nothing"
+    assert view_after(*left, STARTED, AT_REST, COMPLETED).exit_code == 0
+
+
+def test_a_run_without_high_voltage_is_at_no_time_live() -> None:
+    off = (*BEGUN, BenchArmed(False))
+    for events in ((), (DriveStarted(SINE),), (RunPaused("at rest"),), (RunPaused("at rest"), RunResumed())):
+        assert view_after(*off, *events).bench_state is BenchState.HV_OFF
+        assert view_after(*BEGUN, BenchArmed(True), *events).bench_state in (BenchState.LIVE, BenchState.PAUSED)
 
 
 def test_a_run_that_was_asked_for_has_measured_nothing_yet() -> None:

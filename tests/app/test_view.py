@@ -45,6 +45,8 @@ from protocols.base import (
 )
 from protocols.measurements.sine_dwell import SinePoint
 
+pytestmark = pytest.mark.one_in(1)
+
 WHEN = datetime(2026, 11, 21, 9, 15, tzinfo=UTC)
 ROLES = {"generator": "Keysight 33511B #1", "amplifier": "AMT2012", "card": "NI USB-6341 #2", "sensor": "laser"}
 OPENED = BenchOpened("bench", True, ROLES)
@@ -221,6 +223,12 @@ def test_a_prompt_is_there_until_it_is_answered_or_the_run_ends() -> None:
     assert view_after(*BEGUN, prompt, PromptAnswered(1, "done")).prompt == prompt
     for end in (PromptAnswered(2, "done"), OperatorAction.STOP, STOPPED, RunRequested("x")):
         assert view_after(*BEGUN, prompt, end).prompt is None
+
+
+def test_answered_prompts_are_counted_from_the_begin_of_a_run() -> None:
+    answered = (PromptShown(2, ENABLE_HIGH_VOLTAGE), PromptAnswered(2, "done"))
+    assert view_after(*BEGUN, *answered, *answered).answered == 2
+    assert view_after(*BEGUN, *answered, *BEGUN).answered == 0
 
 
 def test_points_are_those_of_the_present_run() -> None:

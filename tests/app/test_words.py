@@ -36,7 +36,12 @@ def test_durations(seconds: float, message: str) -> None:
 def test_a_value_of_one_is_no_unit() -> None:
     for unit, shown in {"1": "", "N m^2": "N m²"}.items():
         assert typeset_unit(unit) == shown
-    for text, shown in {"1": "1", "7 N m^2": "7 N m²"}.items():
+    for text, shown in {
+        "1": "1",
+        "7 N m^2": "7 N m²",
+        "skin stiffness k_s": "skin stiffness kₛ",
+        "a_model": "a_model",
+    }.items():
         assert typeset(text) == shown
 
 

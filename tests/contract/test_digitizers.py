@@ -1,4 +1,4 @@
-"""Digitizer contract: NI's driver over gRPC, over NI's local library, and the in-process card."""
+"""Digitizer contract: NI's driver over gRPC, over NI's local library, a LabJack's over Modbus TCP, and the in-process card."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,6 +7,7 @@ import pytest
 
 from drivers.clock import WallClock
 from drivers.errors import BenchError
+from drivers.labjack.digitizer import T7Digitizer
 from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
@@ -53,15 +54,24 @@ def ni_local_library() -> Iterator[DigitizerUnderTest]:
         card.close()
 
 
-@pytest.fixture(params=[without_a_wire, ni_over_grpc, ni_local_library], ids=lambda make: make.__name__)
+@contextmanager
+def labjack() -> Iterator[DigitizerUnderTest]:
+    bench = SimulatedBench(simulated(card={"product": "T7"}).simulation_parameters, WallClock(5.0))
+    with ServedBench(bench) as served:
+        card = T7Digitizer("192.0.2.9", ("AIN0", "AIN1"), bench.clock, server=served.card.address)
+        yield card, bench
+        card.close()
+
+
+@pytest.fixture(params=[without_a_wire, ni_over_grpc, ni_local_library, labjack], ids=lambda make: make.__name__)
 def device_under_test(request: pytest.FixtureRequest) -> Iterator[DigitizerUnderTest]:
     with request.param() as device_under_test:
         yield device_under_test
 
 
 def test_it_says_who_it_is(device_under_test: DigitizerUnderTest) -> None:
-    card, _ = device_under_test
-    assert card.identity.model == "USB-6341"
+    card, bench = device_under_test
+    assert card.identity.model == bench.parameters.card.product
     assert card.identity.serial
 
 

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers.clock import WallClock
 from drivers.drive_shapes import Sine
 from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_output import NiAnalogOutput
@@ -31,16 +30,12 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
 from tests.helpers.simulated_bench import assert_safe_voltage, installed, simulated
 from tests.wires.ni_library import NiLibrary
 
-SPEED = 5.0
-MARGIN_S = 0.3 * SPEED
-"""Of bench time: what a busy computer may take to rewrite what the card has not played yet."""
-
 
 @contextmanager
 def card_output_over_grpc() -> Iterator[SourceUnderTest]:
-    bench = SimulatedBench(simulated(source="ao0").simulation_parameters, WallClock(SPEED))
+    bench = SimulatedBench(simulated(source="ao0").simulation_parameters, VirtualClock())
     with ServedBench(bench) as served:
-        source = NiAnalogOutput("Dev1", "ao0", bench.clock, server=f"127.0.0.1:{served.card.port}", margin_s=MARGIN_S)
+        source = NiAnalogOutput("Dev1", "ao0", bench.clock, server=f"127.0.0.1:{served.card.port}")
         yield source, bench, bench.clock
         source.close()
         assert "ResetDevice" not in served.card.calls  # it would put 0 V on every output

@@ -14,6 +14,8 @@ from model.amplifier_map import AmplifierMap
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES
 
+pytestmark = pytest.mark.one_in(1)
+
 
 class ScriptedSource:
     """Records commands; idles at the last commanded level."""

@@ -16,6 +16,8 @@ from drivers.interfaces import Identity
 from model.amplifier_map import AmplifierMap
 from sim_hardware.clock import VirtualClock
 
+pytestmark = pytest.mark.one_in(1)
+
 NARROW = AmplifierMap(rest_v=2.0, low_v=0.5, high_v=4.5)
 BURST = Sine(100.0, 1.0, 2.5, 50)
 
@@ -445,7 +447,10 @@ def test_a_source_that_does_not_tell_its_level_is_ramped_as_from_the_farthest_on
 
     source.idle_level_v = silent  # type: ignore[method-assign]
     amplifier = HvAmplifier(source, amplifier_map, DriveLimits(), VirtualClock())
+    told: list[tuple[str, int]] = []
+    amplifier.on_failure = lambda error: told.append((str(error), len(source.sent)))
     amplifier.force_rest()
+    assert told == [("no answer", 1)], "before the ramp is sent"
     rest_v = amplifier_map.rest_v
     farthest_v = max(rest_v - amplifier_map.low_v, amplifier_map.high_v - rest_v)
     assert source.sent == ["stop", Ramp(2.5, rest_v, farthest_v / 5.0)]

@@ -1,11 +1,13 @@
 """Arming and safe shutdown with faults: actions of the bench, messages, and voltage meanwhile."""
 
+import itertools
 import math
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -255,10 +257,11 @@ def test_a_sample_clock_that_is_not_the_one_asked_for_is_a_sentence(lab: BenchCo
 
 
 class Breaks:
-    """A wire that is dead from `cut` on, until it is opened anew."""
+    """A wire that is dead from `cut` on, until it is opened anew, which `refuses` may refuse."""
 
     def __init__(self, link: Any) -> None:
         self._link, self.name, self.cut, self.opened = link, link.name, False, 0
+        self.refuses: Callable[[], bool] = lambda: False
 
     def write(self, message: str) -> None:
         if self.cut:
@@ -272,7 +275,10 @@ class Breaks:
         self._link.clear()
 
     def reopen(self) -> None:
-        self.cut, self.opened = False, self.opened + 1
+        self.opened += 1
+        if self.refuses():
+            raise LinkError(f"{self.name} cannot be reached")
+        self.cut = False
         self._link.reopen()
 
     def close(self) -> None:
@@ -297,9 +303,50 @@ def test_dead_link_during_shutdown_is_reopened_and_level_ramped_down(lab: BenchC
     ended_well(lab)
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("back_s", "obeys"), [(4.5, True), (6.0, False)])
+def test_a_link_is_opened_again_for_five_seconds(
+    lab: BenchConnection, monkeypatch: pytest.MonkeyPatch, back_s: float, obeys: bool
+) -> None:
+    monkeypatch.setattr(rest, "time", SimpleNamespace(monotonic=lambda: 0.0))  # bench time alone
+    scpi, clock = lab.bench.amplifier._source._scpi, lab.bench.clock  # type: ignore[attr-defined]
+    wire = scpi.link = Breaks(scpi.link)
+    with nullcontext() if obeys else pytest.raises(UnsafeError), live(lab) as armed:
+        armed.start_drive(Hold(3.5, 60.0))
+        wire.cut, cut_s = True, clock.now()
+        wire.refuses = lambda: clock.now() - cut_s < back_s
+    assert wire.opened > 10
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed is obeys
+    clock.sleep(0.05)
+    assert lab.control.report().end_v == pytest.approx(2.5 if obeys else 3.5, abs=0.01)
+
+
+def test_on_a_clock_that_stands_still_a_link_is_opened_again_for_five_real_seconds(
+    lab: BenchConnection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The watchdog has taken over, so that no wait is possible."""
+    real_s, tries = itertools.count(0.0, 0.5), list[str]()
+
+    def unreachable() -> None:
+        tries.append("again")
+        raise LinkError("it cannot be reached")
+
+    def no_wait(_: float) -> None:
+        raise BenchError("the watchdog took over")
+
+    amplifier, clock = lab.bench.amplifier, SimpleNamespace(now=lambda: 7.0, sleep=no_wait)
+    monkeypatch.setattr(rest, "time", SimpleNamespace(monotonic=lambda: next(real_s)))
+    for way in ("force_rest", "reconnect_and_force_rest"):
+        monkeypatch.setattr(amplifier, way, partial(unreachable))  # two ways
+    shutdown = rest.SafeShutdown(amplifier, clock, NoWatchdog(), lab.bench.open_stream)  # type: ignore[arg-type]
+    assert "reached" in shutdown.command_rest(amplifier.force_rest)
+    assert 2 < len(tries) < 13
+
+
 def test_a_burst_that_cannot_be_stopped_is_waited_for_before_rest_is_judged(lab: BenchConnection) -> None:
     with live(lab) as armed:
-        armed.start_drive(Sine(100.0, 1.0, 2.5, 600))
+        armed.start_drive(Sine(100.0, 1.0, 2.5, 900))  # longer than the source is tried and rest is waited for
         lab.control.inject("scpi-dropped")
     assert armed.final_rest is not None
     assert armed.final_rest.confirmed
@@ -321,6 +368,30 @@ def test_a_stream_that_is_broken_is_replaced_by_a_second_one_that_sees_the_rest(
     assert armed.final_rest.confirmed
     assert armed.final_rest.measured_v == pytest.approx(2.5, abs=0.01)
     ended_well(lab)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("off_v", "rests"), [(0.007, True), (0.03, False), (-0.03, False)])
+def test_a_second_stream_compares_with_rest_at_arming(
+    lab: BenchConnection, monkeypatch: pytest.MonkeyPatch, off_v: float, rests: bool
+) -> None:
+    opened, streams = lab.bench.open_stream, list[Any]()
+
+    def open_stream(rate_hz: float) -> Any:
+        streams.append(stream := opened(rate_hz))
+        if len(streams) == 1:
+            return stream
+        c0, *more = stream.scales[0].coefficients
+        stream.scales = (replace(stream.scales[0], coefficients=(c0 + off_v, *more)), *stream.scales[1:])
+        return stream
+
+    monkeypatch.setattr(lab.bench, "open_stream", open_stream)
+    with nullcontext() if rests else pytest.raises(UnsafeError), live(lab) as armed:
+        streams[0].close()
+        monkeypatch.setattr(streams[0], "read", lambda: (_ for _ in ()).throw(AcquisitionError("gone")))
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed is rests
+    assert armed.final_rest.measured_v == pytest.approx(2.5 + off_v, abs=2e-3)
 
 
 @pytest.mark.one_in(1)
@@ -355,9 +426,14 @@ def test_a_card_that_is_back_five_seconds_after_the_source_obeyed_sees_the_rest_
     ended_well(lab)
 
 
-def test_without_a_second_stream_it_is_unsafe_because_nobody_can_see(lab: BenchConnection) -> None:
-    with pytest.raises(UnsafeError) as failed, live(lab) as armed:
+def test_without_a_second_stream_it_is_unsafe_because_nobody_can_see(
+    lab: BenchConnection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[str] = []
+    with pytest.raises(UnsafeError) as failed, live(lab) as armed:  # noqa: PT012
         lab.control.inject("card-unplugged")
+        monkeypatch.setattr(lab.bench.amplifier, "force_rest", lambda: sent.append("rest"))
+    assert sent == [], "it rests, and what cannot be seen is no reason to command it"
     assert str(failed.value).startswith(MANUAL_SHUTDOWN_INSTRUCTIONS)
     assert armed.final_rest is not None
     assert not armed.final_rest.confirmed
@@ -389,6 +465,20 @@ def test_unexpected_level_is_ramped_to_rest_before_reporting_unsafe(
     assert armed.final_rest.confirmed
     lab.bench.clock.sleep(0.05)
     assert lab.control.report().ends_at_rest
+
+
+def test_a_block_that_could_not_be_stored_is_told_although_rest_was_measured_again(lab: BenchConnection) -> None:
+    fails = iter((False,))
+
+    def sink(_: Block) -> None:
+        if next(fails, False):
+            raise OSError("no space left on device")
+
+    with pytest.raises(OSError, match="no space"), live(lab, sink=sink) as armed:  # noqa: PT012
+        panel(lab.control, "VOLT:OFFS 2.54;:VOLT:OFFS 2.58;:VOLT:OFFS 2.62")
+        fails = iter((True,))  # once only: the blocks of the second measurement are stored
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
 
 
 # -- the specimen may be live ----------------------------------------------------------------------------------------------

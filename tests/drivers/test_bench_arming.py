@@ -13,10 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 from app.session.bench_connection import BenchConnection
+from drivers.bench.armed_bench import LEFT_REST_LIMIT_S
 from drivers.bench.bench import ArmedBench, LiveWarning
 from drivers.bench.rest import drive_voltage
 from drivers.bench.watchdog_interface import NoWatchdog
-from drivers.drive_shapes import Drive, Hold, Sine
+from drivers.drive_shapes import Drive, Hold, Sine, Steps
 from drivers.errors import (
     MANUAL_SHUTDOWN_INSTRUCTIONS,
     AcquisitionError,
@@ -203,6 +204,63 @@ def test_a_source_that_another_hand_moves_from_rest_is_warned_of_while_the_opera
     assert lab.control.report().end_v == pytest.approx(2.5, abs=0.01 if left else 0.05)
 
 
+def test_a_source_that_is_moved_after_a_return_to_rest_is_warned_of(lab: BenchConnection, journal: Journal) -> None:
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings) as armed:
+        armed.start_drive(Hold(3.5, 9.0))
+        armed.return_to_verified_rest()
+        lab.bench.amplifier._source.ramp_to(2.7, 0.1)
+        moved_s = lab.bench.clock.now()
+        while not warnings:
+            armed.read_block()
+            assert lab.bench.clock.now() - moved_s < 0.6
+    assert warnings[0].high_v == pytest.approx(2.7, abs=0.01)
+
+
+@pytest.mark.parametrize(("amplitude_v", "left"), [(0.006, False), (0.009, True)])
+def test_a_small_sine_is_a_source_that_has_left_rest_although_its_mean_has_not(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch, amplitude_v: float, left: bool
+) -> None:
+    def played(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
+        scans = block.start + np.arange(block.raw.shape[1])
+        return drive_voltage(block, scales) + amplitude_v * np.sin(2 * np.pi * 100.0 * scans / RATE_HZ)
+
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings) as armed, monkeypatch.context() as patch:
+        patch.setattr("drivers.bench.armed_bench.drive_voltage", played)
+        for _ in range(20):
+            armed.read_block()
+    assert len(warnings) == left
+
+
+def test_a_source_at_rest_that_is_moved_while_rest_is_measured_is_warned_of_before_that_has_failed(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """High voltage is on since an earlier run; this one is armed long after the bench was opened."""
+    with armed_bench(lab, journal):
+        pass
+    clock, amplifier = lab.bench.clock, lab.bench.amplifier
+    clock.sleep(30.0)
+    says_rest, moved_s, warned_s = amplifier.is_source_at_rest, math.nan, list[float]()
+
+    def moved() -> bool:
+        nonlocal moved_s
+        rests = says_rest()
+        amplifier._source.ramp_to(2.7, 0.1)
+        moved_s = clock.now()
+        return rests
+
+    monkeypatch.setattr(amplifier, "is_source_at_rest", moved)
+    with (
+        pytest.raises(BenchError),
+        lab.bench.armed(RATE_HZ, lambda _: None, journal, on_warning=lambda _: warned_s.append(clock.now())),
+    ):
+        raise AssertionError("it was armed")
+    assert len(warned_s) == 1
+    assert warned_s[0] - moved_s < 0.6
+    assert lab.control.report().end_v == pytest.approx(2.5, abs=0.01)
+
+
 def test_a_spike_in_every_block_is_not_a_source_that_has_left_rest(
     lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -246,6 +304,41 @@ def test_a_burst_that_ended_before_this_program_began_is_nothing_to_be_warned_of
     assert warnings == []
 
 
+def test_a_burst_that_ends_while_the_source_is_asked_is_nothing_to_be_warned_of(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The card has sampled it when the source says that it is at rest, and its blocks are read afterwards."""
+    with armed_bench(lab, journal):
+        pass
+    amplifier, warnings = lab.bench.amplifier, list[LiveWarning]()
+    says_rest = amplifier.is_source_at_rest
+
+    def asked_under_a_burst() -> bool:
+        amplifier.start_drive(Sine(100.0, 1.0, 2.5, 40))
+        lab.bench.clock.sleep(1.0)
+        amplifier.return_to_rest()
+        return says_rest()
+
+    monkeypatch.setattr(amplifier, "is_source_at_rest", asked_under_a_burst)
+    with armed_bench(lab, journal, warnings):
+        pass
+    assert warnings == []
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_drive_to_one_side_of_rest_that_was_left_is_warned_of(
+    lab: BenchConnection, journal: Journal, side: int
+) -> None:
+    leave_live(lab, journal, 2.5)
+    lab.bench.amplifier._source.start_drive(Steps((*(2.5, 2.5 + side) * 200, 2.5), 0.02, 0.002))
+    lab.bench.clock.sleep(0.2)
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings):
+        pass
+    (warning,) = warnings
+    assert sorted((warning.low_v, warning.high_v)) == pytest.approx(sorted((2.5, 2.5 + side)), abs=0.03)
+
+
 def test_a_level_that_was_left_within_the_tolerance_of_rest_is_nothing_to_be_warned_of(
     lab: BenchConnection, journal: Journal
 ) -> None:
@@ -273,17 +366,50 @@ def test_without_high_voltage_the_operator_switches_it_off_and_nothing_is_watche
     with armed_bench(lab, journal):
         pass
     journal.lines.clear()
+    warnings: list[LiveWarning] = []
     with armed_bench(
-        lab, journal, high_voltage=False
+        lab, journal, warnings, high_voltage=False
     ) as armed:  # the source rests, high voltage is on since the last run
         assert journal.lines == ["watchdog: armed", "operator: off", "watchdog: disarmed"]
         live_s = lab.control.report().live_s
-        armed.read_block()
-    assert armed.final_rest is None
+        lab.bench.amplifier._source.ramp_to(1.2, 0.3)
+        until_s = lab.bench.clock.now() + 2 * LEFT_REST_LIMIT_S
+        while lab.bench.clock.now() < until_s:
+            armed.read_block()
+        lab.bench.amplifier._source.ramp_to(2.5, 0.3)
+    assert (armed.final_rest, warnings) == (None, [])
     assert lab.control.report().live_s == live_s
     lab.control.inject("card-unplugged")
     with pytest.raises(AcquisitionError), armed_bench(lab, journal):  # only failed: high voltage is known to be off
         pass
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_source_is_exercised_with_high_voltage_off_and_left_at_rest(
+    lab: BenchConnection, journal: Journal, fails: bool
+) -> None:
+    with armed_bench(lab, journal):
+        pass
+    journal.lines.clear()
+    live_s = lab.control.report().live_s
+    lab.bench.clock.sleep(0.3)
+    assert lab.control.report().live_s > live_s, "high voltage is on since the last run"
+    with (
+        contextlib.suppress(LinkError),
+        lab.bench.exercised(RATE_HZ, lambda _: None, journal) as exercised,
+    ):
+        assert journal.lines == ["operator: off"]
+        assert not lab.bench.high_voltage_enabled
+        live_s = lab.control.report().live_s
+        exercised.start_drive(Hold(3.5, 9.0))
+        assert lab.control.report().end_v == pytest.approx(3.5, abs=0.01)
+        if fails:
+            raise LinkError("no answer")
+    lab.bench.clock.sleep(0.3)
+    report = lab.control.report()
+    assert report.end_v == pytest.approx(2.5, abs=1e-3)
+    assert report.live_s == live_s
+    assert "operator: on" not in journal.lines
 
 
 # -- warnings ------------------------------------------------------------------------------------------------------------
@@ -579,6 +705,25 @@ def test_an_unsafe_end_is_reported_without_waiting_for_a_level_and_ten_seconds_f
     assert journal.lines[-2].startswith("log: ")
     assert journal.lines[-2].endswith(f": {measured(failed.value)}")
     assert journal.lines[-1] == "watchdog: disarmed"
+
+
+def test_the_whole_way_to_rest_is_within_the_silence_that_the_watchdog_allows(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextlib.contextmanager
+    def allowed(seconds: float | None = None) -> Iterator[None]:
+        journal.note(f"allowed {seconds}")
+        yield
+        journal.note(f"over {seconds}")
+
+    with armed_bench(lab, journal) as armed:
+        armed.start_drive(Hold(3.5, 9.0))
+        monkeypatch.setattr(journal, "allow_silence", allowed)
+        begin = len(journal.lines)
+    lines = journal.lines[begin:]
+    assert (lines[0], lines[-2], lines[-1]) == ("allowed 8.0", "over 8.0", "watchdog: disarmed")
+    assert journal.volts[begin] == pytest.approx(3.5, abs=0.01)
+    assert journal.volts[-2] == pytest.approx(2.5, abs=0.01)
 
 
 def test_an_interrupted_shutdown_leaves_the_watchdog_armed(lab: BenchConnection, journal: Journal) -> None:

@@ -2,7 +2,7 @@
 
 import queue
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from drivers.interfaces import Block, InputChannel, Scale
 from drivers.sensors import LaserSensor
 from sim_hardware.clock import VirtualClock
 from tests.helpers.waiting import wait_until
+
+pytestmark = pytest.mark.one_in(1)
 
 RATE_HZ, BLOCK = 1000.0, 50
 SCALE = Scale((0.0, 0.001))
@@ -71,9 +73,11 @@ class SetClock(WallClock):
 
 
 @contextmanager
-def watched(clock: Clock, channels: tuple[InputChannel, ...] = ()) -> Iterator[tuple[Card, WatchedStream]]:
+def watched(
+    clock: Clock, channels: tuple[InputChannel, ...] = (), heartbeat: Callable[[float], object] = lambda _: None
+) -> Iterator[tuple[Card, WatchedStream]]:
     card = Card()
-    stream = WatchedStream(card, clock, BLOCK / RATE_HZ, SENSOR, channels)
+    stream = WatchedStream(card, clock, BLOCK / RATE_HZ, SENSOR, channels, heartbeat=heartbeat)
     try:
         yield card, stream
     finally:
@@ -143,6 +147,30 @@ def test_after_lost_scans_the_card_is_read_on_and_the_loss_is_raised_once() -> N
         assert card.restarts == 2
 
 
+def test_every_loss_is_raised_although_nobody_has_read_since_the_one_before() -> None:
+    with watched(WallClock()) as (card, stream):
+        for _ in range(2):
+            card.deliver(2.5)
+            card.deliver(LOST)
+        card.deliver(2.5)
+        assert wait_until(lambda: card.delivered.empty() and not reading_of(stream).unread)
+        for _ in range(2):
+            assert stream.read().start in (0, BLOCK)
+            with pytest.raises(ScansLostError):
+                stream.read()
+        assert stream.read().start == 2 * BLOCK
+
+
+def test_the_heartbeat_has_the_age_of_its_block() -> None:
+    clock, ages = SetClock(2.0), list[float]()
+    with watched(clock, heartbeat=ages.append) as (card, stream):
+        for late_s in (0.0, 0.0, 1.2, 0.0):
+            clock.time_s = (card.next_scan + BLOCK) / RATE_HZ + late_s
+            card.deliver(2.5)
+            stream.read()
+    assert ages == pytest.approx([0.0, 0.0, 0.6, 0.0], abs=1e-4)  # real seconds, at twice the speed
+
+
 def test_an_error_is_raised_behind_the_blocks_before_it_and_the_next_read_tries_again() -> None:
     with watched(WallClock()) as (card, stream):
         card.deliver(2.5)
@@ -184,15 +212,17 @@ def test_the_clocks_of_card_and_computer_may_drift_for_a_day(ppm: int) -> None:
     with watched(clock) as (card, stream):
         for _ in range(25):
             clock.time_s = (card.next_scan + BLOCK) / RATE_HZ * (1 + 1e-6 * ppm)
-            card.deliver(2.5)
             before_s = time.monotonic()
+            card.deliver(2.5)
             stream.read()
             assert reading_of(stream).age_s(before_s) == 0, "a block that is as late as all are is present"
             card.next_scan += 3600 * round(RATE_HZ)
     assert abs(clock.time_s - card.next_scan / RATE_HZ) > 1.0
 
 
-def test_on_a_clock_that_stands_still_a_reading_is_present_until_the_card_fails_or_time_is_let_run() -> None:
+def test_on_a_clock_that_stands_still_a_reading_is_present_until_the_card_fails_or_time_is_let_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock = VirtualClock()
     with watched(clock) as (card, stream):
         card.deliver(2.5)
@@ -206,6 +236,11 @@ def test_on_a_clock_that_stands_still_a_reading_is_present_until_the_card_fails_
             stream.read()
         failed_s = time.monotonic()
         assert reading_of(stream).age_s(failed_s + 3.0) >= 7.0
+        monkeypatch.setattr("drivers.bench.card_reading.time.monotonic", lambda: failed_s + 100.0)
+        card.deliver(GONE)
+        with pytest.raises(AcquisitionError):
+            stream.read()
+        assert reading_of(stream).age_s(failed_s + 100.0) >= 104.0, "an attempt that fails makes it no younger"
 
 
 def test_a_voltage_monitor_shows_volts_at_the_specimen() -> None:

@@ -14,6 +14,8 @@ from drivers.nidaq.grpc_channel import REPLY_MARGIN_S, DeadlineInterceptor
 from drivers.transport.serial_port import SerialPort
 from drivers.transport.visa import VisaLink
 
+pytestmark = pytest.mark.one_in(1)
+
 
 @pytest.fixture
 def answer() -> Iterator[threading.Event]:

@@ -22,6 +22,8 @@ from drivers.drive_shapes import (
     from_record,
 )
 
+pytestmark = pytest.mark.one_in(1)
+
 volts = st.floats(-1, 6)
 seconds = st.floats(0.01, 5)
 hertz = st.floats(1, 500)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from drivers.bench.armed_bench import safety_statement
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.drive_shapes import Hold, LevelPulse
 from drivers.errors import DriveRejectedError, InstrumentError
+from drivers.generators.output import HASTENED_END_S
 from protocols.base import LevelExceeded, RunStatus
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runner.readback import DriveReadback
@@ -83,6 +85,19 @@ def test_stop_leaves_a_level_at_the_slope_of_the_bench_or_waits_for_its_end(mode
         assert (took_s < 0.7) is (model not in WAITING)
         amplifier.start_drive(Sine(100.0, 1.0, 2.5, 100))  # a sine is stopped as before
         assert math.isinf(amplifier.level_remaining_s)
+
+
+def test_the_end_of_a_level_is_hastened_only_once() -> None:
+    """A second time, the end would be expected before the slope allows it."""
+    with at_rest("DG812") as lab:
+        amplifier, output = lab.bench.amplifier, lab.bench.amplifier._source._output
+        amplifier.hastens_levels, amplifier.limits = True, replace(amplifier.limits, ramp_v_per_s=20.0)
+        amplifier.start_drive(Hold(5.0, 6.5))
+        output.hasten_end()
+        end_s = output.burst_end_s
+        assert end_s - lab.bench.clock.now() > HASTENED_END_S  # limited by the slope
+        output.hasten_end()
+        assert output.burst_end_s == end_s
 
 
 @pytest.mark.one_in(5)

@@ -70,7 +70,9 @@ def test_the_smallest_amplitude_of_the_table_is_the_driver_s(driver: str, quanti
     assert value_of(driver, quantity, models).startswith(f"{vpp * 1e3:g} mVpp")
 
 
-REVISION = re.compile(r" at [0-9a-f]{7}\b|issue \d+|Guide")
+REVISION = re.compile(
+    r" at [0-9a-f]{7}\b|issue \d+|Guide|Manual|data sheet, Rev|of \d+ \w+ 20\d\d|T-Series Datasheet, [A\d]|C example"
+)
 """What a quoted document names: a commit, the number of a thread, or the title of a guide, whose page is the place."""
 
 

@@ -45,7 +45,15 @@ FOREIGN_SETTINGS = {
         ":SOUR1:SUM ON",
     ),
     "DG811": (":OUTP1:POL INV", ":SOUR1:BURS:TDEL 0.003"),
-    "DG972": (":OUTP1:POL INV", ":COUP ON", ":SOUR1:TRACK INV", ":SOUR2:TRACK ON", ":SOUR1:SUM ON"),
+    "DG972": (
+        ":OUTP1:POL INV",
+        ":COUP ON",
+        ":COUP1:TRI ON",
+        ":COUP2:TRI ON",
+        ":SOUR1:TRACK INV",
+        ":SOUR2:TRACK ON",
+        ":SOUR1:SUM ON",
+    ),
     "DG4162": (":OUTP1:POL INV", ":OUTP1:NOIS ON", ":SOUR1:MOD ON", ":COUP ON", ":SOUR2:FUNC USER"),
     "AFG3022C": (
         "OUTP1:POL INV",

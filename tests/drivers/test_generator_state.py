@@ -1,7 +1,11 @@
 """Readback of an armed generator: every change at the front panel is detected."""
 
+from contextlib import nullcontext
+
+import numpy as np
 import pytest
 
+from drivers.drive_shapes import Sine
 from drivers.errors import InstrumentError
 from tests.helpers.front_panel import made, panel_reads, press
 
@@ -94,6 +98,22 @@ def test_whatever_is_changed_at_the_front_panel_between_two_runs_is_noticed(mode
         press(panel, mend)
         if RANGE_ASIDE in change or "BURS:NCYC" in change or "BURS:STAT" in change:
             source.initialize_at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("off_v", "plays"), [(0.0008, True), (-0.0008, True), (0.0012, False), (-0.0012, False)])
+def test_a_drive_begins_only_where_the_output_idles_at_its_first_level(off_v: float, plays: bool) -> None:
+    """The front panel has moved it by 1 mV, 0.6 V at the specimen."""
+    source, bench, panel = made("33511B")
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    bench.enable_hv()
+    press(panel, f"VOLT:OFFS {2.5 + off_v}")
+    begin_s = bench.clock.now()
+    with nullcontext() if plays else pytest.raises(InstrumentError, match="idles"):
+        source.start_drive(Sine(40.0, 1.0, 2.5, 40))
+    bench.clock.sleep(1.2)
+    volts = bench.history.volts(np.arange(begin_s, bench.clock.now(), 1e-3))
+    assert np.ptp(volts) == pytest.approx(2.0 if plays else 0.0, abs=0.02)
 
 
 def test_changed_output_load_is_detected_when_other_settings_match() -> None:

@@ -19,25 +19,25 @@ from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.front_panel import made, press
-from tests.helpers.generators import BOXES, truth
+from tests.helpers.generators import BOXES, impatient_while_broken, truth
 from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 from tests.helpers.waiting import report_at_rest
 
 
 @contextmanager
-def direct(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, SimulatedBench, Link]]:
-    """`timeout_s` is of the wire; here none is waited for."""
+def direct(model: str) -> Iterator[tuple[BurstGenerator, SimulatedBench, Link]]:
     source, bench, panel = made(model)
     yield source, bench, panel
     source.close()
 
 
 @contextmanager
-def wired(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, SimulatedBench, Link]]:
+def wired(model: str) -> Iterator[tuple[BurstGenerator, SimulatedBench, Link]]:
     bench = SimulatedBench(truth(model), WallClock(5.0))
     with ServedBench(bench) as served:
-        source = BOXES[model](VisaLink(served.scpi.resource, timeout_s=timeout_s), bench.clock)
-        panel = VisaLink(served.scpi.resource, timeout_s=2.0)
+        impatient_while_broken(link := VisaLink(served.scpi.resource, timeout_s=10.0), bench, 0.5)
+        source = BOXES[model](link, bench.clock)
+        panel = VisaLink(served.scpi.resource, timeout_s=10.0)
         yield source, bench, panel
         source.close()
         panel.close()
@@ -92,6 +92,7 @@ def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str
         assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("known", [True, False], ids=["by the driver that started it", "by another program"])
 @pytest.mark.parametrize("drive", [Steps((2.5, 4.9, 2.5), 2.0, 0.5), Steps((2.5, 0.1, 4.9, 2.5), 1.0, 0.5)])
 @pytest.mark.parametrize("model", HOLDERS)
@@ -115,7 +116,7 @@ def test_a_waveform_to_one_side_is_stopped_in_no_larger_steps_than_a_sine(
 @pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])
 @pytest.mark.parametrize(("make", "model"), WAYS)
 def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: str, fault: str) -> None:
-    with make(model, timeout_s=0.5) as (source, bench, _):
+    with make(model) as (source, bench, _):
         playing(source, bench)
         bench.inject(fault)
         told_s: list[float] = []
@@ -212,6 +213,16 @@ def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:
             source.stop()
         bench.clock.sleep(0.1)
         assert_safe_voltage(bench.report())
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("model", HOLDERS)
+def test_the_amplitude_is_not_reduced_faster_than_its_steps_may_follow_each_other(model: str) -> None:
+    with direct(model) as (source, bench, _):
+        playing(source, bench)
+        begin_s = bench.clock.now()
+        source.stop()
+        assert bench.clock.now() - begin_s >= 50 * 0.002 - 1e-9  # 2.5 V in steps of 50 mV
 
 
 def test_a_driver_that_was_never_told_an_amplitude_and_cannot_ask_sends_nothing() -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from app.config.bench_file import BenchConfig
 from app.session.bench_connection import connect
-from drivers.deadlines import Deadline
+from drivers.deadlines import CallThread, Deadline
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, AcquisitionError, InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 from drivers.transport import lock
@@ -81,7 +81,6 @@ def test_the_refusal_names_the_holder_and_a_killed_holder_holds_nothing(folder: 
         pass
 
 
-@pytest.mark.deep
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="programs cannot be stopped here")
 def test_a_holder_that_is_stopped_may_have_left_the_specimen_live(folder: Path) -> None:
     with another_program(folder) as other, InstrumentLocks("mine") as locks:
@@ -209,6 +208,32 @@ def test_released_locks_leave_no_files(folder: Path) -> None:
     assert locks.files == ()
 
 
+def test_a_record_of_a_release_is_no_program_that_left_the_instrument(folder: Path) -> None:
+    """Where the files cannot be removed."""
+    for record, left in ((lock.RELEASED, False), ("{}\n", True)):
+        with InstrumentLocks("mine") as locks:
+            folder.mkdir(exist_ok=True)
+            lock._lock_file(address_key(ADDRESS)).with_suffix(".json").write_text(record)
+            locks.lock_address("the source", ADDRESS)
+            assert bool(locks.left_by) is left
+            locks.forget_earlier_program()
+
+
+def test_a_lock_that_waits_for_a_watchdog_in_vain_is_free_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with InstrumentLocks("theirs") as theirs:
+        theirs.lock_address("the source", ADDRESS)
+        (watchdog,) = lock_as_watchdog(theirs.files)
+        for held in theirs._locks.values():
+            held.release()
+        monkeypatch.setattr(Deadline.INSTRUMENT_LOCK, "seconds", 0.02)
+        with InstrumentLocks("mine") as mine, pytest.raises(UnsafeError):
+            mine.lock_address("the source", ADDRESS)
+        watchdog.release()
+        with InstrumentLocks("a third") as third:
+            third.lock_address("the source", ADDRESS)
+            assert len(third.files) == 1
+
+
 def test_the_files_stay_while_a_watchdog_has_its_lock(folder: Path) -> None:
     locks = InstrumentLocks("mine")
     locks.lock_address("the source", ADDRESS)
@@ -241,6 +266,19 @@ def test_a_program_that_had_opened_a_removed_lock_takes_the_one_that_is_there(
     with InstrumentLocks("a third") as third, pytest.raises(InstrumentError, match="use"):
         third.lock_address("the source", ADDRESS)
     theirs.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes in folders here")
+def test_a_pipe_in_the_place_of_a_record_holds_nobody_up(folder: Path) -> None:
+    """The folder is everybody's: reading or writing a pipe that another user put there would not end."""
+    path = lock._lock_file(lock.address_key(ADDRESS)).with_suffix(".json")
+    folder.mkdir()
+    os.mkfifo(path)
+    locks, thread = InstrumentLocks("mine"), CallThread("locks")
+    for call in (lambda: locks.lock_address("the source", ADDRESS), lambda: lock._holder(path), locks.close):
+        thread.call(call, 10.0)
+    thread.end()
+    assert not path.exists(), "the files of a released lock are removed"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links need a privilege there")

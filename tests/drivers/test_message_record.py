@@ -11,11 +11,13 @@ from app.session.bench_connection import connect
 from drivers.drive_shapes import Sine
 from drivers.errors import InstrumentError
 from drivers.generators.burst import BurstGenerator
+from drivers.generators.keysight import Keysight33500
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from tests.drivers.test_self_test import Switch, refusal
 from tests.helpers.generators import BOXES, truth
 from tests.helpers.simulated_bench import simulated
+from tests.sim_hardware.test_outside import outside as outside  # a fixture
 
 
 def recording(path: Path) -> BenchConfig:
@@ -80,6 +82,24 @@ def test_a_recorded_session_is_replayed_to_the_driver(model: str, tmp_path: Path
     replayed = Replayed(path)
     work(BOXES[model](replayed, VirtualClock()))
     assert not replayed.left
+
+
+def test_a_session_with_a_generator_of_somebody_else_is_replayed(outside: BenchConfig, tmp_path: Path) -> None:
+    """It shares no code with the simulators here; its record drives the driver alone, and a changed reply is noticed."""
+    from drivers import MessageRecord
+
+    bench = SimulatedBench(outside.simulation_parameters, VirtualClock())
+    path = tmp_path / "messages.jsonl"
+    with MessageRecord(path) as record:
+        work(Keysight33500(record.around(bench.link(), bench.clock.now), bench.clock))
+    assert len(session(path)) > 100
+    replayed = Replayed(path)
+    work(Keysight33500(replayed, VirtualClock()))
+    assert not replayed.left
+    changed = Replayed(path)
+    changed.left[1]["received"] = "HEWLETT-PACKARD,33120A,0,7.0"
+    with pytest.raises((AssertionError, InstrumentError)):
+        work(Keysight33500(changed, VirtualClock()))
 
 
 def test_one_line_of_the_bench_file_records_a_session(tmp_path: Path) -> None:

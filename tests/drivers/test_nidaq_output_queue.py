@@ -430,12 +430,15 @@ def test_the_sample_rate_keeps_the_queue_short() -> None:
             assert source._queue().samples_at(rate) <= QUEUE_S * rate
 
 
+LEASE_S = 3.0
+"""Longer than a busy computer keeps the program from renewing it."""
+
 PROGRAM = """
 import sys, time
 from drivers.clock import WallClock
 from drivers.nidaq.analog_output import NiAnalogOutput
 clock = WallClock()
-source = NiAnalogOutput("Dev1", "ao0", clock, server=sys.argv[1], lease_s=1.0)
+source = NiAnalogOutput("Dev1", "ao0", clock, server=sys.argv[1], lease_s=float(sys.argv[2]))
 source.initialize_at_rest(2.5, 0.0, 5.0)
 source.ramp_to(4.5, 0.4)
 print("holds", flush=True)
@@ -450,20 +453,22 @@ def test_a_killed_program_leaves_a_level_that_returns_to_rest_by_itself() -> Non
     """SIGKILL of the only process beside the server: nobody is left who could command the output."""
     bench = SimulatedBench(SimulationParameters(source="ao0"), WallClock())
     with ServedBench(bench) as served:
-        program = subprocess.Popen([sys.executable, "-c", PROGRAM, served.card.address], stdout=subprocess.PIPE)
+        program = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, served.card.address, str(LEASE_S)], stdout=subprocess.PIPE
+        )
         assert program.stdout is not None
         assert program.stdout.readline() == b"holds\n"
         bench.enable_hv()  # the report is of the way from here to rest
-        bench.clock.sleep(2.5)
+        bench.clock.sleep(LEASE_S + 1.0)
         assert bench.report().end_v == pytest.approx(4.5, abs=1e-3)
         program.kill()
         program.wait()
         program.stdout.close()
         killed_s = bench.clock.now()
-        bench.clock.sleep(1.0 + 0.4 + 0.3)
+        bench.clock.sleep(LEASE_S + 0.4 + 0.3)
         after = bench.history.volts(np.arange(killed_s, bench.clock.now() - 0.01, 1e-3))
         at_rest = np.flatnonzero(np.abs(after - 2.5) > 0.01)[-1] * 1e-3
-        assert at_rest < 1.0 + 0.4 + 0.1
+        assert at_rest < LEASE_S + 0.4 + 0.1
         assert after[-1] == pytest.approx(2.5, abs=1e-3)
         assert np.abs(np.diff(after)).max() < 0.05
         assert math.isfinite(at_rest)

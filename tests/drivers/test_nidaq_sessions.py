@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import grpc
 import nidaqmx
@@ -11,6 +12,7 @@ from nidaqmx.constants import AcquisitionType
 from drivers.clock import WallClock
 from drivers.drive_shapes import Ramp, Sine
 from drivers.errors import AcquisitionError, CardInUseError
+from drivers.nidaq import analog_input
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench
@@ -23,7 +25,6 @@ TERMINALS = ("ai0", "ai1")
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedBench]:
     monkeypatch.setattr("drivers.nidaq.analog_input.ABANDONED_AFTER_S", 0.3)
-    monkeypatch.setattr("drivers.nidaq.analog_input.POLL_S", 0.1)
     truth = SimulationParameters.from_record({"source": "ao0", "amplifier": {"enabled": True}})
     with ServedBench(SimulatedBench(truth, WallClock(1.0))) as served:
         yield served
@@ -63,6 +64,17 @@ def test_the_acquisition_of_a_program_that_runs_is_left_alone(server: ServedBenc
             over.set()
             reader.join()
         assert stream.read().raw.shape == (2, 100)
+
+
+def test_a_program_that_reads_is_noticed_by_one_that_was_stopped_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else its acquisition would be cleared by a program that the computer held up."""
+    positions, times_s = iter((100, 200)), iter((0.0, 2 * analog_input.ABANDONED_AFTER_S))
+
+    class Input:
+        curr_read_pos = property(lambda _: next(positions))
+
+    monkeypatch.setattr(analog_input, "time", SimpleNamespace(monotonic=lambda: next(times_s), sleep=lambda _: None))
+    assert analog_input._is_being_read(SimpleNamespace(in_stream=Input()))
 
 
 def test_a_reservation_without_a_name_is_told_with_what_it_may_be(server: ServedBench) -> None:

@@ -19,6 +19,8 @@ from drivers.bench.rest import (
 )
 from sim_hardware.clock import VirtualClock
 
+pytestmark = pytest.mark.one_in(1)
+
 RATE_HZ, BLOCK = 1000.0, 50
 REST_V = 2.5
 

@@ -84,7 +84,11 @@ LEFT = ("C1:OUTP PLRT,INVT", "C1:INVT ON", "C1:CMBN ON", "COUP TRACE,ON", "C1:SW
 
 @pytest.mark.parametrize(
     ("model", "setting"),
-    [*((m, s) for m in ("SDG1032X", "SDG2122X") for s in LEFT), ("SDG2122X", "C1:SRATE MODE,TARB")],
+    [
+        *((m, s) for m in ("SDG1032X", "SDG2122X") for s in LEFT),
+        ("SDG2122X", "C1:SRATE MODE,TARB"),
+        ("SDG2122X", "C1:NOISE_ADD STATE,ON"),
+    ],
 )
 def test_what_the_previous_user_left_is_noticed_and_corrected(model: str, setting: str) -> None:
     source, bench, link = opened(model, "inversion=two-switches")

@@ -119,7 +119,12 @@ def check(folder: Path, told: dict[str, int]) -> str:
         if told.get("finished"):
             assert (left, list(entry["estimates"])) == ("closed in order", ["gain"])
         status = entry["status"][()].decode()
-    beside = {notes_path(path), notes_path(path).with_suffix(".json.part")}
+    notes = notes_path(path)
+    beside = {
+        notes,
+        notes.with_suffix(".json.part"),
+        notes.with_name(f".{notes.name}.lock"),
+    }  # killed while writing notes
     assert {path} <= set(folder.iterdir()) <= {path} | beside
     read_notes(notes_path(path))
     state = verify_run(path).state

@@ -108,6 +108,11 @@ class Laboratory:
     bad_dwell: float = 0.0
     bad_mass_kg: float = 0.0
 
+    @property
+    def low_v(self) -> float:
+        """Lower end of the amplifier's range with the error of its slope, V."""
+        return -500 * (1 + self.gain_below)
+
     def skin(self, elongation_m: float | None) -> tuple[float, float]:
         """Stiffness (N/m^2) and damping (kg/(m s)) of the membrane under the cylinder."""
         if elongation_m is None:
@@ -302,7 +307,7 @@ def _volts(lab: Laboratory, level: np.ndarray) -> np.ndarray:
 def _steps(lab: Laboratory, scale: float, rng: np.random.Generator) -> VoltageStepsObservation:
     V = _volts(lab, LEVELS_V)
     rising = np.arange(LEVELS_V.size) < LEVELS_V.size // 2 + 1
-    acting = staircase(V, lab.hysteresis, lab.creep, 1 / (200 * np.pi))
+    acting = staircase(V, lab.hysteresis, lab.creep, 1 / (200 * np.pi), lab.low_v)
     per_volt = lab.response(np.zeros(1))[0].real
     w = lab.static(per_volt * acting) * scale * (1 + lab.steps_gain)
     errors = 0.005 * abs(per_volt * V) + 2e-7
@@ -335,7 +340,7 @@ def _driven(lab: Laboratory, f: np.ndarray, late: float, skin: tuple[float, floa
     w = lab.vibration(tuple(f), volts, None, skin)
     errors = 0.003 * abs(w) + 2e-7
     w = w * lab.late(f)
-    return w * (1 + lab.hysteresis * _loop()) * np.exp(-2j * np.pi * f * (late + lab.delay_s)), errors
+    return w * (1 + lab.hysteresis * _loop(lab.low_v)) * np.exp(-2j * np.pi * f * (late + lab.delay_s)), errors
 
 
 def _sweep(lab: Laboratory, scale: float, late: float, rng: Any) -> FrequencyResponseObservation:
@@ -354,12 +359,12 @@ def _decay(lab: Laboratory, rng: Any) -> DecayPoleObservation:
     return DecayPoleObservation("decay", f, errors_hz, damping, errors, simulated=True)
 
 
-@lru_cache(maxsize=1)
-def _loop() -> complex:
+@lru_cache(maxsize=64)
+def _loop(low_v: float) -> complex:
     """Fundamental of a Rayleigh loop over that of the volts, which the amplifier's two slopes bend: 1 - 0.371j, of a sine 1 - 0.424j."""
     turn = np.exp(2j * np.pi * np.arange(3600) / 3600)
-    V = np.where(turn.imag < 0, 500, 1500) * turn.imag
-    late = np.where(turn.real > 0, (V + 500) ** 2, 2000**2 - (1500 - V) ** 2) / 2 / 1000
+    V = np.where(turn.imag < 0, -low_v, 1500) * turn.imag
+    late = np.where(turn.real > 0, (V - low_v) ** 2, (1500 - low_v) ** 2 - (1500 - V) ** 2) / (1500 - low_v)
     return complex((late / turn).sum() / (V / turn).sum())
 
 

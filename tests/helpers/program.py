@@ -111,7 +111,7 @@ def program(
         file = folder / "bench.toml"
         file.write_text(
             f'name = "bench under test"\n'
-            f'[generator]\nresource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"\ntimeout_s = 0.5\n'
+            f'[generator]\nresource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"\ntimeout_s = 2.0\n'
             f'[card]\nserver = "127.0.0.1:{served.card.port}"\n'
             f"[sensor]\ndelay_s = 1e-4\n"
             f"[watchdog]\n{watchdog}\n"

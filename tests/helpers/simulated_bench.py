@@ -88,11 +88,12 @@ def run(
     pause: threading.Event | None = None,
     safe: bool = True,
     operator: Any = None,
+    specimen: str = "T1",
 ) -> Ran:
     """Run a protocol on a virtual bench; by default the voltage must have been safe."""
     events: list[Event] = []
     control = RunControl(cancel or threading.Event(), pause or threading.Event())
-    request = RunRequest(protocol, folder, "T1")
+    request = RunRequest(protocol, folder, specimen)
     runner = Runner(request, lab.bench, operator or lab.operator, EventBus(events.append, *observers), control)
     ended = runner.run()
     report = lab.control.report()

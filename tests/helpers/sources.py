@@ -36,9 +36,9 @@ ALIKE = {
 }
 """Models for which the row of another one stands: the same driver, and nothing that it asks of the model differs."""
 
-CARD, SUPPLY = "card's analogue output", "DC supply (E36312A)"
+CARD, SUPPLY, LABJACK = "card's analogue output", "DC supply (E36312A)", "LabJack T7"
 
-SOURCES = (*GENERATORS, CARD, SUPPLY)
+SOURCES = (*GENERATORS, CARD, LABJACK, SUPPLY)
 
 SHORTER: dict[str, dict[str, Any]] = {
     "static-loading": {"weights_kg": (0.02,), "repeats": 1},
@@ -50,6 +50,7 @@ SHORTER: dict[str, dict[str, Any]] = {
     "membrane-series": {"frequencies_hz": (150.0,), "elongations_m": (6.35e-3,)},
     "free-decay": {"edges": 2},
     "latency": {"frequencies_hz": (150.0,), "repeats": 1},
+    "endurance": {"cycles": 500, "block_cycles": 500},
     "electrical": {"frequencies_hz": (20.0, 400.0), "drives_v": (5.0,), "levels_v": (5.0,), "wait_s": 1.0},
 }
 """Fewer points with the same drives, to run a protocol on every source."""
@@ -61,6 +62,9 @@ def source_bench(name: str) -> BenchConfig:
         return simulated(generator={"model": name})
     if name == SUPPLY:
         return BenchConfig.model_validate({**simulated().model_dump(), "source": {"kind": "dc-supply"}})
+    if name == LABJACK:
+        table = {"kind": "labjack-output", "external_power": True}
+        return BenchConfig.model_validate({**simulated().model_dump(), "source": table})
     truth = simulated(source="ao0")
     return BenchConfig.model_validate({**truth.model_dump(), "source": {"kind": "card-output"}})
 
@@ -116,4 +120,5 @@ def outcomes() -> dict[str, dict[str, Outcome]]:
 def _anonymous(text: str, source: str) -> str:
     """Return a message without the name of the model, so that models with the same limits share it."""
     text = re.sub(r"(function generator|DC supply) [\w-]+", r"the \1", text)
+    text = re.sub(r"T7 at [\d.]+ DAC0", "the LabJack", text)
     return text.replace(source, "the source")

@@ -5,10 +5,11 @@ import pytest
 
 from model.amplifier_map import AmplifierMap
 from model.beam.poles import modal_form, receptance
+from model.drive_history import rayleigh_loop
 from model.membrane import skin
 from model.parameters import Membrane, Skin, Tactor
 from model.response.closed_form import exact_response
-from model.response.drive_spectrum import fourier_series
+from model.response.drive_spectrum import fourier_series, sine_harmonics
 from model.response.harmonic_response import (
     amplifier_response,
     frequency_response,
@@ -18,6 +19,7 @@ from model.response.harmonic_response import (
     system_matrices,
     tactor_modal_form,
 )
+from model.response.lag import loop_harmonics
 from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
 from tests.helpers.sampled import march, sampled_series
 
@@ -106,6 +108,19 @@ def test_sine_through_the_amplifier(amplitude: float, offset: float) -> None:
     theta = 2 * np.pi * np.arange(20_000) / 20_000
     sampled = sampled_series(offset + amplitude * np.sin(theta), 20)
     assert fourier_series("sine", amplitude, offset, AmplifierMap(), 20) == pytest.approx(sampled, abs=1e-4)
+
+
+def test_harmonics_of_many_sines_are_those_of_each() -> None:
+    amplitudes, offsets = np.array([2.5, 1.0, 0.5, -2.0, 0.0]), np.array([2.5, 1.2, 4.0, 2.0, 3.0])
+    together = sine_harmonics(amplitudes, offsets, AmplifierMap(), 2, 3)
+    loops = loop_harmonics(AmplifierMap(), amplitudes[:4], offsets[:4])
+    theta = 2 * np.pi * np.arange(2048) / 2048
+    for row, a, o in zip(together, amplitudes, offsets, strict=True):
+        sampled = sampled_series(o + a * np.sin(2 * np.pi * np.arange(20_000) / 20_000), 3)
+        assert row == pytest.approx(sampled[2:], abs=1e-4)
+    for row, a, o in zip(loops, amplitudes, offsets, strict=False):
+        late = rayleigh_loop(AmplifierMap().specimen_v(o + a * np.sin(theta))) / 1000
+        assert row[1] == pytest.approx(2 * np.mean(late * np.exp(-1j * theta)), rel=1e-9)
 
 
 def test_square_of_the_belts_multivibrator() -> None:

@@ -41,7 +41,7 @@ kind = "current-monitor"
 
 [[channels]]
 name = "nothing"
-channel = "ai7"
+channel = "ai5"
 unit = "kPa"
 gain = 2.0
 offset = 3.0

@@ -93,6 +93,21 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
 
 
 @pytest.mark.deep
+@pytest.mark.parametrize(("trait", "order"), [("byte-order=big", "big-endian"), ("byte-order=little", "little-endian")])
+def test_both_byte_orders_are_tried_where_the_documents_disagree(trait: str, order: str) -> None:
+    found = commissioned("SDG6022X", trait)
+    assert deviating(found) == set(), found.checks
+    assert found.byte_order == order
+    wrong = commissioned("SDG6022X", f"{trait} scale=fourfold output-polarity=inverted")
+    assert OutputCheck.SCALE in deviating(wrong)
+    assert wrong.byte_order == order, "an instrument that differs otherwise keeps its order"
+
+
+def test_an_instrument_of_one_byte_order_is_not_asked_for_the_other() -> None:
+    assert commissioned("SDG2122X").byte_order == ""
+
+
+@pytest.mark.deep
 @pytest.mark.parametrize("model", ["DG812", "SDG2122X", "AFG3102"])
 @pytest.mark.parametrize("retime", ["continues", "at-next-burst", "restarts"])
 def test_whether_stop_may_hasten_the_end_of_a_level_is_measured_and_is_no_deviation(model: str, retime: str) -> None:
@@ -201,7 +216,7 @@ def test_the_table_is_about_every_model_by_its_own_driver() -> None:
     unused = [
         a
         for a in assumptions()
-        if a.driver not in ("dc-supply", "card", "card-output", "interlock")
+        if a.driver not in ("dc-supply", "card", "card-output", "interlock", "labjack-t7", "labjack-output")
         and not any(a.is_about(m) for m in (*MODELS, "33522B", "FG33532A", "DG952"))
     ]
     assert not unused

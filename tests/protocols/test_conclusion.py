@@ -51,6 +51,7 @@ def test_a_failing_analysis_and_an_event_of_the_shutdown_are_in_events_file_and_
         assert any("on the way to rest" in str(event.fields.get("text", "")) for event in file.events())
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("status", "becomes"),
     [

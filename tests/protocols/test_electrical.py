@@ -43,8 +43,29 @@ def test_capacitance_and_loss_are_the_plants(measured: Ran) -> None:
         assert p.power == pytest.approx(p.energy * p.frequency)
 
 
+@pytest.mark.deep
+def test_a_sense_capacitor_tells_the_same_as_the_monitor(measured: Ran, tmp_path: Path) -> None:
+    charge = {"name": "charge", "channel": "ai7", "unit": "C", "gain": 1e-6, "kind": "charge", "bleed_s": 10.0}
+    charge |= {"gain_relative_uncertainty": 0.005, "delay_uncertainty_s": 2e-6}
+    config = with_inputs(electrical_bench(electrical=LOAD), MONITORS[0], charge)
+    with laboratory(config) as lab:
+        ran = run(PROTOCOL, tmp_path, lab)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    truth = config.simulation_parameters
+    for p, by_current in zip(ran.points[:-1], measured.points, strict=False):
+        f = np.array([p.frequency])
+        assert abs(p.capacitance - true_capacitance(truth, f)[0]) < 3 * p.capacitance_total
+        assert abs(p.loss - true_loss(truth, f)[0]) < 3 * p.loss_total
+        assert p.capacitance == pytest.approx(by_current.capacitance, rel=0.01)
+    assert_leakage(ran.points[-1])
+
+
 def test_the_leakage_is_the_plants(measured: Ran) -> None:
-    held = measured.points[-1]
+    assert_leakage(measured.points[-1])
+
+
+def assert_leakage(held: Any) -> None:
+    """Assert that leakage and absorption at 1500 V are those of the plant."""
     absorbed = LOAD["capacitance_f"] * 1500 * LOAD["loss_per_decade"] / math.log(10) / 1.5
     assert held.voltage == pytest.approx(1500, rel=0.01)
     assert abs(held.leakage - 1500 / LOAD["leakage_ohm"] - absorbed) < 3 * held.leakage_total + 0.2 * absorbed
@@ -90,14 +111,49 @@ def test_the_file_gives_the_points_and_loops_of_the_run(measured: Ran) -> None:
 def test_a_faulty_connection_gets_no_higher_voltage(load: dict[str, Any], words: str, tmp_path: Path) -> None:
     with laboratory(electrical_bench(electrical=load)) as lab:
         ran = run(PROTOCOL, tmp_path, lab)
-        seen = lab.control.plant.specimen_voltage(
-            np.arange(lab.control.clock.now() - 5, lab.control.clock.now() - 0.1, 1e-3)
-        )
+    assert_refused(ran, words)
+
+
+def assert_refused(ran: Ran, words: str) -> None:
+    """Assert that the run has ended by a sentence, and that no more than the small sine ever left the card."""
     assert ran.status is RunStatus.FAILED
     assert words in ran.reason
     assert "no higher voltage" in ran.reason
     assert not ran.points
-    assert np.abs(seen).max() < 65  # 0.1 V above rest are 60 V
+    assert ran.report.live_s > 0
+    assert 2.4 - 1e-3 <= ran.report.lowest_v < 2.42
+    assert 2.58 < ran.report.highest_v <= 2.6 + 1e-3
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        ({"polarisation": 0.6}, "depolarised"),
+        ({"electrodes": "broken"}, "an electrode is broken"),
+        ({"capacitance_f": 2.6e-9}, "another specimen"),
+    ],
+)
+def test_a_changed_specimen_is_found_by_its_own_history(load: dict[str, Any], words: str, tmp_path: Path) -> None:
+    short = Electrical(frequencies_hz=(20,), drives_v=(0.5,), levels_v=(), record_s=0.5)
+    with laboratory(electrical_bench()) as lab:
+        first = run(short, tmp_path, lab)
+    assert first.status is RunStatus.COMPLETED, first.reason
+    with laboratory(electrical_bench(electrical=load)) as lab:
+        ran = run(PROTOCOL, tmp_path, lab)
+        alone = run(short, tmp_path / "elsewhere", lab)
+    assert_refused(ran, words)
+    assert alone.status is RunStatus.COMPLETED  # without a history nothing is expected
+    with Run(ran.path) as file:
+        assert file.record.parameters["expected_f"] == first.points[0].capacitance
+        assert file.record.requested == {"expected_f": 0.0, "expected_bending": 0.0}
+
+
+def test_a_stated_value_takes_precedence_over_the_history(tmp_path: Path) -> None:
+    short = Electrical(frequencies_hz=(20,), drives_v=(0.5,), levels_v=(), record_s=0.5, expected_f=3e-9)
+    with laboratory(electrical_bench()) as lab:
+        ran = run(short, tmp_path, lab)
+    assert_refused(ran, "capacitance / expected: 0.5995")
 
 
 def test_a_specimen_that_does_not_move_is_refused(tmp_path: Path) -> None:

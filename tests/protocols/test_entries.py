@@ -2,11 +2,13 @@
 
 import threading
 from collections.abc import Generator, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import pytest
 
+from drivers.bench.armed_bench import ArmedBench
 from protocols import registry
 from protocols.base import (
     Ask,
@@ -29,6 +31,7 @@ from protocols.base import (
 )
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
+from protocols.runner.operator_actions import OperatorActions, OperatorPrompts
 from tests.helpers.level_protocol import LEVELS, Handy, Level, Levels, high_voltage
 from tests.helpers.simulated_bench import Trigger, laboratory, run
 
@@ -61,6 +64,28 @@ def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(
     assert [e.index for e in ran.events if isinstance(e, EntryStarted)] == [0, 1, 1, 2, 3]
     kinds = ran.kinds()
     assert kinds.index("Paused") < kinds.index("Resumed")
+
+
+def test_a_set_up_that_was_interrupted_is_asked_for_again_even_if_it_is_the_one_before() -> None:
+    """Half of the change may be done: the specimen then has neither set-up."""
+    asked: list[str] = []
+
+    class Prompts:
+        def ask(self, prompt: Prompt) -> str:
+            asked.append(prompt.text)
+            if asked == ["light", "heavy"]:
+                raise KeyboardInterrupt
+            return ""
+
+        mount = ask
+
+    actions = OperatorActions(cast("OperatorPrompts", Prompts()), high_voltage=False)
+    light, heavy = Prompt("mass", "light"), Prompt("mass", "heavy")
+    armed = cast("ArmedBench", None)  # without high voltage it is not used
+    for setup in (light, light, heavy, light):
+        with suppress(KeyboardInterrupt):
+            actions.set_up(armed, setup)
+    assert asked == ["light", "heavy", "light"]
 
 
 def test_a_paused_run_can_be_stopped(tmp_path: Path) -> None:

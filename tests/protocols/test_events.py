@@ -14,6 +14,7 @@ IN_FILES = {
     "InterferenceMeasured",
     "BlockTaken",
     "BlockSeen",
+    "CyclesInterrupted",
     "Playing",
     "SettleEnded",
     "Recorded",
@@ -33,6 +34,8 @@ IN_FILES = {
     "Mounted",
     "AtRest",
     "RunEnded",
+    "StopOffered",
+    "StopRequested",
 }
 """Text in run files, exports and `--json`: a name is never changed or used again, whatever its class is called."""
 

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from drivers import Hold, LevelAction, Sine
+from drivers.bench.drive_limits import HvAmplifier
 from protocols.base import (
     Ask,
     BlockDiscarded,
+    BlockStored,
     Log,
     Play,
     PointMeasured,
@@ -92,6 +94,16 @@ def test_nothing_is_recorded_or_waited_beyond_the_end_of_a_level(
     assert ran.report.ends_at_rest
 
 
+@pytest.mark.parametrize(("left_s", "is_long_enough"), [(0.23, False), (0.27, True)])
+def test_a_level_must_last_for_a_recording_and_the_latency_of_a_block(
+    left_s: float, is_long_enough: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HvAmplifier, "level_remaining_s", property(lambda _: left_s))
+    with laboratory() as lab:
+        ran = run(Scripted(script=(Record(0.2),)), tmp_path, lab)
+    assert ran.status == (RunStatus.COMPLETED if is_long_enough else RunStatus.FAILED)
+
+
 def test_a_recording_with_its_drive_has_rest_before_it_and_the_whole_drive(tmp_path: Path) -> None:
     drive = Sine(50.0, 1.0, 2.5, 20)
     protocol = Scripted(script=(Record(drive.duration_s, drive, lead_s=0.1), Record(0.05)))
@@ -120,6 +132,25 @@ def test_a_recording_of_one_block_that_begins_after_the_drive_was_lost_is_flagge
         run(protocol, tmp_path, lab, cut, safe=False)
     flagged = [Quality.DRIVE_OFF in Quality(each.quality) for each in protocol.__dict__["answers"][1:]]
     assert flagged[0] is is_lost
+
+
+@pytest.mark.breaks_the_drive
+def test_a_recording_in_which_the_drive_was_lost_for_a_while_is_flagged(tmp_path: Path) -> None:
+    blocks: list[object] = []
+
+    def cut(event: object) -> None:
+        blocks.extend(event for _ in range(isinstance(event, BlockStored) and (bool(blocks) or settled.done)))
+        if len(blocks) == 4:
+            lab.control.inject("drive-cable-off")
+        if len(blocks) == 8:
+            lab.control.clear()
+
+    settled = Trigger(lambda event: isinstance(event, SettlingFinished), lambda: None)
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, drive=LevelAction.OFF)
+        protocol = Scripted(script=(SETTLE, Record(15 * lab.bench.block_s)))
+        run(protocol, tmp_path, lab, settled, cut, safe=False)
+    assert Quality.DRIVE_OFF in Quality(protocol.__dict__["answers"][1].quality)
 
 
 @pytest.mark.deep

@@ -59,6 +59,23 @@ def test_an_entry_that_lost_scans_is_measured_again_by_itself(tmp_path: Path) ->
         np.testing.assert_allclose(file.points()["drive_amplitude"], file.points()["drive_amplitude"][0], rtol=0.01)
 
 
+def test_an_entry_whose_recording_lacks_scans_again_keeps_the_flag(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finish = RecordingBuffer.finish
+
+    def lacking(buffer: RecordingBuffer, scans: int) -> Any:
+        recorded, quality = finish(buffer, scans)
+        return recorded, quality | Quality.DROPPED
+
+    monkeypatch.setattr(RecordingBuffer, "finish", lacking)
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(100,), record_s=0.1, min_cycles=5), tmp_path, lab)
+    assert [event.index for event in ran.events if isinstance(event, EntryStarted)] == [0, 0]
+    assert ran.status is RunStatus.COMPLETED
+    assert [bool(Quality(point.quality) & Quality.DROPPED) for point in ran.points] == [True]
+
+
 @pytest.mark.one_in(100)
 @pytest.mark.parametrize("moment", [PromptShown, RecordingFinished])
 def test_scans_that_are_lost_while_none_are_recorded_change_nothing(
@@ -87,13 +104,17 @@ def test_scans_that_are_lost_while_none_are_recorded_change_nothing(
 
 
 def test_an_entry_that_loses_scans_again_ends_the_run_at_measured_rest(tmp_path: Path) -> None:
+    repeated_at_rest: list[bool] = []
+
     def late(event: object) -> None:
         if isinstance(event, SettlingFinished):
             lab.bench.clock.sleep(LATE_S)
+        if messages([event]):
+            repeated_at_rest.append(lab.bench.amplifier.is_source_at_rest())
 
     with laboratory() as lab:
         ran = run(DWELL, tmp_path, lab, late)
-    assert (ran.status, len(messages(ran.events))) == (RunStatus.FAILED, 1)
+    assert (ran.status, len(messages(ran.events)), repeated_at_rest) == (RunStatus.FAILED, 1, [True])
     assert ran.reason.startswith(str(lab.bench.digitizer.identity))
     assert_names(ran.reason, "scans", "rate")
     assert any(isinstance(event, RestMeasured) and event.confirmed for event in ran.events)

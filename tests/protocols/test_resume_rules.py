@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols import resume, runfile
+from protocols import base, resume, runfile
 from protocols.base import Quality, RunStatus
 from protocols.resume import ResumableRun, find_entries, load_resumable, measured_points
 from protocols.runfile.errors import RunReadError
@@ -45,6 +45,9 @@ class EarlierRun:
     def entries(self) -> dict[int, Any]:
         return {i: SimpleNamespace(label=label, key=(label,)) for i, label in enumerate(self.labels)}
 
+    def events(self) -> tuple[Any, ...]:
+        return ()
+
     def points(self) -> dict[str, Any]:
         count = len(self.entry_of)
         return {
@@ -65,11 +68,11 @@ Earlier = Callable[..., None]
 def earlier(monkeypatch: pytest.MonkeyPatch) -> Earlier:
     def make(plan: tuple[str, ...] = ("150 Hz", "155 Hz", "2.54 mm, 155 Hz", "left"), **changes: Any) -> None:
         run = EarlierRun(**changes)
-        protocol = SimpleNamespace(point_type=Point, plan=lambda _: ())
+        protocol = SimpleNamespace(point_type=Point, plan=lambda _: (), repeatable=True, uncounted=lambda _: "")
         monkeypatch.setattr(runfile, "Run", lambda _: run)
         monkeypatch.setattr(resume, "protocol_of_run", lambda *_: protocol)
         monkeypatch.setattr(
-            resume, "extend_plan", lambda *_: [SimpleNamespace(key=(label,), label=label) for label in plan]
+            base, "extend_plan", lambda *_: [SimpleNamespace(key=(label,), label=label) for label in plan]
         )
 
     return make

@@ -35,6 +35,7 @@ from protocols.base import (
     Step,
     StreamStarted,
 )
+from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.messages import assert_names
@@ -121,6 +122,21 @@ def test_stop_at_any_moment_goes_to_rest_and_keeps_what_was_measured(moment: typ
     with Run(ran.path) as file:
         assert file.record.status == RunStatus.STOPPED
         assert len(file.points()["frequency"]) == len(ran.points)
+
+
+def test_stop_is_obeyed_at_the_next_block_of_a_recording(tmp_path: Path) -> None:
+    cancel, seen = threading.Event(), list[type]()
+
+    def third_block_of_the_recording(event: object) -> bool:
+        seen.append(type(event))
+        return SettlingFinished in seen and seen[seen.index(SettlingFinished) :].count(BlockStored) == 3
+
+    with laboratory() as lab:
+        stop = Trigger(third_block_of_the_recording, cancel.set)
+        long = SineDwell(frequencies_hz=(100,), record_s=2.0)
+        run(long, tmp_path, lab, stop, lambda e: stop.done and seen.append(type(e)), cancel=cancel)
+    recorded = seen[seen.index(SettlingFinished) : seen.index(ShutdownStarted)]
+    assert recorded.count(BlockStored) <= 5, "of the forty of the recording"
 
 
 @pytest.mark.parametrize("error", [RuntimeError("boom"), KeyboardInterrupt(), SystemExit(1)])

@@ -26,6 +26,7 @@ from protocols.base import (
     Recording,
     RecordingFinished,
     ReferenceModel,
+    RunStatus,
     SettlingFinished,
 )
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies, sine_point
@@ -383,3 +384,17 @@ def test_the_phase_error_has_the_noise_of_the_drive_channel(drive_noise_v: float
         point = sine_point([Recording(0, (0, t.size), 5000.0, sine, drive, moved, Quality.GOOD, 0.0)], simulated=True)
         z.append((point.phase + 0.7) / point.phase_errors)
     assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.15
+
+
+@pytest.mark.parametrize(
+    "model",
+    ["33511B", *(pytest.param(m, marks=pytest.mark.deep) for m in ("33220A", "DG1032Z", "SDG1032X", "AFG1022"))],
+)
+def test_a_dwell_gives_the_same_point_whoever_made_the_generator(model: str, tmp_path: Path) -> None:
+    dwell = SineDwell(frequencies_hz=(60.0, 150.0), settle_limit_s=1.0, record_s=0.2)
+    with laboratory(simulated(generator={"model": model})) as lab:
+        ran = run(dwell, tmp_path, lab)
+    assert ran.status == RunStatus.COMPLETED, ran.reason
+    assert lab.bench.amplifier.identity.model == model
+    assert [p.drive_amplitude for p in ran.points] == pytest.approx([2.5, 2.5], rel=1e-3)
+    assert [1e6 * p.peak_to_peak for p in ran.points] == pytest.approx([588.35, 1154.18], rel=2e-3)

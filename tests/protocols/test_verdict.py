@@ -21,6 +21,8 @@ from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run
 from tests.helpers.texts import texts
 
+pytestmark = pytest.mark.one_in(1)
+
 CHECK = CheckResult("gain above rest", 0.5e-6, "m/V", 1e-6, 1e-3, "check the optics", Outcome.DID_NOT_PASS)
 numbers = st.floats(allow_nan=True, allow_infinity=False)
 checks = st.builds(
@@ -49,10 +51,32 @@ def test_json_round_trip(verdict: Verdict) -> None:
 
 @pytest.mark.parametrize(
     ("value", "low", "high", "passed"),
-    [(1, None, None, True), (1, 1, 1, True), (1, 2, None, False), (3, None, 2, False), (math.nan, None, None, False)],
+    [
+        (1, None, None, True),
+        (1, 1, 1, True),
+        (1, 2, None, False),
+        (3, None, 2, False),
+        (math.nan, None, None, False),
+        (math.inf, 1, None, False),
+        (-math.inf, None, 2, False),
+    ],
 )
 def test_check_limits(value: float, low: float | None, high: float | None, passed: bool) -> None:
     assert CheckResult("x", value, "1", low, high, "").passed is passed
+
+
+@pytest.mark.parametrize("first", range(3))
+def test_the_worst_consequence_is_the_outcome_whichever_check_it_is_of(
+    first: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mildest_first = (Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS)
+    protocol, fine = SineDwell(frequencies_hz=(100,)), CheckResult("fine", 1.0, "", 0.0, None, "")
+    monkeypatch.setattr("protocols.base.verdict.usability_checks", lambda *_: (fine,))
+    for worst in range(3):
+        those = mildest_first[: worst + 1]
+        failed = [CheckResult(each, 0.0, "", 1.0, None, "", each) for each in (*those[first:], *those[:first])]
+        monkeypatch.setattr(SineDwell, "checks", lambda *_, failed=failed: tuple(failed))
+        assert judge(protocol, [], 1).outcome is those[-1]
 
 
 def test_good_run_is_good_in_event_and_file(tmp_path: Path) -> None:

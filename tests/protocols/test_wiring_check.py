@@ -11,6 +11,7 @@ from protocols.measurements.wiring_check import WiringCheck
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
+from tests.helpers.electrical.bench import electrical_bench
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 CHECK = WiringCheck(record_s=0.5, wait_s=0.2)
@@ -55,6 +56,30 @@ def test_what_is_wrong_with_a_bench_is_named(truth: dict[str, Any], names: set[s
     with laboratory(simulated(**truth)) as lab:
         ran = run(CHECK, tmp_path, lab)
     assert failing(CHECK, ran.points) == names
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(
+    ("load", "name"),
+    [
+        ({"electrodes": "open"}, "capacitance of the specimen"),
+        ({"electrodes": "damaged"}, "loss factor of the specimen"),
+        ({"electrodes": "reversed"}, "sign of the bending"),
+        ({"electrodes": "broken"}, "capacitance / expected"),
+        ({"polarisation": 0.5}, "bending / expected"),
+    ],
+)
+def test_a_current_monitor_shows_the_connection_of_the_specimen(
+    load: dict[str, Any], name: str, tmp_path: Path
+) -> None:
+    with laboratory(electrical_bench()) as lab:
+        good = run(CHECK, tmp_path, lab)
+    assert good.verdict.outcome is Outcome.GOOD, good.verdict.reasons
+    with laboratory(electrical_bench(electrical=load)) as lab:
+        ran = run(CHECK, tmp_path, lab)
+    assert ran.verdict.outcome is Outcome.DID_NOT_PASS
+    assert name in {check.name for check in ran.verdict.failed_checks}
+    assert ran.report.highest_v <= 2.6 + 1e-6
 
 
 @pytest.mark.deep

@@ -170,7 +170,6 @@ def test_a_generators_driver_that_hangs_before_high_voltage_ends_the_run_in_a_se
         over.wait()
         raise SystemExit
 
-    monkeypatch.setattr(Deadline.EARLY_STOP if stopped else Deadline.SOURCE_SETUP, "seconds", 0.05)
     events: list[object] = []
     with connect(simulated(), None) as connection:
         monkeypatch.setattr(connection.bench.amplifier._source, method, hangs)
@@ -179,6 +178,7 @@ def test_a_generators_driver_that_hangs_before_high_voltage_ends_the_run_in_a_se
             session.start()
             session.run(RunRequest(SineDwell(), tmp_path, "T1"))
             assert begun.wait(30.0)
+            monkeypatch.setattr(Deadline.EARLY_STOP if stopped else Deadline.SOURCE_SETUP, "seconds", 0.05)
             if stopped:
                 session.stop()
             assert session.finished.wait(30.0)
@@ -278,6 +278,20 @@ class Asked(NoWatchdog):
         self.heard.append(message)
 
 
+def test_a_watchdog_that_has_taken_the_source_over_is_not_asked_again() -> None:
+    with laboratory() as lab:
+        lab.bench.watchdog = watchdog = Asked(True)
+        watchdog.takeover_outcome, watchdog.brought_to_rest = "it rests after 0.31 s", True
+        runner = SimpleNamespace(
+            may_be_live=True, give_up=lambda status, reason: RunEnded(status, reason, "run.h5"), path=Path("run.h5")
+        )
+        rescue = Rescue()
+        rescue.end_run(runner, lab.bench, RunStatus.FAILED, "The disk hangs")  # type: ignore[arg-type]
+        rescue.close()
+    (logged,) = watchdog.heard
+    assert "0.31 s" in logged
+
+
 @pytest.mark.one_in(1)
 @pytest.mark.parametrize(("live", "obeys"), [(True, True), (True, False), (False, False)])
 def test_the_rescue_of_a_run_that_hangs_asks_the_watchdog_first_and_commands_the_source_if_that_cannot(
@@ -294,6 +308,12 @@ def test_the_rescue_of_a_run_that_hangs_asks_the_watchdog_first_and_commands_the
         lab.bench.amplifier.initialize_at_rest()
         lab.control.enable_hv()
         lab.bench.amplifier._source.ramp_to(3.0, 0.3)
+        scpi = lab.bench.amplifier._source._scpi  # type: ignore[attr-defined]
+        opened, reopen = list[str](), scpi.link.reopen
+        scpi.link.reopen = lambda: (
+            opened.append("anew"),
+            reopen(),
+        )  # the thread that hangs may hold the old connection
         lab.bench.watchdog = watchdog
         runner = SimpleNamespace(may_be_live=live, give_up=give_up, path=Path("run.h5"))
         ended = rescue.end_run(runner, lab.bench, RunStatus.STOPPED, "The disk hangs")  # type: ignore[arg-type]
@@ -302,6 +322,7 @@ def test_the_rescue_of_a_run_that_hangs_asks_the_watchdog_first_and_commands_the
         is_commanded = lab.control.report().ends_at_rest
         lab.bench.amplifier.force_rest()
         assert_safe_voltage(lab.control.report())
+    assert bool(opened) == (live and not obeys)
     assert is_commanded == (live and not obeys), "two must not command the source in turn"
     assert ended.status is (RunStatus.UNSAFE if live else RunStatus.STOPPED)
     assert "The disk hangs" in ended.reason

@@ -41,7 +41,7 @@ def test_a_generator_returns_to_rest_by_itself_after_the_death_of_program_and_wa
         (tmp_path / "bench.toml").write_text(
             'name = "bench under test"\n[levels]\nlaser_lost = "warning"\nstroke = "warning"\n'
             f'[generator]\nresource = "{resource}"\n[card]\nserver = "{served.card.address}"\n'
-            "[sensor]\ndelay_s = 1e-4\n"
+            "[sensor]\ndelay_s = 1e-4\n[watchdog]\nsilence_s = 2\n"
         )
         running = start(bench, tmp_path, f"drive={drive}", "drive_s=8", protocol=one_drive.__file__)
         try:

@@ -33,6 +33,9 @@ from tests.helpers.waiting import wait_until
 
 MONITOR = {"name": "specimen", "channel": "ai2", "kind": "voltage-monitor", "gain": 1000.0}
 RATE_HZ = 2000.0
+PATIENT = replace(INTERLOCK, monostable_s=2.0)
+"""The interlock of most tests: that of `INTERLOCK` is switched off by a busy computer's pause of half a second."""
+STATED = {"line": PATIENT.line, "state_line": PATIENT.state_line, "monostable_s": PATIENT.monostable_s}
 
 
 class Switch:
@@ -43,8 +46,8 @@ class Switch:
 
 
 @contextmanager
-def interlocked(parameters: InterlockParameters = INTERLOCK, **tables: Any) -> Iterator[tuple[Bench, SimulatedBench]]:
-    """A bench on its wires whose bench file has the interlock as it is written in `INTERLOCK`."""
+def interlocked(parameters: InterlockParameters = PATIENT, **tables: Any) -> Iterator[tuple[Bench, SimulatedBench]]:
+    """A bench on its wires whose bench file states the interlock; `parameters` are of the simulated one."""
     truth = simulated(plant_rate_hz=20_000.0, modes=3).simulation_parameters
     world = SimulatedBench(replace(truth, interlock=parameters), WallClock(1.0))
     with ServedBench(world) as served, connect(bench_file(served, **tables), without_commissioning="a test") as opened:
@@ -58,7 +61,7 @@ def bench_file(served: ServedBench, **tables: Any) -> BenchConfig:
             "card": {"server": f"127.0.0.1:{served.card.port}"},
             "sensor": {"delay_s": 1e-4},
             "watchdog": {"silence_s": 2.0},
-            "interlock": {"line": INTERLOCK.line, "state_line": INTERLOCK.state_line},
+            "interlock": STATED,
             **tables,
         }
     )
@@ -137,7 +140,7 @@ def test_an_interlock_that_opens_ends_the_run_at_rest_and_high_voltage_does_not_
         assert not isinstance(told.value, UnsafeError)
         assert world.report().ends_at_rest
         begun_s = world.faults.active_since("interlock-line-off", np.array([world.now()]))[0]
-        assert live_until(world, begun_s) - begun_s <= INTERLOCK.monostable_s + OFF_WITHIN_S
+        assert live_until(world, begun_s) - begun_s <= PATIENT.monostable_s + OFF_WITHIN_S
         world.clear("interlock-line-off")
         begun_s = world.now()
         assert wait_until(lambda: world.now() > begun_s + 1.0)
@@ -148,13 +151,13 @@ def test_an_interlock_that_opens_ends_the_run_at_rest_and_high_voltage_does_not_
 @pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_a_run_that_cannot_be_brought_to_rest_loses_its_high_voltage_and_says_so() -> None:
-    words = r"interlock.*0\.5 s"
+    words = r"interlock.*\b2 s"
     with interlocked() as (bench, world):
         with pytest.raises(UnsafeError, match=words):
             drive_until(bench, world, "scpi-dropped", 0.0)
         ended_s = world.now()
         assert wait_until(lambda: bool(world.report()) and not world.history.high_voltage_on)
-        assert live_until(world, ended_s) - ended_s <= INTERLOCK.monostable_s + OFF_WITHIN_S
+        assert live_until(world, ended_s) - ended_s <= PATIENT.monostable_s + OFF_WITHIN_S
         assert world.report().end_v == pytest.approx(4.0, abs=0.01)  # the source stayed where it was
         world.clear("scpi-dropped")
 
@@ -193,12 +196,12 @@ def injecting(bench: Bench, world: SimulatedBench, fault: str) -> None:
 @pytest.mark.parametrize("tables", [{}, {"channels": [MONITOR]}], ids=["displacement", "voltage monitor"])
 @pytest.mark.parametrize("release_s", [0.02, 0.4])
 def test_commissioning_measures_when_high_voltage_is_gone(tables: dict[str, Any], release_s: float) -> None:
-    truth = replace(INTERLOCK, monostable_s=0.6, release_s=release_s)  # the parts are not as the bench file says
+    truth = replace(PATIENT, monostable_s=2.1, release_s=release_s)  # the parts are not as the bench file says
     with interlocked(truth, **tables) as (bench, world):
         found = measure_interlock(bench, Switch(world))
         assert found.check is OutputCheck.INTERLOCK
-        assert found.value == pytest.approx(0.6 + release_s, abs=0.05)
-        assert (found.verdict, found.high) == (OutputVerdict.PASS, 1.5)
+        assert found.value == pytest.approx(2.1 + release_s, abs=0.15)
+        assert (found.verdict, found.high) == (OutputVerdict.PASS, 3.0)
         assert ("monitor" if tables else "displacement") in found.detail
         assert world.report().ends_at_rest
         volts = np.array(
@@ -211,11 +214,11 @@ def test_commissioning_measures_when_high_voltage_is_gone(tables: dict[str, Any]
 @pytest.mark.breaks_the_drive
 @pytest.mark.parametrize("fault", ["interlock-relay-stuck", "interlock-never-drops"])
 def test_commissioning_finds_an_interlock_that_does_not_switch_off(fault: str) -> None:
-    with interlocked(state_line_off(), interlock={"line": INTERLOCK.line}) as (bench, world):
+    with interlocked(state_line_off(), interlock={**STATED, "state_line": ""}) as (bench, world):
         injecting(bench, world, fault)
         found = measure_interlock(bench, Switch(world))
         assert found.verdict is OutputVerdict.DANGEROUS
-        assert found.value > 1.5
+        assert found.value > 3.0
 
 
 @pytest.mark.breaks_the_drive  # high voltage goes at a level
@@ -232,7 +235,7 @@ def test_commissioning_says_what_it_could_not_measure() -> None:
 
 
 def state_line_off() -> InterlockParameters:
-    return replace(INTERLOCK, state_line="")
+    return replace(PATIENT, state_line="")
 
 
 @pytest.mark.breaks_the_drive  # high voltage goes at a level
@@ -248,7 +251,7 @@ def test_the_record_has_the_measured_time_and_a_slow_interlock_keeps_high_voltag
     monkeypatch.setattr(app_commissioning, "commission_bench", lambda *_: passed)
     monkeypatch.setattr(app_commissioning, "_highest_rate", lambda _: RATE_HZ)
     truth = simulated(plant_rate_hz=20_000.0, modes=3).simulation_parameters
-    world = SimulatedBench(replace(truth, interlock=replace(INTERLOCK, release_s=off_s)), WallClock(1.0))
+    world = SimulatedBench(replace(truth, interlock=replace(PATIENT, release_s=off_s)), WallClock(1.0))
     with ServedBench(world) as served:
         config = bench_file(served)
         operator = SimulatedOperator(world)
@@ -257,7 +260,7 @@ def test_the_record_has_the_measured_time_and_a_slow_interlock_keeps_high_voltag
         record = load_record(done.identity)
         assert record is not None
         off = done.result.checks[-1]
-        assert off.value == pytest.approx(0.5 + off_s, abs=0.05), off.detail
+        assert off.value == pytest.approx(2.0 + off_s, abs=0.15), off.detail
         with connect(config) as opened:
             assert bool(opened.bench.high_voltage_refusal) == (off_s > 1.0)
             if off_s > 1.0:

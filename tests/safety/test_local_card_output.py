@@ -28,7 +28,7 @@ def wait(until: Callable[[], object]) -> None:
 
 
 @pytest.mark.deep
-@pytest.mark.parametrize("drive", [Hold(4.5, 600.0), Sine(0.2, 2.0, 2.5, 20)], ids=["level", "sine"])
+@pytest.mark.parametrize("drive", [Hold(4.5, 600.0), Sine(0.05, 2.0, 2.5, 20)], ids=["level", "sine"])
 def test_the_watchdog_takes_the_output_from_the_sample_that_a_dead_program_left(drive: Drive, tmp_path: Path) -> None:
     """Two processes with a driver of their own each. The level is measured inside the card before it is moved."""
     bench = SimulatedBench(simulated(source="ao0").simulation_parameters, WallClock(1.0))

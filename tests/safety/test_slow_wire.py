@@ -5,13 +5,15 @@ import re
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from app.session.bench_connection import connect
 from drivers.bench.drive_limits import DriveLimits, HvAmplifier
-from drivers.clock import WallClock
+from drivers.clock import Clock, WallClock
 from drivers.drive_shapes import Drive, Hold, Sine
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight import Keysight33500
 from drivers.transport.safe_ramp_down import FIRST_STEPS, RampDown
 from drivers.transport.scpi import ScpiSession, join_commands
@@ -22,7 +24,7 @@ from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.level_protocol import Levels
-from tests.helpers.simulated_bench import laboratory
+from tests.helpers.simulated_bench import laboratory, simulated
 from tests.helpers.wired_bench import wired
 
 STEP_V = 0.05
@@ -86,6 +88,23 @@ def test_a_wire_that_becomes_slow_on_the_way_to_rest_is_pipelined_from_then_on()
     assert wire.sent == ["ok 0", "ok 1", "V 2", "V 3", "V 4", "ok 5", "V 6", "V 7", "V 8", "V 9"]
 
 
+def test_a_pipelined_ramp_whose_confirmation_is_lost_begins_again_at_the_level_that_is_reached() -> None:
+    """Going on after the steps that were sent could be a jump: how many were carried out is unknown."""
+    wire = Wire("TCPIP::h::1::SOCKET")
+    way = RampDown(wire, slow_reply_s=lambda: 0.1, now=lambda: 0.0)
+
+    def unread() -> None:
+        raise LinkError("no reply")
+
+    for i in range(FIRST_STEPS - 1):
+        way.step(f"V {i}", unread)
+    with pytest.raises(LinkError, match="no reply"):
+        way.step("V", unread)
+    one_by_one = RampDown(wire, now=lambda: 0.0)
+    one_by_one.step("V last", unread)  # the level before it is known: the ramp goes on without replies
+    assert wire.sent[-1] == "V last"
+
+
 def test_two_late_replies_in_succession_make_a_wire_slow_and_a_single_one_does_not() -> None:
     now = [0.0]
 
@@ -147,29 +166,42 @@ def test_the_predicted_way_to_rest_is_stored_with_the_run(tmp_path: Path) -> Non
     assert 0.5 < armed.way_to_rest_s < 2.0
 
 
+class Distant:
+    """A socket on the virtual clock whose replies take `round_trip_s`."""
+
+    name, round_trip_s = "TCPIP::h::1::SOCKET", 0.0
+
+    def __init__(self, link: Any, clock: Clock) -> None:
+        self._link, self._clock = link, clock
+
+    def read(self) -> str:
+        self._clock.sleep(self.round_trip_s)
+        reply: str = self._link.read()
+        return reply
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._link, name)
+
+
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
-    ("delay_s", "drive", "limit_s"),
-    [
-        (0.05, Hold(2.02, 60.0), 4.0),
-        (0.05, Hold(5.0, 60.0), 4.0),
-        (0.05, Sine(100.0, 2.5, 2.5, 3000), 4.0),
-        pytest.param(0.3, Hold(5.0, 60.0), 12.0, marks=pytest.mark.deep),
-        pytest.param(0.3, Sine(100.0, 2.5, 2.5, 3000), 12.0, marks=pytest.mark.deep),
-    ],
-)
-def test_the_way_to_rest_takes_a_few_round_trips_and_never_jumps(delay_s: float, drive: Drive, limit_s: float) -> None:
-    with wired() as lab:
-        amplifier = lab.bench.amplifier
+    ("round_trip_s", "limit_s"), [(0.1, 1.5), (0.6, 5.0)]
+)  # without pipelining: a round trip for each of 50 steps and more
+@pytest.mark.parametrize("drive", [Hold(2.02, 60.0), Hold(5.0, 60.0), Sine(100.0, 2.5, 2.5, 3000)])
+def test_the_way_to_rest_takes_a_few_round_trips_and_never_jumps(
+    round_trip_s: float, limit_s: float, drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with connect(simulated(), None, wrap_link=Distant) as lab:
+        amplifier, clock = lab.bench.amplifier, lab.bench.clock
         amplifier.initialize_at_rest()
         lab.control.enable_hv()
         amplifier.start_drive(drive)
-        lab.proxy.delay_s = delay_s  # from now on: nobody has seen yet that the wire is slow
-        predicted_s, begin_s = amplifier.predict_rest_s(), time.monotonic()
+        monkeypatch.setattr(Distant, "round_trip_s", round_trip_s)  # nobody has seen yet that the wire is slow
+        predicted_s, begin_s = amplifier.predict_rest_s(), clock.now()
         amplifier.return_to_rest()
-        took_s = time.monotonic() - begin_s
+        took_s = clock.now() - begin_s
         report = lab.control.report()
-    assert took_s < limit_s, "without pipelining: a round trip for each of 50 steps and more"
+    assert took_s < limit_s
     assert math.isfinite(predicted_s)
     assert report.ends_at_rest
     assert report.largest_jump_v <= STEP_V + 1e-6
@@ -199,7 +231,7 @@ def test_the_watchdogs_connection_which_was_never_armed_pipelines_its_way_to_res
 
 
 def test_a_connection_that_the_other_side_closed_is_noticed_before_a_timeout() -> None:
-    with wired(generator={"timeout_s": 30.0}) as lab:
+    with wired(generator={"timeout_s": 60.0}) as lab:
         amplifier = lab.bench.amplifier
         amplifier.initialize_at_rest()
         lab.control.enable_hv()
@@ -209,5 +241,5 @@ def test_a_connection_that_the_other_side_closed_is_noticed_before_a_timeout() -
         with pytest.raises(InstrumentError, match="has closed the connection"):
             amplifier.return_to_rest()
         amplifier.force_rest()
-        assert time.monotonic() - begin_s < 15.0
+        assert time.monotonic() - begin_s < 55.0
         assert_safe_voltage(lab.control.report())

@@ -128,6 +128,10 @@ class Live:
         self.amplifier.start_drive(drive)
         wait(lambda: self.bench.report().outside_rest_s > 0.05)
 
+    def hang(self) -> None:
+        """What the watchdog sees of a run thread that hangs: it promised another heartbeat soon, and none comes."""
+        self.watchdog._send("beat 0.5")
+
     def die(self) -> None:
         """What a dead program leaves: a closed pipe."""
         assert self.watchdog._child.stdin is not None
@@ -140,8 +144,6 @@ class Live:
 
 CHARGE = WatchdogConfig("drivers.generators.keysight:Keysight33500", "", 2.0, patience_s=10.0, silence_s=60.0)
 """The pauses of a busy computer are no silence, unless that is what the test is about."""
-
-IMPATIENT = replace(CHARGE, silence_s=1.5)
 
 
 @contextmanager
@@ -166,9 +168,11 @@ def test_watchdog_ramps_down_a_held_level(tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(tmp_path: Path) -> None:
-    with live(tmp_path, IMPATIENT) as bench:
+    with live(tmp_path) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
-        wait(bench.at_rest)  # the test does not beat any more
+        bench.hang()
+        wait(lambda: bench.watchdog.takeover_outcome)
+        assert bench.at_rest()
         assert_safe_voltage(bench.bench.report())
         wait(lambda: "the thread that reads the card" in log(tmp_path))
         with pytest.raises(BenchError, match=r"^the watchdog\b.*\bsource\b.*\bthread\b"):
@@ -181,7 +185,7 @@ def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(t
 
 @pytest.mark.deep
 def test_frozen_interpreter_counts_as_dead_while_awaiting_a_reply(tmp_path: Path) -> None:
-    with live(tmp_path, IMPATIENT) as bench:
+    with live(tmp_path, replace(CHARGE, silence_s=3.0)) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
         with bench.watchdog.allow_silence(60.0):
             bench.watchdog._closing.set()  # the interpreter's pulse stands still
@@ -261,7 +265,7 @@ def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
 @pytest.mark.deep
 def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -> None:
     """The program stops during a ramp and continues after the watchdog has acted: its next step would be a jump."""
-    with live(tmp_path, IMPATIENT) as bench:
+    with live(tmp_path) as bench:
         bench.play(Hold(4.0, 60.0))
         tell, told = bench.source._scpi.write_checked, []
 
@@ -269,8 +273,8 @@ def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -
             told.append(command)
             tell(command)
             if len(told) == 10:
-                bench.watchdog._closing.set()  # the interpreter's pulse stands still, as it does in a stopped program
-                wait(lambda: "was brought to rest" in log(tmp_path))
+                bench.hang()
+                wait(lambda: bench.watchdog.takeover_outcome)
 
         bench.source._scpi.write_checked = slow
         with pytest.raises(BenchError, match=r"^the watchdog\b.*\bsource\b"):

@@ -286,6 +286,17 @@ def test_a_heartbeat_says_how_long_the_next_one_may_take(start: Callable[..., Lo
     assert loop.calls[1:] == REST * 2
 
 
+def test_a_frozen_program_is_noticed_by_its_pulse_whatever_silence_its_run_thread_was_allowed(
+    start: Callable[..., Loop],
+) -> None:
+    loop = ready(start)
+    loop.say("live", "beat 9.000", "pulse")
+    loop.pass_time(0.39)
+    assert loop.calls == ["opened it"]
+    loop.pass_time(0.02)
+    assert loop.calls[1:] == REST
+
+
 LEVEL = json.dumps({"level_v": 4.0, "rest_v": 2.5, "rise_s": 0.3, "hold_s": 6.0, "remaining_s": 5.0})
 
 
@@ -357,6 +368,16 @@ def test_a_program_that_ends_at_rest_is_a_line_in_the_log(start: Callable[..., L
     assert loop.calls == ["opened it"]
     assert loop.log == ["the program ended without a word; the source was at rest, nothing was to be done"]
     assert loop.stderr.getvalue() == f"tactor-bench watchdog: {loop.log[0]}\n"
+
+
+def test_a_program_that_measured_rest_after_a_takeover_ends_at_rest(start: Callable[..., Loop]) -> None:
+    loop = ready(start)
+    loop.say("live")
+    loop.pass_time(0.5)
+    loop.say("rest")
+    loop.heard()
+    loop.close_pipe()
+    assert loop.calls[1:] == REST
 
 
 def test_a_program_that_takes_its_leave_is_not(start: Callable[..., Loop]) -> None:
@@ -460,6 +481,7 @@ def test_a_source_that_obeys_but_does_not_rest_is_tried_again(start: Callable[..
     assert loop.log[-1].endswith(DONE.format("0.25"))
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(("ramp_v_per_s", "took_s"), [(2.0, 0.15), (5.0, 0.15), (30.0, 0.05)])
 def test_its_ramp_is_ten_volts_per_second_or_that_of_the_bench_where_it_is_faster(
     start: Callable[..., Loop], ramp_v_per_s: float, took_s: float
@@ -523,8 +545,8 @@ class Link:
 
     made: list["Link"]
 
-    def __init__(self, resource: str, timeout_s: float, backend: str, *, baud: int) -> None:
-        self.arguments, self.closed = (resource, timeout_s, backend, baud), False
+    def __init__(self, resource: str, timeout_s: float, backend: str, *, baud: int, lock_key: str) -> None:
+        self.arguments, self.closed = (resource, timeout_s, backend, baud, lock_key), False
         self.made.append(self)
 
     def close(self) -> None:
@@ -539,8 +561,8 @@ def links(monkeypatch: pytest.MonkeyPatch) -> list[Link]:
 
 
 def test_a_source_with_a_resource_is_opened_by_a_link(start: Callable[..., Loop], links: list[Link]) -> None:
-    loop = ready(start, replace(CONFIG, resource="ASRL9::INSTR", backend="@ivi", baud=19200))
-    assert [link.arguments for link in links] == [("ASRL9::INSTR", 0.2, "@ivi", 19200)]
+    loop = ready(start, replace(CONFIG, resource="ASRL9::INSTR", backend="@ivi", baud=19200, lock_key="k"))
+    assert [link.arguments for link in links] == [("ASRL9::INSTR", 0.2, "@ivi", 19200, "k")]
     assert loop.calls == ["opened it by a link"]
     assert not links[0].closed
 

@@ -1,5 +1,6 @@
 """Watchdog reports: each action is reported once, and so is the absence of a watchdog."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -8,8 +9,9 @@ import pytest
 
 from app.session.session import BenchFailed, ConnectedBench, Session
 from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, NoWatchdog
+from drivers.deadlines import CallThread
 from drivers.errors import BenchError
-from drivers.watchdog.log import LOG_NAME, take_unreported_lines
+from drivers.watchdog.log import LOG_NAME, append_line, take_unreported_lines
 from protocols.base import LogMessage
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runner.request import RunRequest
@@ -38,6 +40,18 @@ def test_lines_that_an_earlier_version_has_told_are_not_told_again(tmp_path: Pat
     mark = "2026-11-21T09:16:02.000Z  the lines above were told at the next start"
     (tmp_path / LOG_NAME).write_text(f"2026-11-21T09:15:02.000Z  the source was brought to rest\n{mark}\n")
     assert take_unreported_lines(tmp_path) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes in folders here")
+def test_a_pipe_in_the_place_of_its_log_holds_neither_it_nor_the_program_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / LOG_NAME)
+    thread = CallThread("log")  # nobody reads or writes the pipe
+    thread.call(lambda: append_line(tmp_path, "the source was brought to rest"), 10.0)
+    assert thread.call(lambda: take_unreported_lines(tmp_path), 10.0) == []
+    thread.end()
+    (tmp_path / LOG_NAME).unlink()
+    append_line(tmp_path, "the source was brought to rest")
+    assert (tmp_path / LOG_NAME).stat().st_mode & 0o111 == 0, "a log is no program"
 
 
 def test_what_it_wrote_is_told_although_the_bench_cannot_be_opened(tmp_path: Path) -> None:

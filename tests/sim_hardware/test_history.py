@@ -9,12 +9,7 @@ import pytest
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.plant.history_report import make_voltage_report
-from sim_hardware.plant.segments import (
-    ChirpSegment,
-    ConstantSegment,
-    PeriodicSegment,
-    RelayGlitchSegment,
-)
+from sim_hardware.plant.segments import ChirpSegment, ConstantSegment, PeriodicSegment, RelayGlitchSegment
 from sim_hardware.plant.voltage_history import REMEMBERED, REMEMBERED_S, VoltageHistory
 
 RATE = 100e3

@@ -16,6 +16,8 @@ from protocols.measurements.sweep import Sweep
 from protocols.measurements.voltage_steps import VoltageSteps
 from sim_hardware.generators.outside import GROUP, OutsideEngine
 from sim_hardware.plant.segments import ConstantSegment, Segment
+from tests.drivers.test_self_test import Switch, refusal
+from tests.helpers.commissioning import commissioned_bench, deviating
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SHORT: tuple[Protocol, ...] = (
@@ -54,6 +56,57 @@ def test_protocols_measure_with_it_as_with_the_own_generator(
 ) -> None:
     (there, error), (here, _) = (measured(protocol, config, tmp_path).T for config in (outside, simulated()))
     assert (np.abs(there - here) < 0.002 * np.abs(here) + 5 * error).all(), (there, here, error)
+
+
+FOREIGN = (
+    "TRIG:DEL 2",
+    "FUNC:ARB:ADV TRIG",
+    "OUTP:POL INV",
+    "OUTP:MODE GAT",
+    "BURS:MODE GAT",
+    "BURS:PHAS 90",
+    "BURS:NCYC 7",
+    "TRIG:SOUR IMM",
+    "TRIG:COUN 3",
+    "UNIT:ANGL RAD",
+    "VOLT:UNIT VRMS",
+    "OUTP:LOAD 50",
+    "SUM:STAT ON",
+    "AM:STAT ON",
+    "FREQ:MODE SWE",
+    "VOLT:LIM:STAT ON",
+    "FORM:BORD NORM",
+    "FUNC:ARB:FILT OFF",
+)
+"""Settings that another user leaves."""
+
+
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize("command", FOREIGN)
+def test_what_another_user_left_is_taken_back_at_arming(command: str, outside: BenchConfig) -> None:
+    with laboratory(outside) as lab:
+        assert refusal(lab, Switch(lab.control)) == ""
+        lab.control.link().write(command)
+        reason, report = refusal(lab, Switch(lab.control)), lab.control.report()
+        assert max(report.highest_v - 2.5, 2.5 - report.lowest_v) < 0.06
+        assert report.largest_jump_v < 0.05
+        assert report.ends_at_rest
+        assert not reason, "the settings that this box knows are set at arming"
+
+
+@pytest.mark.deep
+def test_it_is_commissioned_like_an_own_generator(outside: BenchConfig) -> None:
+    found = commissioned_bench(outside)
+    assert deviating(found) == set(), found.checks
+    assert 0.05 < found.times.stop_s < 1.0
+
+
+@pytest.mark.parametrize("fault", ["drive-cable-off", "scpi-silent", "scpi-garbled", "generator-power-off"])
+def test_faults_of_wires_and_power_keep_high_voltage_off(fault: str, outside: BenchConfig) -> None:
+    with laboratory(outside) as lab:
+        lab.control.inject(fault)
+        assert refusal(lab, Switch(lab.control))
+        assert lab.control.report().live_s == 0
 
 
 def test_an_unknown_entry_point_and_one_that_makes_nothing_are_refused(outside: BenchConfig) -> None:

@@ -29,7 +29,7 @@ def measured_admittance(parameters: SimulationParameters, f: float, seconds: flo
     t = (np.arange(round(seconds * RATE_HZ / BLOCK) * BLOCK) + 1) / RATE_HZ
     volts = 100 * np.sin(2 * np.pi * f * t)
     moved = (100 * frequency_response(parameters.tactor, f, n=parameters.modes) * np.exp(2j * np.pi * f * t)).imag
-    amps = SpecimenCurrent(parameters).process(volts, moved)
+    amps, _ = SpecimenCurrent(parameters).process(volts, moved)
     half = t.size // 2
     v, i = (fit_sine(x[half:], RATE_HZ, f).fundamental for x in (volts, amps))
     return complex(i / v) * np.exp(2j * np.pi * f * HALF_STEP_S)
@@ -74,7 +74,7 @@ def test_charge_and_bending_are_reciprocal() -> None:
 
 def test_a_steady_voltage_leaves_the_leakage() -> None:
     load = SpecimenCurrent(bench(ElectricalParameters(leakage_ohm=1e9)), 1000.0)
-    assert load.process(np.full(4 * BLOCK, 1000.0), np.zeros(4 * BLOCK))[-1] == pytest.approx(1e-6, rel=1e-3)
+    assert load.process(np.full(4 * BLOCK, 1000.0), np.zeros(4 * BLOCK))[0, -1] == pytest.approx(1e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -83,6 +83,25 @@ def test_a_steady_voltage_leaves_the_leakage() -> None:
 def test_faults_of_the_connection(electrodes: str, siemens: float) -> None:
     load = ElectricalParameters(electrodes=electrodes, coupling=0.0)
     assert abs(measured_admittance(bench(load), 100.0)) == pytest.approx(siemens, rel=0.03)
+
+
+@pytest.mark.parametrize("sense_ohm", [1e5, 1e9])
+def test_a_sense_capacitor_integrates_the_current_and_takes_its_share(sense_ohm: float) -> None:
+    load = ElectricalParameters(2e-9, 0.0, leakage_ohm=5e7, coupling=0.0, sense_f=1e-7, sense_ohm=sense_ohm)
+    f, t = 20.0, (np.arange(round(RATE_HZ / BLOCK) * BLOCK) + 1) / RATE_HZ
+    volts = 100 * np.sin(2 * np.pi * f * t)
+    _, charge = SpecimenCurrent(bench(load)).process(volts, np.zeros(t.size))
+    half, jw = t.size // 2, 2j * np.pi * f
+    v, q = (fit_sine(x[half:], RATE_HZ, f).fundamental for x in (volts, charge))
+    sensed = (jw * 2e-9 + 1 / 5e7) / (jw + 1 / (1e-7 * sense_ohm)) / 1.02
+    assert complex(q / v) == pytest.approx(sensed, rel=2e-3)
+
+
+def test_a_gap_leaves_the_charge_of_the_leakage() -> None:
+    load = SpecimenCurrent(bench(ElectricalParameters(leakage_ohm=1e9, sense_ohm=1e6)))
+    load.advance(1000.0, 0.5)
+    held = load.process(np.full(BLOCK, 1000.0), np.zeros(BLOCK))[1, -1]
+    assert held == pytest.approx(1e-6 + (1.2e-6 - 1e-6) * np.exp(-0.5), rel=0.05)
 
 
 def test_the_monitor_is_of_first_order() -> None:
@@ -102,7 +121,7 @@ def test_blocks_and_copies_continue_alike() -> None:
         here, other = slice(k, k + 2 * BLOCK), copy(parts)
         pieces.append(parts.process(volts[here], moved[here]))
         assert np.array_equal(other.process(volts[here], moved[here]), pieces[-1])
-    assert np.concatenate(pieces) == pytest.approx(whole, abs=1e-12)
+    assert np.concatenate(pieces, axis=1) == pytest.approx(whole, abs=1e-12)
 
 
 def test_impossible_loads_are_refused() -> None:

@@ -15,6 +15,7 @@ from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.wires.tcp_server import ScpiTcpServer
+from tests.helpers.generators import impatient_while_broken
 
 
 @pytest.fixture
@@ -30,8 +31,9 @@ def server(bench):
 
 
 @pytest.fixture
-def link(server):
-    with contextlib.closing(VisaLink(server.resource, timeout_s=0.25)) as link:
+def link(bench, server):
+    with contextlib.closing(VisaLink(server.resource, timeout_s=10.0)) as link:
+        impatient_while_broken(link, bench, 0.25)
         yield link
 
 
@@ -67,7 +69,7 @@ def test_no_message_waits_until_the_one_before_is_acknowledged(server, link):
 
 def test_one_connection_after_the_other(server):
     for _ in range(5):
-        with contextlib.closing(VisaLink(server.resource, timeout_s=0.5)) as link:
+        with contextlib.closing(VisaLink(server.resource, timeout_s=10.0)) as link:
             assert ask(link, "*IDN?").startswith("Keysight")
 
 
@@ -102,7 +104,7 @@ def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(ben
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
         try:
-            socket.create_connection(("127.0.0.1", server.port), timeout=0.2).close()
+            socket.create_connection(("127.0.0.1", server.port), timeout=60.0).close()
         except ConnectionRefusedError:
             break
         time.sleep(0.02)

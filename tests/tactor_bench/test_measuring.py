@@ -418,14 +418,14 @@ def test_sigterm_in_mid_run_ends_the_script_after_rest(tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_a_script_that_is_killed_while_live_is_brought_to_rest_by_the_watchdog(tmp_path: Path) -> None:
-    with script(tmp_path, frequencies="[100]", record_s=8) as (run, served):
+    with script(tmp_path, frequencies="[100]", record_s=60, watchdog=PATIENT) as (run, served):
         run.go_live()
         run.process.kill()
-        deadline, log = time.monotonic() + 30, tmp_path / LOG_NAME
+        deadline, log = time.monotonic() + 90, tmp_path / LOG_NAME
         while not (log.exists() and "was brought to rest" in log.read_text()):
             assert time.monotonic() < deadline
             time.sleep(0.02)
         report = served.bench.report()
         assert report.ends_at_rest
-        assert report.outside_rest_s < 11.0
+        assert report.outside_rest_s < 60.0
         safe(run.bench)

@@ -45,6 +45,7 @@ class _Session:
 
     def __init__(self) -> None:
         self.clearing = threading.Event()
+        self.lock_key: bytes | None = None
 
 
 class HislipServer(ThreadedServer):
@@ -70,7 +71,10 @@ class HislipServer(ThreadedServer):
             number = next(self._numbers)
             self._sessions[number] = _Session()
             _send(sock, Kind.INITIALIZE_RESPONSE, 0, VERSION << 16 | number)
-            self._serve_data(sock, self._sessions[number])
+            try:
+                self._serve_data(sock, self._sessions[number])
+            finally:
+                self._sessions[number].lock_key = None  # its locks end with the connection
         elif kind == Kind.ASYNC_INITIALIZE and parameter in self._sessions:
             _send(sock, Kind.ASYNC_INITIALIZE_RESPONSE, 0, 0)
             self._serve_control(sock, self._sessions[parameter])
@@ -103,7 +107,7 @@ class HislipServer(ThreadedServer):
 
     def _serve_control(self, sock: socket.socket, session: _Session) -> None:
         while True:
-            kind, _, _, _ = _receive(sock)
+            kind, control, _, payload = _receive(sock)
             match kind:
                 case Kind.MAX_SIZE:
                     _send(sock, Kind.MAX_SIZE_RESPONSE, 0, 0, struct.pack("!Q", LARGEST))
@@ -113,7 +117,20 @@ class HislipServer(ThreadedServer):
                 case Kind.STATUS:
                     _send(sock, Kind.STATUS_RESPONSE, 0, 0)
                 case Kind.LOCK:
-                    _send(sock, Kind.LOCK_RESPONSE, 1, 0)
+                    _send(sock, Kind.LOCK_RESPONSE, self._lock_reply(session, control, payload), 0)
+
+    def _lock_reply(self, session: _Session, control: int, key: bytes) -> int:
+        """Return 0 refused, 1 exclusive (an empty key), 2 shared, 3 nothing to release (IVI-6.1, table 13)."""
+        if not control:
+            session.lock_key, held = None, session.lock_key
+            return 3 if held is None else 2 if held else 1
+        others = [
+            each.lock_key for each in self._sessions.values() if each is not session and each.lock_key is not None
+        ]
+        if any(other != key or not key for other in others):
+            return 0
+        session.lock_key = key
+        return 2 if key else 1
 
 
 def _receive(sock: socket.socket) -> tuple[int, int, int, bytes]:

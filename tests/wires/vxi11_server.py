@@ -33,6 +33,8 @@ class Call(IntEnum):
     STATUS = 13
     TRIGGER = 14
     CLEAR = 15
+    LOCK = 18
+    UNLOCK = 19
     DESTROY_LINK = 23
 
 
@@ -40,6 +42,8 @@ class Failure(IntEnum):
     """Errors that are answered here (table B.2)."""
 
     NONE = 0
+    LOCKED = 11
+    NOT_LOCKED = 12
     TIMEOUT = 15
 
 
@@ -48,6 +52,9 @@ class Vxi11Server(ThreadedServer):
 
     def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._away = threading.Event()
+        self.lock_owner: object = None
+        """The link that has the exclusive lock."""
+        self.knows_locks = True
         super().__init__(instrument, speed, command_s)
 
     @property
@@ -64,15 +71,40 @@ class Vxi11Server(ThreadedServer):
 
     def _serve(self, sock: socket.socket) -> None:
         link = _Link(self._instrument, self._speed, self._command_s, self._away)
+        try:
+            self._serve_link(sock, link)
+        finally:
+            self._unlock(link)
+
+    def _serve_link(self, sock: socket.socket, link: "_Link") -> None:
         while True:
             call = _record(sock)
             number, _, _, program, version, procedure = struct.unpack_from("!6I", call)
             _, after = _opaque(call, 28)  # credential: a flavour, then as many bytes as it says
             _, after = _opaque(call, after + 4)  # verifier
             known = program == CORE and version == VERSION and procedure in Call._value2member_map_
-            result = link.carry_out(Call(procedure), call[after:]) if known else b""
+            known = known and (self.knows_locks or procedure not in (Call.LOCK, Call.UNLOCK))
+            result = self._carry_out(link, Call(procedure), call[after:]) if known else b""
             accepted = struct.pack("!6I", number, 1, 0, 0, 0, 0 if known else 3)
             sock.sendall(struct.pack("!I", LAST | len(accepted) + len(result)) + accepted + result)
+
+    def _carry_out(self, link: "_Link", call: Call, arguments: bytes) -> bytes:
+        if call == Call.UNLOCK:
+            return struct.pack("!i", Failure.NONE if self._unlock(link) else Failure.NOT_LOCKED)
+        if call not in (Call.CREATE_LINK, Call.DESTROY_LINK) and self.lock_owner not in (None, link):
+            return struct.pack("!iiI", Failure.LOCKED, 0, 0)[
+                : 12 if call == Call.READ else 8 if call in (Call.WRITE, Call.STATUS) else 4
+            ]
+        if call == Call.LOCK:
+            self.lock_owner = link
+            return struct.pack("!i", Failure.NONE)
+        return link.carry_out(call, arguments)
+
+    def _unlock(self, link: "_Link") -> bool:
+        owned = self.lock_owner is link
+        if owned:
+            self.lock_owner = None
+        return owned
 
 
 class _Link:

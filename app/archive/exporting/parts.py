@@ -62,8 +62,8 @@ MATLAB_KEYWORDS = frozenset(
 POINTS = "points"
 """Name of the series of the points."""
 
-RAW_COLUMNS = (("time", "s"), ("drive", "V"), ("displacement", "m"))
-"""Raw columns that every run has; further channels follow."""
+TIME_AND_DRIVE = (("time", "s"), ("drive", "V"))
+"""First raw columns; the sensor's quantity and further channels follow."""
 
 
 class ExportedRun(Protocol):
@@ -90,7 +90,8 @@ class ExportError(Exception):
 
 def raw_columns(run: ExportedRun) -> tuple[tuple[str, str], ...]:
     """Return names and units of the raw columns."""
-    return (*RAW_COLUMNS, *run.trace.further_channels.items())
+    sensor = run.record.sensor
+    return (*TIME_AND_DRIVE, (sensor.quantity, sensor.unit), *run.trace.further_channels.items())
 
 
 def raw_chunks(run: ExportedRun, progress: Progress) -> Iterator[tuple[Array, ...]]:

@@ -23,9 +23,10 @@ from app.archive.importing.universal_file import is_universal_file, read_univers
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, record_audit, usage_errors
 from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
+from drivers import open_regular
 from model import current_parameter
 from protocols import PROTOCOLS
-from protocols.base import TableImportError, open_regular
+from protocols.base import TableImportError
 from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
 
 READ_SHARE, BUILT_SHARE = 0.6, 0.95

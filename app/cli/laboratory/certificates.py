@@ -22,8 +22,8 @@ from app.config import (
     read_certificates,
     store_certificate,
 )
+from drivers import open_regular
 from model import format_quantity
-from protocols.base import open_regular
 
 
 @command("dcc.xml --role weights --due 2027-05-31")

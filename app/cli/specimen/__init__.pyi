@@ -1,2 +1,3 @@
 from .design import AddedMassTopic as AddedMassTopic
 from .design import DriveTopic as DriveTopic
+from .design import PowerTopic as PowerTopic

@@ -7,7 +7,7 @@ from pathlib import Path
 from app.cli.options import FOLDER, argument, command, option, specimen_argument
 from app.common import ExitCode, UsageError, print_line, print_message, usage_errors
 from app.identification import SheetError, make_label
-from protocols.base import open_regular
+from drivers import open_regular
 from protocols.runfile import safe_name
 
 SUFFIXES = (".pdf", ".png", ".svg")

@@ -11,7 +11,6 @@ from app.common import UnitError, to_number, typeset
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
 from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
-    STRETCH,
     StatusLine,
     column,
     configure,
@@ -217,11 +216,11 @@ class CalibrationPanel(QWidget):
         left = column(
             self.volts_label,
             fields,
-            row(self.take_button, self.move_button, self.remove_button, STRETCH),
+            row(self.take_button, self.move_button, self.remove_button, None),
             self.message_label,
             self.result_label,
-            row(self.apply_button, STRETCH),
-            STRETCH,
+            row(self.apply_button, None),
+            None,
         )
         panel = make_panel(
             make_label("Calibrate the sensor", "heading", wrap=False), row((left, 3), (self.table, 2), (self.plot, 3))

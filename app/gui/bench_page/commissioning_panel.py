@@ -44,12 +44,7 @@ class CommissioningPanel(QWidget):
         stop: ends it.
     """
 
-    def __init__(
-        self,
-        worker: BackgroundWorker,
-        start: Callable[[], object],
-        stop: Callable[[], object],
-    ) -> None:
+    def __init__(self, worker: BackgroundWorker, start: Callable[[], object], stop: Callable[[], object]) -> None:
         super().__init__()
         self._worker = worker
         self.job: CommissioningJob | None = None

@@ -8,7 +8,6 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 from app.config import BenchConfig, ChannelTable, ConfigTable, MeterTable
 from app.gui.bench_page.table_form import TableForm
 from app.gui.widgets import (
-    STRETCH,
     Item,
     clear_layout,
     column,
@@ -55,7 +54,7 @@ class FurtherTables(QWidget):
             row(
                 make_button("Add an input of the card", self._add_channel, name="bench.channels.add"),
                 make_button("Add a serial meter", self._add_meter, name="bench.meters.add"),
-                STRETCH,
+                None,
             ),
             parent=self._content,
             spacing=6,

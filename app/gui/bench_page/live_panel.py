@@ -9,7 +9,6 @@ from app.common import UsageError, typeset
 from app.config import SensorTable
 from app.gui.plots import TimePlot
 from app.gui.widgets import (
-    STRETCH,
     StatusLine,
     column,
     configure,
@@ -140,4 +139,4 @@ class LivePanel(QWidget):
 
 def _sentence(*parts: QWidget | str) -> QHBoxLayout:
     """Return a row of words and fields."""
-    return row(*(make_label(part, wrap=False) if isinstance(part, str) else part for part in parts), STRETCH)
+    return row(*(make_label(part, wrap=False) if isinstance(part, str) else part for part in parts), None)

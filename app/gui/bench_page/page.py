@@ -17,7 +17,6 @@ from app.gui.bench_page.live_panel import LivePanel
 from app.gui.bench_page.wiring_panel import WiringPanel
 from app.gui.status import SimulationControls
 from app.gui.widgets import (
-    STRETCH,
     BackgroundWorker,
     ElidedLabel,
     WrappedRow,
@@ -337,20 +336,14 @@ class BenchPage(QWidget):
             self._area.ensureWidgetVisible(part, 0, 6)
 
     def _build(self) -> None:
-        head = row(
-            self.connect_button,
-            self.save_button,
-            self.discard_button,
-            self.show_button,
-            (self.file_label, 1),
-        )
+        head = row(self.connect_button, self.save_button, self.discard_button, self.show_button, (self.file_label, 1))
         self._area = make_scroll_area(
             self.editor,
             self.live_button,
             self.live,
             self.calibration,
             self.commissioning,
-            STRETCH,
+            None,
             margins=(0, 0, 6, 6),
             spacing=6,
             focusPolicy=Qt.FocusPolicy.NoFocus,

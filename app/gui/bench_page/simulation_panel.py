@@ -11,7 +11,7 @@ from app.config import BenchConfig, SimulationTable, simulation_tables, table_at
 from app.gui.bench_page.table_form import TableForm
 from app.gui.bench_page.tiles import TileGrid
 from app.gui.status import SimulationControls
-from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, make_panel, row, show_key
+from app.gui.widgets import column, configure, make_choice, make_label, make_panel, row, show_key
 
 MAIN_FIELDS = 4
 
@@ -24,6 +24,8 @@ TITLES = {
     ("beyond",): "Effects outside the model",
     ("mounting",): "Differences between mountings",
     ("electrical",): "Electrical properties of the specimen",
+    ("room",): "Room",
+    ("ageing",): "Ageing of the specimen by cycles",
     ("generator",): "Function generator",
     ("amplifier",): "Amplifier",
     ("amplifier", "map"): "Amplifier's map",
@@ -67,7 +69,7 @@ class SimulationPanel(QWidget):
             make_panel(
                 make_label("Simulated bench", "heading", wrap=False),
                 *(() if controls is None else (controls,)),
-                row(self.open_button, self.faults_button, STRETCH),
+                row(self.open_button, self.faults_button, None),
                 self._content,
             ),
             parent=self,
@@ -107,7 +109,7 @@ class SimulationPanel(QWidget):
             form.set_record(self._record(keys))
             form.changed.connect(self.changed)
             self.forms[keys] = form
-            panels.append(make_panel(make_label(TITLES[keys], "caption"), form, STRETCH, spacing=4))
+            panels.append(make_panel(make_label(TITLES[keys], "caption"), form, None, spacing=4))
         column(TileGrid(panels), parent=self._content)
 
     def _record(self, keys: tuple[str, ...]) -> SimulationTable:

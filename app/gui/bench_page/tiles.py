@@ -5,6 +5,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 
+import numpy as np
+import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
@@ -15,7 +17,7 @@ from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
 from app.gui.face import CENTRE, draw_text, painting, px, set_length, tokens
 from app.gui.status import LAMP_SIGNS
-from app.gui.widgets import STRETCH, IconView, Item, column, configure, make_combo, make_label, row
+from app.gui.widgets import IconView, Item, column, configure, make_combo, make_label, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp, format_measured_volts
 
@@ -59,11 +61,11 @@ class TraceLine(QWidget):
             return
         low, high, height = min(self._values), max(self._values), self.height() - 4
         middle, scale = (low + high) / 2, height / max(high - low, LEAST_SPAN)
-        step, first = self.width() / (TRACE_LENGTH - 1), TRACE_LENGTH - len(self._values)
-        points = ((first + at, value) for at, value in enumerate(self._values))
+        x = np.linspace(0, self.width(), TRACE_LENGTH)[-len(self._values) :]
+        y = 2 + height / 2 - (np.array(self._values) - middle) * scale
         with painting(self) as painter:
             painter.setPen(QPen(QColor(tokens().text), 1.25))
-            painter.drawPolyline([QPointF(x * step, 2 + height / 2 - (value - middle) * scale) for x, value in points])
+            painter.drawPath(pg.arrayToQPath(x, y))
 
 
 class Tile(QFrame):
@@ -115,7 +117,7 @@ class Tile(QFrame):
         self.instrument_box.activated.connect(self._on_instrument_chosen)
 
         column(
-            row(self.title_label, STRETCH, self.state_icon, self.state_label, spacing=6),
+            row(self.title_label, None, self.state_icon, self.state_label, spacing=6),
             self.identity_label,
             self.live_label,
             self.live_note,
@@ -124,7 +126,7 @@ class Tile(QFrame):
             self.instrument_box,
             *self.forms.values(),
             *items,
-            STRETCH,
+            None,
             parent=self,
             margins=(10, 8, 10, 8),
             spacing=4,
@@ -308,7 +310,8 @@ class CardTile(Tile):
         super().__init__("card", "Card", 4, {"card": shown})
 
     def use(self, device: FoundDevice) -> None:
-        self.form.update_record(device=device.where, serial=device.serial, server=self._server())
+        server = "" if device.driver else self._server()
+        self.form.update_record(driver=device.driver or "ni", device=device.where, serial=device.serial, server=server)
         self.changed.emit()
 
     def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
@@ -324,10 +327,20 @@ class SensorTile(Tile):
     """The displacement sensor and its calibration."""
 
     def __init__(self, *items: QWidget) -> None:
-        shown = ("preset", "gain_m_per_v", "gain_relative_uncertainty", "valid_low_v", "valid_high_v", "expires")
+        shown = (
+            "preset",
+            "quantity",
+            "gain_m_per_v",
+            "gain_relative_uncertainty",
+            "valid_low_v",
+            "valid_high_v",
+            "expires",
+        )
         super().__init__("sensor", "Sensor", 3, {"sensor": shown}, *items)
 
     def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
+        if self.form.record.quantity == "velocity":
+            return f"{reading.sensor_v:z.3f} V", "velocity, mean of a second", reading.sensor_v
         if math.isnan(reading.displacement_um):
             return "out of range", "move the sensor", math.nan
         return f"{reading.displacement_um:+z.2f} µm", "displacement, mean of a second", reading.displacement_um

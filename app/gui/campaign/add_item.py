@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QLabel, QWidget
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import UnitError
 from app.gui.widgets import (
-    STRETCH,
     ProtocolForm,
     StatusLine,
     column,
@@ -67,7 +66,7 @@ class AddItemPane(QWidget):
         self._form_place = column()
         form_area = make_scroll_area(
             self._form_place,
-            STRETCH,
+            None,
             focusPolicy=Qt.FocusPolicy.NoFocus,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             minimumHeight=MIN_FORM_HEIGHT,
@@ -89,7 +88,7 @@ class AddItemPane(QWidget):
             make_label("Its parameters", "caption", wrap=False),
             (form_area, 1),
             self.message_label,
-            row(self.add_button, cancel, STRETCH, spacing=10),
+            row(self.add_button, cancel, None, spacing=10),
             margins=(28, 16, 28, 16),
             spacing=8,
         )

@@ -14,7 +14,6 @@ from app.gui.campaign.item_list import CampaignList
 from app.gui.plots import LivePane
 from app.gui.widgets import (
     ACTIONS,
-    STRETCH,
     ElidedLabel,
     SheetButton,
     StatusLine,
@@ -74,9 +73,9 @@ class NextStepPane(QFrame):
             )
             for action, (text, key) in ACTION_BUTTON_LABELS.items()
         }
-        text = column(self.heading, self.reason, self.detail, STRETCH, spacing=4)
+        text = column(self.heading, self.reason, self.detail, None, spacing=4)
         self.setFixedHeight(STEP_HEIGHT_LINES * self.fontMetrics().lineSpacing())  # the list below never moves
-        buttons = column(*self.buttons.values(), STRETCH, spacing=6)
+        buttons = column(*self.buttons.values(), None, spacing=6)
         row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
 
     def show_step(self, step: NextStep, blocked_reason: str) -> None:
@@ -149,8 +148,8 @@ class CampaignHeader(QWidget):
         self.name_label.setToolTip(str(summary.path))
         self.simulated_label.setVisible(summary.simulated)
         progress = state.progress if running and state.busy else None
-        left_s = progress.remaining_at(streamed_s) if progress is not None else 0.0
-        self.progress_label.setText(campaigns.format_progress(summary, running, left_s))
+        left_s, answered = (0.0, 0) if progress is None else (progress.remaining_at(streamed_s), state.answered)
+        self.progress_label.setText(campaigns.format_progress(summary, running, left_s, answered))
         self.progress_label.setToolTip(self.progress_label.text())
         share = progress.fraction_at(streamed_s) if progress is not None else 0.0
         self.bar.setValue(round(1000 * (summary.done_count + share) / max(summary.total_count, 1)))
@@ -267,6 +266,9 @@ class CampaignBoard(QWidget):
         self._details_outdated = False
         self._details_timer.stop()
         if self.summary is not None:
+            asked = self.step.actions if self.step and self.step.item_name == self.item_list.selected_item else ()
+            for action in ("accept", "reject"):  # once in the window: above, where the step asks for it
+                self._details.buttons[action].setVisible(action not in asked)
             self._details.show_item(self.selected_item, self._estimates, self.summary.specimen, self._busy)
             self.review_requested.emit()
 

@@ -13,7 +13,6 @@ import app.campaign as campaigns  # imports HDF5 when a name is first used: a ba
 from app.gui.campaign.review_pane import ReviewPane
 from app.gui.widgets import (
     SELECTABLE,
-    STRETCH,
     Item,
     WrappedRow,
     column,
@@ -152,7 +151,7 @@ class ItemDetailsPane(QWidget):
         for section in campaigns.item_details(item, estimates, specimen):
             lines = make_label("\n".join(section.lines), textInteractionFlags=SELECTABLE)
             sections += [make_label(section.heading, "caption", wrap=False), lines, 8]
-        column(*sections, STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=2)
+        column(*sections, None, parent=content, margins=(0, 0, 8, 0), spacing=2)
         self.details_area.setWidget(content)  # deletes the previous content
 
 

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.common import format_duration
-from app.gui.face import LABEL_PX, SEMIBOLD, draw_icon, draw_text, px, tokens
+from app.gui.face import draw_icon, draw_text, px, tokens
 from app.gui.widgets import configure
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         right: str,
     ) -> None:
         """Draw a bold text, elided text after it, each with its colour, and text at the right end."""
-        used = draw_text(painter, area, head[0], head[1], LABEL_PX, SEMIBOLD) + px(8)
+        used = draw_text(painter, area, head[0], head[1], "caption") + px(8)
         available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
         elided = metrics.elidedText(rest[0], Qt.TextElideMode.ElideRight, max(available, 0))
         draw_text(painter, area.adjusted(used, 0, 0, 0), elided, rest[1])

@@ -38,11 +38,7 @@ class CampaignPage(QStackedWidget):
     """Path of a run to overlay on the model."""
 
     def __init__(
-        self,
-        controller: CampaignController,
-        feed: LiveFeed,
-        overlay: Overlay,
-        location: Callable[[], tuple[Path, str]],
+        self, controller: CampaignController, feed: LiveFeed, overlay: Overlay, location: Callable[[], tuple[Path, str]]
     ) -> None:
         super().__init__()
         self.controller, self._location, self._feed = controller, location, feed

@@ -15,7 +15,6 @@ from app.gui.face import follow_tokens, px, set_length, tokens
 from app.gui.plots import RESIDUAL, ResultPlots
 from app.gui.results import ResultCard
 from app.gui.widgets import (
-    STRETCH,
     column,
     fill_combo,
     fill_table,
@@ -97,9 +96,9 @@ class ReviewPane(QWidget):
         policy = parts.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         parts.setSizePolicy(policy)
-        self._decision = make_pane(self.card, STRETCH)
+        self._decision = make_pane(self.card, None)
         set_length(self._decision, width=DECISION_WIDTH)
-        self._indicators = indicators = row(*self.indicator_labels, STRETCH, self.figure_box, spacing=16)
+        self._indicators = indicators = row(*self.indicator_labels, None, self.figure_box, spacing=16)
         shown = row((parts, 1), self._decision, spacing=12)
         column(
             row(runs_label, (self.run_box, 1), spacing=8), indicators, (shown, 1), parent=self, margins=(0, 4, 0, 0),

@@ -6,17 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QListWidget, QListWidgetItem, QWidget
 
-from app.gui.widgets import (
-    ACTIONS,
-    STRETCH,
-    StatusLine,
-    configure,
-    make_button,
-    make_label,
-    make_line_edit,
-    make_panel,
-    row,
-)
+from app.gui.widgets import ACTIONS, StatusLine, configure, make_button, make_label, make_line_edit, make_panel, row
 
 CAMPAIGN_INTRODUCTION = (
     "A campaign is all measurements of one specimen in the paper's order, each after the measurements it depends on. "
@@ -35,9 +25,7 @@ class CampaignStart(QWidget):
         super().__init__()
         self.location_label = make_label(kind="note-size")
         self.specimen_edit = make_line_edit(
-            "campaign.specimen",
-            "specimen of the new campaign",
-            placeholderText="name of the specimen, for example T7",
+            "campaign.specimen", "specimen of the new campaign", placeholderText="name of the specimen, for example T7"
         )
         self.setFocusProxy(self.specimen_edit)
         self.specimen_edit.returnPressed.connect(self._request_create)
@@ -58,7 +46,7 @@ class CampaignStart(QWidget):
             14,
             self.existing_label,
             (self.campaign_list, 1),
-            row(another, STRETCH),
+            row(another, None),
             margins=(28, 22, 28, 22),
             spacing=10,
         )

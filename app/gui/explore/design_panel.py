@@ -1,4 +1,4 @@
-"""Design panel of the Explore page: the added mass for a resonance and the drive for an amplitude, answered in the background."""
+"""Design panel of the Explore page: the added mass for a resonance, the drive for an amplitude and its power, answered in the background."""
 
 from typing import TYPE_CHECKING
 
@@ -47,7 +47,9 @@ class DesignPanel(QWidget):
             toolTip="The calibration gives the uncertainties; the sliders have none",
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
         )
-        self.mass_label, self.drive_label = (make_label(name=f"explore.design.{each}") for each in ("mass", "drive"))
+        self.mass_label, self.drive_label, self.power_label = (
+            make_label(name=f"explore.design.{each}") for each in ("mass", "drive", "power")
+        )
         self.source_label = make_label(kind="note", name="explore.design.about")
         for edit in (self.resonance, self.amplitude, self.frequency):
             edit.setFixedWidth(FIELD_WIDTH)
@@ -57,7 +59,7 @@ class DesignPanel(QWidget):
             make_label("Design", "caption", wrap=False), QLabel("of"), self.source_box, QLabel("which added mass for"), self.resonance,
             QLabel("which drive for"), self.amplitude, QLabel("at"), self.frequency, spacing=6,
         )  # fmt: skip
-        column(fields, self.mass_label, self.drive_label, self.source_label, parent=self, spacing=2)
+        column(fields, self.mass_label, self.drive_label, self.power_label, self.source_label, parent=self, spacing=2)
         self._answered.connect(self._show)
         self.hide()
 
@@ -107,10 +109,12 @@ class DesignPanel(QWidget):
         self.answers = answers
         self.mass_label.setText(answers.mass)
         self.drive_label.setText(answers.drive)
+        self.power_label.setText(answers.power)
         self.source_label.setText(answers.source)
 
     def _show_message(self, text: str) -> None:
         self.answers = None
         self.mass_label.setText("")
         self.drive_label.setText("")
+        self.power_label.setText("")
         self.source_label.setText(text)

@@ -4,11 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtCore import Qt, Signal, SignalInstance
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QWidget
 
 from app.common import ResultSummary
 from app.explore import ExploreFit, ExploreRequest, ExploreResult
+from app.gui.explore.answer import AnswerColumn
 from app.gui.explore.design_panel import DesignPanel
 from app.gui.explore.model import ExploreModel
 from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
@@ -16,10 +18,10 @@ from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
 from app.gui.explore.toolbar import ExploreToolbar
+from app.gui.face import class_of, px, set_length
 from app.gui.results import ResultCard
 from app.gui.widgets import (
     RUN_SUFFIXES,
-    STRETCH,
     FileDrops,
     Mode,
     StatusLine,
@@ -27,36 +29,36 @@ from app.gui.widgets import (
     add_actions,
     choose_files,
     column,
-    configure,
-    make_pane,
+    make_label,
+    make_panel,
     make_scroll_area,
     make_splitter,
+    row,
 )
 from app.session import WindowState
 
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
 
-LEFT_WIDTH = 424
-"""Of the sliders with their numbers, units and a scroll bar."""
-
-CARD_WIDTH = 250
+LEFT_WIDTH, ANSWER_WIDTH, LEAST_WIDTH = 412, 300, 1140
+"""Of the sliders with their numbers, units and a scroll bar; of the answer; and of a page that shows both."""
 
 
-class ExplorePage(QSplitter):
+class ExplorePage(QWidget):
     """One page of the window.
 
     Args:
         fit: fits the model to the overlaid runs; without it there is no such button.
     """
 
-    title, moves = "Explore", True
+    title = "Explore"
     runs_requested = Signal()
     """The user wants to choose runs from the list of the page Runs."""
 
     def __init__(self, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
-        super().__init__(Qt.Orientation.Horizontal, parent)
+        super().__init__(parent)
         self.model = ExploreModel(self)
+        self.save_state, self.restore_state = self.model.save_state, self.model.restore_state
         self.folder: Callable[[], Path] = Path
         """Returns the folder in which dialogs begin."""
         self.specimen: Callable[[], tuple[Path, str]] = lambda: (self.folder(), "")
@@ -72,12 +74,9 @@ class ExplorePage(QSplitter):
         """Result of the chosen overlaid run."""
         self.design = DesignPanel(self)
         self.status_line = StatusLine()
-        self.addWidget(self._left_column())
-        self.addWidget(self._right_column())
-        self.setStretchFactor(0, 0)
-        self.setStretchFactor(1, 1)
-        self.setSizes([430, 820])
-        configure(self, "explore/columns", childrenCollapsible=False)
+        self.left = self._left_column()
+        plots, answer = self._right_columns()
+        self._columns = row(self.left, (plots, 1), answer, parent=self, margins=(4, 4, 4, 4), spacing=12)
         self._connect_signals()
         FileDrops(self, {RUN_SUFFIXES: self.overlaid.add})
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
@@ -100,18 +99,11 @@ class ExplorePage(QSplitter):
             self.sliders.show_setting(self.model.setting)
             self.toolbar.show_setting(self.model.setting, self.model.session.history)
             self.design.ask()
-        self.shape_plot.tick()
 
     def shutdown(self) -> None:
         self.model.shutdown()
         self.overlaid.shutdown()
         self.design.shutdown()
-
-    def save_state(self, settings: QSettings) -> None:
-        self.model.save_state(settings)
-
-    def restore_state(self, settings: QSettings) -> None:
-        self.model.restore_state(settings)
 
     # -- commands --------------------------------------------------------------------------------------------------------
 
@@ -126,6 +118,21 @@ class ExplorePage(QSplitter):
         self.model.session.kept_curves = ()
         self.overlaid.remove(*self.overlaid.runs)
         self.model.compute()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.answer_area.setFixedWidth(px(max(ANSWER_WIDTH, class_of(self).result - 32)))
+        is_narrow = self.width() < px(LEAST_WIDTH)
+        if is_narrow is self.toolbar.side.isHidden():
+            self._columns.insertWidget(1 if is_narrow else 2, self.answer_area)
+            self.toolbar.side.setVisible(is_narrow)
+            self._show_side()
+
+    def _show_side(self) -> None:
+        """Show parameters and answer; a narrow window has place for one of them."""
+        is_narrow, answer = not self.toolbar.side.isHidden(), self.toolbar.side.selected
+        self.left.setVisible(not (is_narrow and answer))
+        self.answer_area.setVisible(bool(answer or not is_narrow))
 
     # -- internal --------------------------------------------------------------------------------------------------------
 
@@ -149,7 +156,7 @@ class ExplorePage(QSplitter):
 
     def show_result_of(self, path: Path | None) -> None:
         """Show the result card of an overlaid run beside the plot; None hides it."""
-        self._card_area.setVisible(path is not None)
+        self.card.hide()
         if path is not None:
             self.card.show_reading()
             self.overlaid.read_result(path, self._show_card)
@@ -174,6 +181,7 @@ class ExplorePage(QSplitter):
             return
         self.result = result
         self.plot.show_result(result, request.kept_curves)
+        self.answer.show_result(request, result)
         if result.motion is not None:
             self.shape_plot.show_motion(result.motion, request.cursor_hz)
             self.shown_request = request
@@ -218,36 +226,32 @@ class ExplorePage(QSplitter):
         )
         scroll.setWidget(self.sliders)
         self.sliders.setAutoFillBackground(False)
-        left = make_pane(
-            self.toolbar.start_row, (scroll, 1), self.status_line, self.toolbar.export_row,
-            margins=(0, 2, 4, 0), spacing=6,
-        )  # fmt: skip
-        left.setMinimumWidth(LEFT_WIDTH)
+        bar = self.toolbar
+        left = make_panel(bar.start_row, (scroll, 1), self.status_line, bar.export_row, margins=(12, 12, 4, 8))
+        set_length(left, width=LEFT_WIDTH)
         return left
 
-    def _right_column(self) -> QWidget:
-        right = WrappingPane()
+    def _right_columns(self) -> tuple[QWidget, QWidget]:
+        """Return the column of the plots and the column of the answer, which has no place in a narrow window."""
+        bar, choices = self.toolbar, WrappingPane()
+        column(bar.series_row, parent=choices, margins=(12, 8, 12, 0))
         self.plot.setMinimumSize(180, 150)
         self.shape_plot.setMinimumSize(180, 90)
-        below = make_pane(self.toolbar.motion_row, (self.shape_plot, 1), spacing=2)
-        rows = make_splitter(
-            "explore/rows", (self.plot, 0), (below, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
+        self.shape_plot.head_layout.insertWidget(1, bar.frequency)
+        response = make_panel(choices, (self.plot, 1), margins=(1, 1, 1, 1), spacing=0)
+        motion = make_panel(self.shape_plot, margins=(1, 1, 1, 1))
+        plots = make_splitter(
+            "explore/rows", (response, 0), (motion, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
         )
-        self._card_area = make_scroll_area(
-            self.card,
-            STRETCH,
-            margins=(4, 0, 4, 0),
+        runs = WrappingPane()
+        column(bar.runs_row, bar.overlay_row, self.design, parent=runs, spacing=8)
+        self.answer = AnswerColumn(bar.site_box, make_panel(make_label("Runs and design", "heading"), runs), self.card)
+        self.answer_area = make_scroll_area(
+            self.answer,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-            minimumWidth=CARD_WIDTH,
-            accessibleName="result of the chosen run",
+            accessibleName="answer of the model",
         )
-        self._card_area.hide()
-        columns = make_splitter("explore/result", (rows, 1), (self._card_area, 0), sizes=[600, CARD_WIDTH])
-        column(
-            self.toolbar.series_row, self.toolbar.overlay_row, self.toolbar.runs_row, self.design, (columns, 1),
-            parent=right, spacing=4,
-        )  # fmt: skip
-        return right
+        return plots, self.answer_area
 
     def _connect_signals(self) -> None:
         bar = self.toolbar
@@ -266,6 +270,7 @@ class ExplorePage(QSplitter):
             (self.plot.log_changed, bar.series[-1].setChecked),
             *((box.toggled, self._update_series) for box in bar.series),
             (bar.design_button.toggled, self.design.toggle),
+            (bar.side.chosen, lambda _: self._show_side()),
         )
         for signal, slot in connections:
             signal.connect(slot)

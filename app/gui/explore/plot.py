@@ -80,8 +80,8 @@ class ExplorePlot(Chart):
                     )
                 )  # fmt: skip
         picture = Picture(
-            title="", x_title=FREQUENCY, panels=tuple(panels), layers=tuple(layers), x=(0.0, self._max_hz),
-            note=self._felt_text(), simulated=any(run.simulated for run in self._runs), spots=self._spots(),
+            title="Response", x_title=FREQUENCY, panels=tuple(panels), layers=tuple(layers), x=(0.0, self._max_hz),
+            simulated=any(run.simulated for run in self._runs), spots=self._spots(),
         )  # fmt: skip
         self.show_picture(self._threshold().add_to(picture))
 
@@ -120,13 +120,3 @@ class ExplorePlot(Chart):
         if np.ptp(threshold_um) == 0:
             return Threshold(result.threshold_label, float(threshold_um[0]))
         return Threshold(result.threshold_label, curve=(result.curve.frequency_hz, threshold_um))
-
-    def _felt_text(self) -> str:
-        if self._result is None:
-            return ""
-        last = float(self._result.curve.frequency_hz[-1])
-        bands = ", ".join(
-            f"{low:.0f} … {high:.0f} Hz" if high < last else f"from {low:.0f} Hz"
-            for low, high in self._result.felt_bands
-        )
-        return f"felt {bands}" if bands else "nowhere felt"

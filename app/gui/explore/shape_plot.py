@@ -3,6 +3,8 @@
 import time
 
 import numpy as np
+from PySide6.QtCore import QTimer
+from PySide6.QtGui import QHideEvent, QShowEvent
 
 from app.explore import PHASES, BeamMotion
 from app.gui.plots import SOLID, Chart, Panel, Picture, layer, round_step
@@ -15,14 +17,24 @@ PARTS = {"beam": ("model", 2.0), "MFC": ("amber_text", 5.0), "cylinder": ("text"
 
 
 class ShapePlot(Chart):
-    """`tick` advances the animation; it pauses without a motion and while the plot is hidden."""
+    """The animation pauses without a motion and while the plot is hidden."""
 
     def __init__(self) -> None:
-        super().__init__("shape of the beam", headed=False)
+        super().__init__("shape of the beam")
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
         self._about = ""
         self.frames = 0
+        self._timer = QTimer(self, interval=round(1000 * CYCLE_S / PHASES))
+        self._timer.timeout.connect(self.tick)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._timer.start()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._timer.stop()
 
     def show_motion(self, motion: BeamMotion, frequency_hz: float) -> None:
         self._motion, self._drawn_phase = motion, -1
@@ -30,7 +42,7 @@ class ShapePlot(Chart):
         if not 0.4 * self._max_um < 1.1 * top < self._max_um:
             step = round_step(1.3 * top, 5)
             self._max_um = step * np.ceil(1.3 * top / step)
-        self._about = f"{frequency_hz:.4g} Hz, slowed {CYCLE_S * frequency_hz:.0f} times"
+        self._about = f"slowed {CYCLE_S * frequency_hz:.0f} times"
         self._draw_phase(0)
         self.tick()
 
@@ -73,7 +85,7 @@ class ShapePlot(Chart):
             layers.append(layer(name=name, x=at, y=y, tone=tone, width=width, line=SOLID, copied=copied))
         self.show_picture(
             Picture(
-                x_title="Along the beam, mm", panels=(Panel(title="Shape, µm", low=-self._max_um, high=self._max_um),),
+                title="Motion", x_title="Along the beam, mm", panels=(Panel(title="Shape, µm", low=-self._max_um, high=self._max_um),),
                 layers=tuple(layers), x=(-0.03 * reach, 1.03 * reach), log=(False, False), note=self._about,
             )
         )  # fmt: skip

@@ -2,23 +2,33 @@
 
 from collections.abc import Iterable
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QWheelEvent
+from PySide6.QtCore import QRectF, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QColor, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QWidget
 
-from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, UnitError, read_number, sentence_case
+from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, TRUE_MINUS, UnitError, read_number, sentence_case, typeset
 from app.explore import DRIVE_SLIDER, GROUPS, SKIN_PARAMETERS, ExploreSetting, SliderSpec
-from app.gui.widgets import column, configure, grid, make_label, set_style_kind
+from app.gui.face import painting, tokens
+from app.gui.widgets import TrueMinus, column, configure, grid, make_label, set_style_kind
 from model import ParameterError, ParameterSpec, variable_specs
 
 SLIDER_STEPS = 1000
+HANDLE_PX = 14  # as in the style sheet
 
 
 class _Slider(QSlider):
-    """A slider that ignores the mouse wheel, which scrolls the panel instead."""
+    """A slider that ignores the mouse wheel, which scrolls the panel instead, with a tick at the paper's value."""
+
+    usual = 0.0  # position of the tick, 0 to 1
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         event.ignore()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        at = HANDLE_PX / 2 + self.usual * (self.width() - HANDLE_PX)
+        with painting(self) as painter:
+            painter.fillRect(QRectF(at - 0.5, self.height() / 2 + HANDLE_PX / 2, 1.5, 4), QColor(tokens().text2))
 
 
 class SliderRow:
@@ -26,12 +36,14 @@ class SliderRow:
 
     def __init__(self, spec: SliderSpec, quantity: ParameterSpec, panel: "SliderPanel") -> None:
         self.spec, self._quantity, self._panel = spec, quantity, panel
-        self.label = QLabel(sentence_case(spec.label))
+        self.label = QLabel(typeset(sentence_case(spec.label)))
         self.slider_widget = configure(
             _Slider(Qt.Orientation.Horizontal), maximum=SLIDER_STEPS, singleStep=5, pageStep=50, minimumWidth=40
         )
-        self.field = QLineEdit()
-        self.field.setFixedWidth(78)
+        self.slider_widget.usual = spec.position(float(quantity.default or 0.0))
+        self.field = configure(QLineEdit(), alignment=Qt.AlignmentFlag.AlignRight)
+        self.field.setValidator(TrueMinus(self.field))
+        self.field.setFixedWidth(68)
         self.unit = QLabel(spec.unit.replace("^2", "²"))
         self.reset_button = configure(QToolButton(), text="↺", autoRaise=True, toolTip="Back")
         hint = f"{quantity.description}\n{quantity.limits}; the field takes values beyond the slider's ends, and units"
@@ -68,7 +80,7 @@ class SliderRow:
     def _on_text_entered(self) -> None:
         if not self.field.isModified():
             return
-        text = self.field.text().strip()
+        text = self.field.text().strip().replace(TRUE_MINUS, "-")
         try:
             if PLAIN_NUMBER.fullmatch(text):  # in the displayed unit
                 value = float(self._quantity.check(float(text) / self.spec.factor))
@@ -114,7 +126,7 @@ class SliderPanel(QWidget):
 
     def _group_layout(self, sliders: Iterable[tuple[SliderSpec, ParameterSpec]]) -> QGridLayout:
         layout = grid(spacing=(4, 1), stretch={1: 1})
-        for place, width in ((0, 150), (3, 56), (4, 24)):
+        for place, width in ((0, 150), (3, 56), (4, 20)):
             layout.setColumnMinimumWidth(place, width)
         for at, (slider, quantity) in enumerate(sliders):
             row = SliderRow(slider, quantity, self)

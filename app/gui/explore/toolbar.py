@@ -6,14 +6,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QSignalBlocker
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QLabel, QPushButton
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QLabel, QPushButton
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import LABORATORY_SITE, PRESET_TITLES, ExploreSetting
 from app.gui.plots import SERIES
 from app.gui.widgets import (
+    Segments,
     SheetButton,
     WrappedRow,
     clear_layout,
@@ -21,9 +22,9 @@ from app.gui.widgets import (
     make_button,
     make_choice,
     make_combo,
-    make_label,
     make_line_edit,
     make_pane,
+    put_inside,
     row,
     tooltip,
 )
@@ -54,17 +55,14 @@ class ExploreToolbar(QObject):
         choices = [("Begin from …", None), *((title, name) for name, title in PRESET_TITLES.items())]
         self.preset_box = make_combo("", "begin from", choices)
         self.preset_box.activated.connect(self._on_preset)
-        self.free_button, self.skin_button = (
-            make_choice("Free", "The tactor vibrates freely", checkable=True),
-            make_choice("On skin", "On the membrane", checkable=True),
-        )
-        _make_exclusive(self, self.free_button, self.skin_button)
-        self.skin_button.toggled.connect(lambda on: model.set_setting(replace(model.setting, on_skin=on)))
+        self.skin = Segments("explore.skin", "tactor", (("Free", False), ("On skin", True)))
+        self.skin.chosen.connect(lambda on: model.set_setting(replace(model.setting, on_skin=on)))
         self.undo_button, self.redo_button = (
             make_button(text, act, "choice", tooltip(f"explore.{name}"), accessibleName=name)
             for text, name, act in (("↶", "undo", model.undo), ("↷", "redo", model.redo))
         )
-        self.series = [QCheckBox(label) for label in (*(series.label for series in SERIES), "phase", "log")]
+        names = (*(series.label for series in SERIES), "Phase", "log")
+        self.series = [configure(QPushButton(name), kind="chip", checkable=True) for name in names]
         self.series[0].setChecked(True)
         self.frequency = make_line_edit(
             "",
@@ -72,13 +70,17 @@ class ExploreToolbar(QObject):
             text="160",
             toolTip="Frequency whose motion is shown; the dotted line can be dragged, too",
         )
-        self.frequency.setFixedWidth(64)
+        self.frequency.setFixedWidth(80)
         self.frequency.editingFinished.connect(self._on_frequency)
-        self.ranges = [make_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz", checkable=True) for hz in RANGES_HZ]
-        _make_exclusive(self, *self.ranges)
-        for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
-            button.clicked.connect(lambda _=False, hz=hz: page.set_range(float(hz)))
-        self.ranges[0].setChecked(True)
+        self.side = Segments("explore.side", "left column", (("Parameters", False), ("Answer", True)))
+        self.side.select(False)
+        self.ranges = Segments(
+            "explore.range",
+            "frequencies up to",
+            ((f"{hz}{' Hz' * (hz == RANGES_HZ[-1])}", float(hz)) for hz in RANGES_HZ),
+        )
+        self.ranges.chosen.connect(page.set_range)
+        self.ranges.select(float(RANGES_HZ[0]))
         sites = ((name, name) for name in SITE_NAMES)
         self.site_box = make_combo("explore.site", "body site of the perception threshold", sites, toolTip=SITE_TIP)
         self.site_box.currentTextChanged.connect(model.set_site)
@@ -109,23 +111,15 @@ class ExploreToolbar(QObject):
         self._build()
 
     def _build(self) -> None:
+        self.side.hide()  # until the page is too narrow
         self.runs_row = WrappedRow(spacing=4)
-        self.start_row = row(
-            self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
-        )
+        self.start_row = row(self.skin, self.preset_box, None, self.undo_button, self.redo_button, spacing=6)
         self.export_row = row(
             self.copy_json_button, self.copy_toml_button, self.study_button, self.sheet_button, None, spacing=6
         )
-        ranges = make_pane(row(QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6))
-        felt = make_pane(row(QLabel("felt on"), self.site_box, spacing=6))
-        self.series_row = WrappedRow(
-            make_label("Response", "caption", wrap=False), *self.series, ranges, felt, spacing=8
-        )
-        self.motion_row = row(
-            make_label("Motion", "caption", wrap=False), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6
-        )
+        self.series_row = WrappedRow(self.side, *self.series, self.ranges, self.keep_button, spacing=8)
+        put_inside(self.frequency, QLabel("Hz"))
         self.overlay_row = WrappedRow(
-            self.keep_button,
             self.overlay_button,
             self.file_button,
             self.fit_button,
@@ -144,13 +138,11 @@ class ExploreToolbar(QObject):
             self.site_box.removeItem(at)
 
     def toggle_skin(self) -> None:
-        (self.free_button if self.skin_button.isChecked() else self.skin_button).click()
+        self.skin.buttons[not self.skin.selected].click()
 
     def show_setting(self, setting: ExploreSetting, history: UndoHistory[ExploreSetting]) -> None:
         """Show whether the tactor is on the skin, and enable undo and redo."""
-        for button, there in ((self.free_button, not setting.on_skin), (self.skin_button, setting.on_skin)):
-            with QSignalBlocker(button):
-                button.setChecked(there)
+        self.skin.select(setting.on_skin)
         self.undo_button.setEnabled(history.can_undo)
         self.redo_button.setEnabled(history.can_redo)
 
@@ -202,9 +194,3 @@ class ExploreToolbar(QObject):
             hz = float("nan")
         if 1 <= hz <= RANGES_HZ[-1]:
             self._page.plot.show_cursor(hz)
-
-
-def _make_exclusive(parent: QObject, *buttons: QPushButton) -> None:
-    group = QButtonGroup(parent)
-    for button in buttons:
-        group.addButton(button)

@@ -40,7 +40,6 @@ from .typeface import SEMIBOLD as SEMIBOLD
 from .typeface import SIZES_PX as SIZES_PX
 from .typeface import TEXT_SIZES as TEXT_SIZES
 from .typeface import VALUE_PX as VALUE_PX
-from .typeface import font_of_kind as font_of_kind
 from .typeface import install_fonts as install_fonts
 from .typeface import px as px
 from .typeface import rescale as rescale
@@ -48,3 +47,4 @@ from .typeface import set_length as set_length
 from .typeface import set_margins as set_margins
 from .typeface import text_font as text_font
 from .typeface import text_scale as text_scale
+from .typeface import text_width as text_width

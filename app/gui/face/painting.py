@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QPaintDevice, QPainter, QPen
+from PySide6.QtGui import QColor, QPaintDevice, QPainter, QPen
 
-from app.gui.face.typeface import LABEL_PX, REGULAR, px, text_font
+from app.gui.face.typeface import px, text_font
 
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 CENTRE = Qt.AlignmentFlag.AlignCenter
@@ -29,12 +29,11 @@ def draw_text(
     area: QRectF | QRect,
     text: str,
     color: str | QColor,
-    size: int = LABEL_PX,
-    weight: QFont.Weight = REGULAR,
+    kind: str = "",
     align: Qt.AlignmentFlag = LEFT,
 ) -> int:
-    """Draw a text in one of the sizes of the design, and return its width."""
-    painter.setFont(text_font(size, weight))
+    """Draw a text of one of `KINDS`, and return its width."""
+    painter.setFont(text_font(kind))
     painter.setPen(QColor(color))
     painter.drawText(QRectF(area), align, text)
     return painter.fontMetrics().horizontalAdvance(text)

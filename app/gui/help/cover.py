@@ -2,18 +2,7 @@
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import (
-    ACTIONS,
-    STRETCH,
-    Item,
-    OverlayCard,
-    Place,
-    column,
-    make_button,
-    make_label,
-    make_line_edit,
-    row,
-)
+from app.gui.widgets import ACTIONS, Item, OverlayCard, Place, column, make_button, make_label, make_line_edit, row
 
 
 class SearchOverlay(OverlayCard):
@@ -41,7 +30,7 @@ class SearchOverlay(OverlayCard):
 
     def _lay_out(self, content: QWidget, *buttons: Item) -> None:
         close = make_button("Close", self.leave, name=f"{self._name}.close", key=ACTIONS[self._name].shortcut)
-        head = row(make_label(self._heading, "heading", wrap=False), STRETCH, *buttons, close, spacing=8)
+        head = row(make_label(self._heading, "heading", wrap=False), None, *buttons, close, spacing=8)
         column(head, self.search, (content, 1), parent=self.content, margins=(16, 12, 16, 12), spacing=8)
 
     def _matches(self, text: str) -> bool:

@@ -12,7 +12,6 @@ from app.archive import CONTENTS, NOT_IN, ProblemFacts, write_problem_report
 from app.common import RecentErrors
 from app.gui.widgets import (
     ACTIONS,
-    STRETCH,
     BackgroundWorker,
     Mode,
     StatusLine,
@@ -65,7 +64,7 @@ class ProblemPage(QWidget):
             panel,
             self.comment_edit,
             row(self.save_button, (self.message_label, 1), spacing=12),
-            STRETCH,
+            None,
             parent=self,
             margins=(16, 12, 16, 8),
             spacing=10,

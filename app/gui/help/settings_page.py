@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from PySide6.QtWidgets import QWidget
 
 from app.gui.help.cover import SearchOverlay
-from app.gui.widgets import STRETCH, make_label, make_panel, make_scroll_area
+from app.gui.widgets import make_label, make_panel, make_scroll_area
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class SettingsPage(SearchOverlay):
             frame = make_panel(name, setting.editor, about, margins=(12, 8, 12, 8), spacing=4)
             self._frames.append((f"{setting.name} {setting.description}", frame))
         frames = (frame for _, frame in self._frames)
-        area = make_scroll_area(*frames, STRETCH, margins=(0, 0, 8, 0), spacing=8, accessibleName="settings")
+        area = make_scroll_area(*frames, None, margins=(0, 0, 8, 0), spacing=8, accessibleName="settings")
         self._lay_out(area)
 
     def _fill(self) -> None:

@@ -10,7 +10,6 @@ from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.help.cover import SearchOverlay
 from app.gui.widgets import (
-    STRETCH,
     ActionInfo,
     column,
     configure,
@@ -63,7 +62,7 @@ class ShortcutSheet(SearchOverlay):
         if not frames and not explained:
             frames = [QLabel("Neither a key nor a word of the help.")]
         content = QWidget(autoFillBackground=False)
-        column(*explained, *frames, STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=12)
+        column(*explained, *frames, None, parent=content, margins=(0, 0, 8, 0), spacing=12)
         self._scroll.setWidget(content)  # deletes the previous content
 
 
@@ -87,6 +86,6 @@ def _group_frame(title: str, lines: list[ActionInfo]) -> QFrame:
     )
     for at, line in enumerate(lines, 1):
         native = (QKeySequence(key).toString(QKeySequence.SequenceFormat.NativeText) for key in line.shortcuts)
-        layout.addLayout(row(*(make_label(key, "key", wrap=False) for key in native), STRETCH, spacing=4), at, 0)
+        layout.addLayout(row(*(make_label(key, "key", wrap=False) for key in native), None, spacing=4), at, 0)
         layout.addWidget(make_label(line.text), at, 1)
     return frame

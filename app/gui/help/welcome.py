@@ -7,7 +7,6 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 
 from app.gui.widgets import (
-    STRETCH,
     Item,
     StatusLine,
     column,
@@ -62,7 +61,7 @@ class WelcomePage(QWidget):
         ]
         self.browse_button = configure(QPushButton("Open a bench file …"), "welcome.browse")
         close = make_button("Not now", self.closed.emit, name="welcome.close", key="Esc")
-        left = _panel("See it work", self.about_label, 10, self.demo_button, self.tutorial_buttons[0], STRETCH)
+        left = _panel("See it work", self.about_label, 10, self.demo_button, self.tutorial_buttons[0], None)
         right = _panel(
             "Set up my bench",
             make_label(SETUP_TEXT, "large"),
@@ -73,14 +72,14 @@ class WelcomePage(QWidget):
             self.message_label,
             8,
             make_label(SAFETY_TEXT, "danger"),
-            STRETCH,
+            None,
         )
         top = Qt.AlignmentFlag.AlignTop
         area = make_scroll_area(
             make_label("Welcome to Tactor Bench", "welcome", wrap=False),
             row((left, 1, top), (right, 1, top), spacing=18),
             row((make_label(PAGES_TEXT, "note-size"), 1), close),
-            STRETCH,
+            None,
             margins=(40, 16, 40, 16),
             spacing=14,
             focusPolicy=Qt.FocusPolicy.NoFocus,

@@ -12,7 +12,6 @@ from app.archive import AuditResult, begin_audit, verify_audit
 from app.common import AuditEntry, OperationCancelled, Progress, Table, pluralize
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import (
-    STRETCH,
     BackgroundWorker,
     ProgressRow,
     WrappedRow,
@@ -67,7 +66,7 @@ class AuditPane(QWidget):
             self.progress_row,
             self.result_label,
             (self.table, 1000),
-            STRETCH,
+            None,
             parent=self,
             spacing=4,
         )

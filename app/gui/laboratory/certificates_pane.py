@@ -26,13 +26,7 @@ class CertificatesPane(QWidget):
         super().__init__()
         self.state_label = make_label(kind="caption", name="laboratory.certificates.state")
         self.table = ValueTable("laboratory.certificates", "calibration certificates")
-        column(
-            self.state_label,
-            (self.table, 1),
-            make_label(NOTE, "note"),
-            parent=self,
-            spacing=4,
-        )
+        column(self.state_label, (self.table, 1), make_label(NOTE, "note"), parent=self, spacing=4)
 
     def show_certificates(self, certificates: Sequence[Certificate], problems: Sequence[str], today: date) -> None:
         """Show certificates, and the numbers of expired and soon due ones."""

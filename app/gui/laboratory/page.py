@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import QSettings, Qt, QTimer, Signal
-from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import Catalogue
 from app.common import AuditEntry, AuditError, Progress, UsageError, pluralize, read_entries
@@ -20,9 +20,9 @@ from app.gui.laboratory.chart_pane import ChartPane
 from app.gui.laboratory.fleet_pane import FleetPane
 from app.gui.laboratory.view_pane import ViewPane
 from app.gui.widgets import (
-    STRETCH,
     BackgroundWorker,
     ProgressRow,
+    Segments,
     StatusLine,
     column,
     configure,
@@ -154,13 +154,8 @@ class LaboratoryPage(QWidget):
         self._messages = dict[int, tuple[str, bool]]()
         self._shown = dict[int, tuple[FolderRecords, date]]()
         """Contents of each view."""
-        self.buttons = QButtonGroup(self)
-        choices = []
-        for at, text in enumerate(VIEWS):
-            button = configure(make_choice(text, checkable=True), f"laboratory.view.{text.split()[0].lower()}")
-            self.buttons.addButton(button, at)
-            choices.append(button)
-        choices[SPECIMENS].setChecked(True)
+        self.views = Segments("laboratory.view", "view", ((text, at) for at, text in enumerate(VIEWS)))
+        self.views.select(SPECIMENS)
         self.simulated_mark = make_label("SIMULATED", "simulated-mark", wrap=False, name="laboratory.simulated")
         self.simulated_mark.hide()
         self.kind_button = make_choice("Simulated runs", "Real and simulated runs are never mixed", checkable=True)
@@ -172,19 +167,25 @@ class LaboratoryPage(QWidget):
         self.empty_label = make_label(kind="note-size", name="laboratory.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.stack.addWidget(self.empty_label)
         top = row(
-            *choices, STRETCH, self.simulated_mark, self.kind_button, self.count_label, spacing=6, margins=(0, 2, 0, 0)
+            self.views,
+            None,
+            self.simulated_mark,
+            self.kind_button,
+            self.count_label,
+            spacing=6,
+            margins=(0, 2, 0, 0),
         )
         contents = _Contents()
         column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, spacing=6)
         column(contents, parent=self)
-        self.buttons.idClicked.connect(lambda _: self.show_view(self.view))
+        self.views.chosen.connect(self.show_view)
         self.kind_button.clicked.connect(lambda _: self.reload())
 
     # -- interface to the main window ----------------------------------------------------------------------------------
 
     @property
     def view(self) -> int:
-        return self.buttons.checkedId()
+        return int(str(self.views.selected))
 
     @cached_property
     def fleet(self) -> FleetPane:
@@ -220,7 +221,7 @@ class LaboratoryPage(QWidget):
         if self._records is not None:
             self._due_timer.start()
         self.show_view(self.view)
-        self.buttons.button(self.view).setFocus()
+        self.views.buttons[self.view].setFocus()
 
     def tick(self) -> None:
         """Read the folder if another one is meant, or a run has ended."""
@@ -240,12 +241,12 @@ class LaboratoryPage(QWidget):
     def restore_state(self, settings: QSettings) -> None:
         last = str(settings.value("laboratory/view", ""))
         if last.isdigit() and int(last) < len(VIEWS):
-            self.buttons.button(int(last)).setChecked(True)
+            self.views.select(int(last))
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
     def show_view(self, view: int) -> None:
-        self.buttons.button(view).setChecked(True)
+        self.views.select(view)
         self._show_pane(view)
         text, is_error = self._messages.get(view, ("", False))
         self.message_label.show_message(text, is_error=is_error)
@@ -295,7 +296,7 @@ class LaboratoryPage(QWidget):
         today = datetime.now(UTC).date()
         states = [each.state(today) for each in records.certificates]
         worst = next((state for state in ("expired", "due soon") if state in states), "")
-        self.buttons.button(CERTIFICATES).setText(
+        self.views.buttons[CERTIFICATES].setText(
             f"{VIEWS[CERTIFICATES]}   {states.count(worst)} {worst}" if worst else VIEWS[CERTIFICATES]
         )
         self._show_records()

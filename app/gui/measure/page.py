@@ -17,6 +17,7 @@ from app.common import Severity, UndoHistory, pluralize
 from app.gui.face import class_of, px
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
+from app.gui.measure.runs_in_plot import RunsInPlot
 from app.gui.plots import LivePane
 from app.gui.widgets import BackgroundWorker, Mode, add_actions, choose_files, configure, tell
 from app.identification import PAPER_MODEL
@@ -64,6 +65,9 @@ class MeasurePage(QWidget):
         self._worker = BackgroundWorker("added runs", self)
         self.live_pane.setObjectName("measure/rows")
         self.run_panel.changed.connect(self._update_request)
+        self.runs_card = RunsInPlot(self._choose_runs)
+        self.run_panel.result_layout.insertWidget(2, self.runs_card)
+        self._fitted: tuple[object, ...] = ()
         self.history = FormHistory(self.run_panel, self)
         self._update_request()
 
@@ -72,13 +76,29 @@ class MeasurePage(QWidget):
         grid, height = class_of(self), self.height()
         left, right = px(grid.left), px(grid.result)  # never the widths that their texts would like
         panel, plots = self.run_panel, self.width() - left - right
+        if not right:
+            self.runs_card.hide()
         panel.place_result(self if right else None)
         panel.setGeometry(0, 0, left, height)
-        self.live_pane.setGeometry(left, 0, plots, height)
+        gap = px(grid.gap) if right else 0
+        self.live_pane.setGeometry(left, gap, plots, height - 2 * gap)
+        self.live_pane.show_as_cards(grid.gap if right else 0)
         if right:
-            gap = px(grid.gap)
             panel.result_pane.setGeometry(left + plots + gap, gap, right - 2 * gap, height - 2 * gap)
             panel.result_card.set_room(height - 2 * gap)
+
+    def _fit_runs(self) -> None:
+        """Show the runs of the plot below the result, where both are whole."""
+        card, runs = self.run_panel.result_card, self.live_pane.plots.runs
+        if (fitted := (runs, card.summary, self.size(), card.isHidden())) == self._fitted:
+            return
+        if not self._fitted or runs is not self._fitted[0]:
+            self.runs_card.show_runs(runs)
+        self._fitted = fitted
+        taken = 0 if card.isHidden() else card.heightForWidth(card.width()) + px(12)
+        free = self.run_panel.result_pane.height() - taken
+        is_beside = class_of(self).result > 0
+        self.runs_card.setVisible(is_beside and len(runs) > 1 and self.runs_card.sizeHint().height() <= free)
 
     def minimumSizeHint(self) -> QSize:
         plots, panel, grid = self.live_pane.minimumSizeHint(), self.run_panel.minimumSizeHint(), class_of(self)
@@ -119,6 +139,7 @@ class MeasurePage(QWidget):
     def tick(self) -> None:
         """Refresh values that change between events; called at every tick."""
         self.live_pane.tick()
+        self._fit_runs()
         self.run_panel.result_card.show_update(self._estimator.latest, self._state)
         if self._curve_started and self._request is not None:
             self._overlay.submit(self._request)

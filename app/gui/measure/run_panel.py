@@ -3,18 +3,19 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
 from app.common import UsageError, format_bytes, pluralize, remember_conditions, remembered_conditions
-from app.gui.face import px, set_length
+from app.gui.face import px, set_length, set_margins
 from app.gui.measure.presets import PresetButton, PresetStore
-from app.gui.results import ResultCard
+from app.gui.results import ResultCard, rich_table
 from app.gui.widgets import (
     ACTIONS,
-    STRETCH,
+    SELECTABLE,
     BackgroundWorker,
     ProtocolForm,
     Segments,
@@ -35,6 +36,7 @@ from app.gui.widgets import (
     tooltip,
 )
 from app.identification import read_label
+from app.services import FormResult
 from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
 from protocols import PROTOCOLS, rehearse
@@ -81,6 +83,8 @@ class RunPanel(QWidget):
         self._edited_protocols: dict[str, Protocol] = {}
         """Last edited parameters of the other protocols."""
         self._can_run, self._blocked_reason = False, ""
+        self._is_beside = False
+        """Whether the result card stands beside the plots."""
         self._rehearsed_inputs: tuple[object, ...] = ()
         self._rehearsal_result = ("", False)
         choices = ((PROTOCOLS.title(name), name) for name in PROTOCOLS)
@@ -98,7 +102,8 @@ class RunPanel(QWidget):
             placeholderText="who measures today?",
             toolTip="Who measures, until midnight; stored in every run. Empty: the login of the computer",
         )
-        self.rehearsal_label = make_label(name="measure.rehearsal")
+        self.rehearsal_label = make_label(name="measure.rehearsal", textInteractionFlags=SELECTABLE)
+        self.rehearsal_label.setTextFormat(Qt.TextFormat.AutoText)
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.result_card = ResultCard()
         self.no_result_label = make_label(
@@ -121,11 +126,9 @@ class RunPanel(QWidget):
             toolTip="Choose the folder",
             accessibleName="choose the folder",
         )
-        self.about_label.setAlignment(Qt.AlignmentFlag.AlignTop)
-        self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
         self._form_place = column()
-        self._show_form(protocol)
         self._build()
+        self._show_form(protocol)
         self._connect_signals()
 
     def _connect_signals(self) -> None:
@@ -184,10 +187,17 @@ class RunPanel(QWidget):
         self._form_place.addWidget(self.form)
         self.form.changed.connect(self._on_edited)
         self.form.help_changed.connect(self._show_help)
+        self._align_labels()
         self._show_help("")
         self.preset_button.kind = type(protocol)
         with QSignalBlocker(self.protocol_box):
             self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
+
+    def _align_labels(self) -> None:
+        """Put the fields below each other where the column is wide."""
+        width = self.form.label_width() if self._is_beside else 0
+        self.form.set_label_width(width)
+        self._where.setColumnMinimumWidth(0, width)
 
     def _show_help(self, text: str) -> None:
         self.about_label.setText(text or protocol_summary(self.form.kind))
@@ -239,16 +249,18 @@ class RunPanel(QWidget):
     def show_side(self, side: object) -> None:
         """Show the set-up or the result; both stand side by side in a wide window."""
         self.segments.select(side)
-        is_beside = self.result_pane.parentWidget() is not self
-        self.segments.setVisible(not is_beside)
-        self._setup.setVisible(is_beside or side == SETUP)
-        if not is_beside:
+        self.segments.setVisible(not self._is_beside)
+        self._setup.setVisible(self._is_beside or side == SETUP)
+        if not self._is_beside:
             self.result_pane.setVisible(side == RESULT)
 
     def place_result(self, beside: QWidget | None) -> None:
         """Move the result card beside the plots, or under the switch of this column."""
         if beside is self.result_pane.parentWidget() or (beside is None and self.result_pane.parentWidget() is self):
             return
+        self._is_beside = beside is not None
+        set_margins(self._places, (16, 16, 16, 16) if self._is_beside else (8, 8, 8, 8), 8)
+        self._align_labels()
         if beside is None:
             self._places.insertWidget(2, self.result_pane, 1)
         else:
@@ -287,34 +299,14 @@ class RunPanel(QWidget):
         """Rehearse the form and enable or disable Run."""
         about = (self.form.result, self._bench())
         if about != self._rehearsed_inputs:
-            self._rehearsed_inputs, self._rehearsal_result = about, self._rehearse()
+            self._rehearsed_inputs, self._rehearsal_result = about, rehearsal_text(*about)
         text, fault = self._rehearsal_result
         self.rehearsal_label.setText(text)
-        set_style_kind(self.rehearsal_label, "fault" if fault else "")
+        set_style_kind(self.rehearsal_label, "card" if text.startswith("<") else "fault" if fault else "note")
         missing = "" if self.folder_edit.text().strip() else "a folder is needed"
         why = self._blocked_reason or missing or ("the form has a fault" if fault or self.protocol is None else "")
         self.run_button.setEnabled(self._can_run and not why)
         self.run_button.setToolTip(f"Cannot run: {why}" if why else tooltip("run"))
-
-    def _rehearse(self) -> tuple[str, bool]:
-        """Return duration, points, volts and file size, or the error; and whether it is an error."""
-        protocol = self.protocol
-        if protocol is None:
-            return f"✕ {self.form.result.errors.get('', '') or 'Correct the field marked above.'}", True
-        bench = self._bench()
-        if bench is None:
-            return "Duration, volts and file size are shown when the bench is connected.", False
-        try:
-            rehearsal = rehearse(protocol, bench.amplifier, channels=bench.channels)
-        except BenchError as refusal:
-            return f"✕ {refusal}", True
-        entries = pluralize(rehearsal.entries, "point")
-        prompts = pluralize(rehearsal.prompts, "prompt")
-        return (
-            f"{entries}, {prompts}, about {format_bench_duration(rehearsal.duration_s, bench)}, "
-            f"{format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)} on the specimen, "
-            f"file about {format_bytes(rehearsal.file_bytes)}. Nearest limit of the drive: {rehearsal.worst}."
-        ), False
 
     def _choose_folder(self) -> None:
         chosen = QFileDialog.getExistingDirectory(self, "Folder for run files", self.folder_edit.text())
@@ -322,21 +314,26 @@ class RunPanel(QWidget):
             self.folder_edit.setText(str(Path(chosen)))
 
     def _build(self) -> None:
+        self.about_label.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
         self._editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
+        self._where = make_labelled_grid(
+            {editor.accessibleName(): editor for editor in self._editors}, (8, 4), stretch={1: 1}
+        )
         for editor in self._editors:
             editor.setMinimumWidth(
                 1
             )  # the column has its width from the window's class, and the buttons beside them keep theirs
-        where = make_labelled_grid({editor.accessibleName(): editor for editor in self._editors}, (8, 4))
-        where.addWidget(self.sheet_button, 0, 2)
-        where.addWidget(self._browse, 1, 2)
+        self._where.addWidget(self.sheet_button, 0, 2)
+        self._where.addWidget(self._browse, 1, 2)
+        self._where.addWidget(self.operator_edit, 2, 1, 1, 2)
         # A low window scrolls the parts above the button; a result is never squeezed.
         self._content_area = make_scroll_area(
             self._form_place,
-            where,
+            self._where,
             self.rehearsal_label,
             self.warnings_label,
-            STRETCH,
+            None,
             margins=(4, 0, 4, 0),
             spacing=8,
             focusPolicy=Qt.FocusPolicy.NoFocus,
@@ -346,7 +343,8 @@ class RunPanel(QWidget):
         self._setup = make_pane(
             row((self.protocol_box, 1), self.preset_button), self.about_label, (self._content_area, 1), spacing=8
         )
-        self.result_pane = make_pane(self.result_card, self.no_result_label, STRETCH)
+        self.result_pane = QWidget()
+        self.result_layout = column(self.result_card, self.no_result_label, None, parent=self.result_pane, spacing=12)
         self._places = column(
             self.segments, (self._setup, 1), (self.result_pane, 1), self.run_button, parent=self,
             margins=(8, 8, 8, 8), spacing=8,
@@ -357,6 +355,27 @@ class RunPanel(QWidget):
 def protocol_summary(kind: type[Protocol]) -> str:
     """Return the first paragraph of a protocol's docstring."""
     return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
+
+
+def rehearsal_text(form: FormResult[Any], bench: Bench | None) -> tuple[str, bool]:
+    """Return points, duration, volts, nearest limit and file size of a run, or the error; and whether it is an error."""
+    if form.value is None:
+        return f"✕ {form.errors.get('', '') or 'Correct the field marked above.'}", True
+    if bench is None:
+        return "Duration, volts and file size are shown when the bench is connected.", False
+    try:
+        rehearsal = rehearse(form.value, bench.amplifier, sensor=bench.sensor, channels=bench.channels)
+    except BenchError as refusal:
+        return f"✕ {refusal}", True
+    entries = pluralize(rehearsal.entries, "point")
+    prompts = pluralize(rehearsal.prompts, "prompt")
+    rows = (
+        ("This run", f"{entries}, {prompts}, {format_bench_duration(rehearsal.duration_s, bench)}"),
+        ("Specimen", format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)),
+        ("Nearest limit", rehearsal.worst),
+        ("File", f"about {format_bytes(rehearsal.file_bytes)}"),
+    )
+    return rich_table(rows, wrap=True), False
 
 
 class OperatorOfToday(QObject):

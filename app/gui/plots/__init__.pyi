@@ -1,5 +1,6 @@
 from .axes import round_step as round_step
 from .chart import Chart as Chart
+from .chart import layer_icon as layer_icon
 from .check_table import CheckTable as CheckTable
 from .curve_layers import RESIDUAL as RESIDUAL
 from .live_pane import LivePane as LivePane
@@ -22,8 +23,10 @@ from .picture import layer as layer
 from .picture import number_text as number_text
 from .response import DISPLACEMENT as DISPLACEMENT
 from .response import FREQUENCY as FREQUENCY
+from .response import RunInPlot as RunInPlot
 from .response import Threshold as Threshold
 from .response import run_layers as run_layers
 from .result_plots import ResultPlots as ResultPlots
 from .series import SERIES as SERIES
+from .time_plot import DRIVE_TITLE as DRIVE_TITLE
 from .time_plot import TimePlot as TimePlot

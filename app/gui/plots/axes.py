@@ -10,12 +10,14 @@ import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QFontMetricsF, QPainter
 
-from app.gui.face import LABEL_PX, px, text_font
+from app.gui.face import LABEL_PX, px, text_font, text_width
 from app.gui.plots.labels import Label
 from app.gui.plots.picture import color_of, number_text
 
 X_GAP_PX, Y_GAP_PX = 48, 28
 """Least distance of two ticks with labels."""
+
+MOST_TICKS = {"left": 8, "bottom": 12}
 
 DATE_STEPS = (("D", 1, (1, 2, 7, 14)), ("M", 28, (1, 2, 3, 6)), ("Y", 365, (1, 2, 5, 10, 20, 50, 100, 1000)))
 """Units of dates as numpy names them, their least length in days, and the numbers of them between two ticks."""
@@ -57,6 +59,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         self._side = side
         super().__init__(side)
         self.enableAutoSIPrefix(False)
+        self.setCacheMode(self.CacheMode.DeviceCoordinateCache)
         self.setStyle(autoExpandTextSpace=False, autoReduceTextSpace=False, hideOverlappingLabels=False)
         self.is_log = self.has_dates = False
         self.scale_by = 1.0
@@ -71,7 +74,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
 
     def show_theme(self) -> None:
         """Use the colours and the text size in use."""
-        self.setTickFont(text_font(LABEL_PX))
+        self.setTickFont(text_font())
         self.setPen(pg.mkPen(color_of("outline")))
         self.setTextPen(pg.mkPen(color_of("text2")))
         if self._side == "bottom":
@@ -104,8 +107,8 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
             return [(v, number_text(v * self.scale_by)) for v in values]
         gap: float = px(X_GAP_PX if self._side == "bottom" else Y_GAP_PX)
         if self.has_dates:
-            gap = px(LABEL_GAP_PX) + QFontMetricsF(text_font(LABEL_PX)).horizontalAdvance(WIDEST_DATE)
-        count = max(length / gap, 1.0)
+            gap = px(LABEL_GAP_PX) + text_width(WIDEST_DATE)
+        count = min(max(length / gap, 1.0), MOST_TICKS[self._side])
         if self.is_log:
             return _log_places(low, high, count)
         if self.has_dates:
@@ -120,7 +123,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         """Return line, ticks and labels as pyqtgraph draws them."""
         bounds = self.mapRectFromParent(self.geometry())
         low, high = self.range
-        metrics = QFontMetricsF(text_font(LABEL_PX))
+        metrics = QFontMetricsF(text_font())
         ticks, texts = [], []
         flags = Qt.AlignmentFlag.AlignVCenter
         for value, text in self.places():
@@ -146,7 +149,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
 
     def needed_width(self) -> int:
         """Return the width that the labels of a vertical axis need."""
-        metrics = QFontMetricsF(text_font(LABEL_PX))
+        metrics = QFontMetricsF(text_font())
         widths = (metrics.horizontalAdvance(text) for _, text in self.places())
         return max(px(LEFT_PX), math.ceil(max(widths, default=0.0)) + px(10))
 

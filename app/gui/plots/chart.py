@@ -49,6 +49,7 @@ class Chart(QWidget):
         self.canvas.setAccessibleName(f"plot: {name}")
         self.canvas.ci.setSpacing(0)
         self.canvas.setMinimumSize(80, 40)
+        self.canvas.viewport().setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)  # nothing is painted below it
         self.picture, self._zooms = Picture(), zooms
         self.panels: list[DrawnPanel] = []
         self.hidden: set[str] = set()
@@ -103,6 +104,9 @@ class Chart(QWidget):
             self._make_chips()
         show_text(self.title_label, picture.title)
         self.note_label.setText(picture.note)
+        self.note_label.hint = not picture.alarming
+        for label in (self.title_label, self.note_label):
+            label.setToolTip(picture.note)
         set_style_kind(self.note_label, "fault" if picture.alarming else "note")
         self._draw()
 
@@ -219,6 +223,7 @@ class Chart(QWidget):
             each.setVisible(fits)
         self.layers_button.setVisible(not fits and bool(self.chips))
         self.layers_button.setText(LAYERS_TEXT.format(sum(g not in self.hidden for g in self.chips), len(self.chips)))
+        self.layers_button.setMinimumWidth(self.layers_button.sizeHint().width())
 
     def _choose_layers(self) -> None:
         menu = Menu(self.layers_button)

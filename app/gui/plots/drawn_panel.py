@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen, QPolygonF
+from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen, QPolygonF, QTransform
 from PySide6.QtWidgets import (
     QGraphicsEllipseItem,
     QGraphicsItem,
@@ -16,16 +16,19 @@ from PySide6.QtWidgets import (
     QGraphicsRectItem,
 )
 
-from app.gui.face import LABEL_PX, MEDIUM, SEMIBOLD, px, text_font
+from app.gui.face import px, text_font
 from app.gui.plots.axes import TITLE_PX, PlotAxis
 from app.gui.plots.labels import Label, Placer, along, beside, fitting_text, nearest_to
-from app.gui.plots.picture import MODEL_WIDTH, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
+from app.gui.plots.picture import MODEL_WIDTH, ON_AXIS, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
 from app.gui.plots.zoom import ZoomBox
 from model import Array, Mask
 
 RIM_PX, RING_PX = 1.5, 8
 SMALLEST = 1e-12
 """Ends of bands and bars that are not above zero lie here on a logarithmic axis, far below every range."""
+
+SYMBOLS = pg.graphicsItems.ScatterPlotItem.Symbols
+SYMBOLS[ON_AXIS] = QTransform.fromScale(0.5, 0.5).map(SYMBOLS["t"]).translated(0.0, -0.25)  # the upper half of the size
 
 MAX_OBSTACLES = 4000
 BAND_ALPHA = 56
@@ -315,7 +318,7 @@ class DrawnPanel:
 
     def _label_region(self, region: Region, placer: Placer, box: QRectF) -> None:
         edges = self._edges(region, box)
-        text = fitting_text(region.label, edges.width() - 2 * px(6), text_font(LABEL_PX, MEDIUM))
+        text = fitting_text(region.label, edges.width() - 2 * px(6), text_font("key"))
         if text:
             label = self._add(Label(self.box))
             size = label.show_text(text, region.text_tone)
@@ -338,7 +341,7 @@ class DrawnPanel:
             triangle.setPen(QPen(Qt.PenStyle.NoPen))
         if not rule.label:
             return
-        label = self._add(Label(self.box, SEMIBOLD if rule.marked else MEDIUM))
+        label = self._add(Label(self.box, "caption" if rule.marked else "key"))
         size = label.show_text(rule.label, rule.tone)
         if rule.along_y:
             right, sides = box.width() - size.width() - px(2), (at - size.height() - 1, at + 1)
@@ -362,7 +365,7 @@ class DrawnPanel:
         ring.setVisible(bool(np.isfinite(y)))
         if np.isfinite(y):
             placer.take(QRectF(x - reach, y - reach, 2 * reach, 2 * reach))
-        label = self._add(Label(self.box, SEMIBOLD))
+        label = self._add(Label(self.box, "caption"))
         label.show_text(spot.label)
         at = QPointF(x, y) if np.isfinite(y) else QPointF(x, px(16))
         return label, at, "right" if spot.column else "left-above"

@@ -8,7 +8,7 @@ from PySide6.QtCore import QPointF, QRectF
 from PySide6.QtGui import QBrush, QFont, QFontMetricsF, QPainter, QPainterPath, QPen
 from PySide6.QtWidgets import QGraphicsSimpleTextItem
 
-from app.gui.face import LABEL_PX, MEDIUM, px, text_font
+from app.gui.face import px, text_font
 from app.gui.plots.picture import color_of
 from model import Array
 
@@ -27,15 +27,16 @@ SAME_PX = 1.0
 class Label(QGraphicsSimpleTextItem):
     """A text with a halo, so that it can be read over lines."""
 
-    def __init__(self, parent: Any, weight: QFont.Weight = MEDIUM) -> None:
+    def __init__(self, parent: Any, kind: str = "key") -> None:
         super().__init__(parent)
-        self._weight, self.tone = weight, "text"
+        self._kind, self.tone = kind, "text"
         self.setZValue(20)
+        self.setCacheMode(self.CacheMode.DeviceCoordinateCache)  # a halo costs more than a curve
 
     def show_text(self, text: str, tone: str = "text") -> QRectF:
         """Set text and colour in the font in use; return its rectangle."""
         self.tone = tone
-        self.setFont(text_font(LABEL_PX, self._weight))
+        self.setFont(text_font(self._kind))
         self.setText(text)
         self.setBrush(QBrush(color_of(tone)))
         return self.boundingRect()

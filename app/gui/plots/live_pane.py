@@ -7,11 +7,13 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShowEvent
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtWidgets import QFrame, QSplitter, QWidget
 
+from app.common import natural_frequency_of
+from app.gui.face import px, set_margins
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets import column
+from app.gui.widgets import column, set_style_kind
 from app.live import LiveFeed, ModelCurves
 from app.session import WindowState
 from drivers import Sine
@@ -35,11 +37,10 @@ class LivePane(QSplitter):
     def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
         super().__init__(Qt.Orientation.Vertical)
         self._feed, self._amplifier = feed, amplifier
-        self._places = []
-        for share in (5, 3):
-            place = QWidget()
-            self._places.append(column(parent=place))
-            self.add_widget(place, share)
+        self._cards = QFrame(), QFrame()
+        self._places = [column(parent=card) for card in self._cards]
+        for card, share in zip(self._cards, (5, 3), strict=True):
+            self.add_widget(card, share)
         self.setChildrenCollapsible(False)
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
@@ -53,7 +54,14 @@ class LivePane(QSplitter):
         self._span = 0
         self._outdated = False
         self._threshold: Any = None
-        self._before: tuple[str, Any] | None = None
+        self._before: tuple[str, Any, float] | None = None
+
+    def show_as_cards(self, gap: int) -> None:
+        """Show the plots as cards with a gap in pixels of the design between them; 0: side by side without an edge."""
+        self.setHandleWidth(px(gap) or 1)
+        for card, place in zip(self._cards, self._places, strict=True):
+            set_style_kind(card, "panel" if gap else "")
+            set_margins(place, (2, 4, 2, 4) if gap else (0, 0, 0, 0))
 
     @cached_property
     def plots(self) -> ResultPlots:
@@ -114,7 +122,8 @@ class LivePane(QSplitter):
         points = tuple(filter(is_response, view.points))
         if len(points) > 1:
             volts = f"{2 * float(points[0].drive_amplitude):.3g} V"
-            self._before = f"Run before, {volts}", points
+            natural_hz = math.nan if view.outcome is None else natural_frequency_of(view.outcome.estimates)
+            self._before = f"Run before, {volts}", points, natural_hz
 
     def prepare(self) -> None:
         """Make the plots and draw changes, as when the pane is shown."""

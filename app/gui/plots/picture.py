@@ -16,6 +16,9 @@ from model import Array, Band, Mask, Series
 FURTHER_COLORS = ("#8e44ad", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32")
 """Colours of further curves, when the colours of the tokens are in use; light theme."""
 
+ON_AXIS = "on-axis"
+"""Symbol of a point on the horizontal axis: it stands above it, where nothing is cut, and is half as large as its size."""
+
 CURVE_SYMBOLS = ("t1", "d", "p", "s", "t", "star", "h", "o")
 """Symbols of the n-th of several curves: shapes are distinguishable without colours."""
 

@@ -15,6 +15,7 @@ from app.gui.plots.picture import (
     DOTTED,
     EMPTY_PX,
     MODEL_WIDTH,
+    ON_AXIS,
     POINT_PX,
     SOLID,
     Layer,
@@ -124,6 +125,28 @@ def run_layers(run: "MeasuredResponse", at: int, shown: Sequence[AmplitudeSeries
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RunInPlot:
+    """A run as one layer of a response.
+
+    Attributes:
+        name: of the run, with its drive.
+        layer: its max - min, µm over Hz.
+        natural_hz: identified natural frequency; NaN without one.
+    """
+
+    name: str
+    layer: Layer
+    natural_hz: float = math.nan
+
+    @property
+    def largest(self) -> float:
+        """Largest response at a usable point, µm; NaN without one."""
+        usable = self.layer.series.usable
+        y = self.layer.y if usable is None else self.layer.y[usable]
+        return float(np.nanmax(y)) if np.isfinite(y).any() else math.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ResponseView:
     """Points, model curves and marks of a response, during a run and after it.
 
@@ -132,7 +155,7 @@ class ResponseView:
         chosen: whether each point is selected.
         curves: of the model for the run's settings; None before they are computed.
         preview: of the model for the settings of the next run; None where they are those of `curves`.
-        earlier: points of runs before, with their labels.
+        earlier: points of runs before, with their labels and natural frequencies, Hz.
         added: recorded runs that were added to the plot.
         natural_hz: identified natural frequency; NaN without one.
         present_hz: frequency that is being measured; NaN without one.
@@ -144,7 +167,7 @@ class ResponseView:
     chosen: Sequence[bool] = ()
     curves: ModelCurves | None = None
     preview: ModelCurves | None = None
-    earlier: Sequence[tuple[str, Sequence[Any]]] = ()
+    earlier: Sequence[tuple[str, Sequence[Any], float]] = ()
     added: "Sequence[MeasuredResponse]" = ()
     natural_hz: float = math.nan
     present_hz: float = math.nan
@@ -161,22 +184,12 @@ class ResponseView:
             thin = model_layers(self.preview, SERIES[:1], f"next, {volts:.3g} V", band=False)[0]
             series = replace(thin.series, name=f"next run, {thin.name}")
             layers.append(replace(thin, series=series, width=1.0, line=DASHED, tone="accent_text", group=""))
-        for at, (label, points) in enumerate(self.earlier):
-            x = np.array([p.frequency for p in points])
-            layers.append(
-                layer(
-                    name=label, x=x, y=SERIES[0].factor * np.array([p.peak_to_peak for p in points]),
-                    tone=curve_tone(at), line=SOLID, width=1.0, symbol=curve_symbol(at), size=EMPTY_PX,
-                    label=label, group=EARLIER if len(self.earlier) > 3 else label,
-                )
-            )  # fmt: skip
-        for at, run in enumerate(self.added, len(self.earlier)):
-            layers += run_layers(run, at)
+        layers += [run.layer for run in self.other_runs()]
         if self.coming_hz:
             x = np.array(self.coming_hz)
             layers.append(
                 layer(
-                    name=COMING, x=x, y=np.zeros(x.size), tone="text2", symbol="t", size=EMPTY_PX, hollow=True,
+                    name=COMING, x=x, y=np.zeros(x.size), tone="text2", symbol=ON_AXIS, size=2 * EMPTY_PX, hollow=True,
                     copied=False,
                 )
             )  # fmt: skip
@@ -190,6 +203,29 @@ class ResponseView:
             spots=tuple(self._spots()), rules=tuple(self._rules()), x=(0.0, right), simulated=self.simulated,
         )  # fmt: skip
         return self.threshold.add_to(picture)
+
+    def runs(self) -> list[RunInPlot]:
+        """Return the runs in the plot, the present one first."""
+        present = next(iter(self._measured(SERIES[0])), None)
+        first = [] if present is None else [RunInPlot("This run", present, self.natural_hz)]
+        return [*first, *self.other_runs()]
+
+    def other_runs(self) -> Iterable[RunInPlot]:
+        """Yield the runs before, and those that were added."""
+        for at, (label, points, natural_hz) in enumerate(self.earlier):
+            x = np.array([p.frequency for p in points])
+            yield RunInPlot(
+                label,
+                layer(
+                    name=label, x=x, y=SERIES[0].factor * np.array([p.peak_to_peak for p in points]),
+                    usable=np.array([Quality(p.quality).usable for p in points], bool),
+                    tone=curve_tone(at), line=SOLID, width=1.0, symbol=curve_symbol(at), size=EMPTY_PX,
+                    label=label, group=EARLIER if len(self.earlier) > 3 else label,
+                ),
+                natural_hz,
+            )  # fmt: skip
+        for at, run in enumerate(self.added, len(self.earlier)):
+            yield RunInPlot(f"{run.label}, {run.peak_to_peak_v:.3g} V", run_layers(run, at)[0], run.natural_hz)
 
     def _measured(self, series: AmplitudeSeries) -> Iterable[Layer]:
         is_main, tones = series is SERIES[0], dict[str, list[int]]()

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QPushButton, QStackedWidget
 
+from app.common import natural_frequency_of
 from app.gui.plots.chart import Chart
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL, layers_of
 from app.gui.plots.picture import Picture
-from app.gui.plots.response import LOWER, ResponseView, Threshold
+from app.gui.plots.response import LOWER, ResponseView, RunInPlot, Threshold
 from app.gui.widgets import Menu, configure, make_choice
 from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from app.gui.plots.check_table import CheckTable
     from app.gui.plots.results import CurvesView
 
-NATURAL = "natural_frequency"
 RESPONSE = "points over frequency"
 MIN_HEIGHT_OF_BOTH = 280
 """Smallest height of a plot with space for a lower panel."""
@@ -90,8 +90,10 @@ class ResultPlots(QStackedWidget):
         """Whether points were chosen instead of curves; None before a choice: the protocol's default."""
         self._lower: dict[str, str] = {}
         """Chosen contents of the lower panel by the kind of the plot."""
-        self.earlier: Sequence[tuple[str, Sequence[Any]]] = ()
-        """Points of runs before, with their labels; drawn with the next picture."""
+        self.earlier: Sequence[tuple[str, Sequence[Any], float]] = ()
+        """Points of runs before, with their labels and natural frequencies, Hz; drawn with the next picture."""
+        self.runs: Sequence[RunInPlot] = ()
+        """The runs in a response over frequency."""
         self._added: tuple[MeasuredResponse, ...] = ()
         self.choose_runs: Callable[[], object] | None = None
         """Lets the user choose recorded runs to add to the plot; None: none can be added."""
@@ -182,17 +184,20 @@ class ResultPlots(QStackedWidget):
             for i in range(len(self._points))
         ]
         estimates = () if self._outcome is None else self._outcome.estimates
+        self.runs = ()
         if self.shows_curves:
             bare = "mass" not in point_columns(self.kind.point_type)
             return self._curves_view(self._model if bare else None, self.lower_panel).picture()
         if is_response(self.kind.point_type):
             # Points of other protocols, such as the wiring check, appear in the log only.
             at = [i for i, p in enumerate(self._points) if is_response(p)]
-            natural = next((float(e.value) for e in estimates if e.name == NATURAL), math.nan)
-            return ResponseView(
+            natural = natural_frequency_of(estimates)
+            response = ResponseView(
                 [self._points[i] for i in at], [chosen[i] for i in at], self._model, self._preview, self.earlier, self._added, natural,
                 *self.present, self.coming, self.lower_panel, self._threshold, self._simulated,
-            ).picture()  # fmt: skip
+            )  # fmt: skip
+            self.runs = response.runs()
+            return response.picture()
         from app.gui.plots.results import PointsView
 
         is_over = self._outcome is not None

@@ -6,25 +6,16 @@ import time
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor, QPen, QResizeEvent
-from PySide6.QtWidgets import QButtonGroup, QFrame
+from PySide6.QtWidgets import QFrame
 
 from app.common import format_duration, typeset
 from app.gui.face import CLASS_S, Tokens, class_of, follow_tokens, set_length, tokens
 from app.gui.plots.axes import stable_range
 from app.gui.plots.chart import Chart
 from app.gui.plots.drawn_panel import DrawnPanel
-from app.gui.plots.picture import (
-    DOTTED,
-    Panel,
-    Picture,
-    Rule,
-    axis_title,
-    color_of,
-    curve_tone,
-    number_text,
-)
+from app.gui.plots.picture import DOTTED, Panel, Picture, Rule, axis_title, color_of, curve_tone, number_text
 from app.gui.plots.series import series_as_text
-from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, row, set_style_kind
+from app.gui.widgets import Segments, column, configure, make_label, set_style_kind
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array, Series, shown_unit
 
@@ -48,7 +39,7 @@ VALUES_S = 0.2
 STILL = 0.05
 """Of a range of volts or micrometres: a smaller swing is noise about one value."""
 
-TITLES = "Displacement, µm", "Drive at the amplifier's input, V"
+DRIVE_TITLE, FIXED_PANELS = "Drive at the amplifier's input, V", 2
 VALUE_WIDTH = 160
 
 
@@ -67,6 +58,8 @@ class PresentValue(QFrame):
         super().__init__()
         self.title, self.about = make_label(title, "note", wrap=False), make_label("", "note", wrap=False)
         self.value = make_label("–", "present", wrap=False)
+        for label, height in ((self.title, 16), (self.value, 34), (self.about, 16)):
+            set_length(label, width=VALUE_WIDTH - 12, height=height)  # another value lays nothing out again
         column(self.title, self.value, self.about, parent=self, margins=(12, 0, 0, 0), spacing=0)
 
     def show_values(self, values: Array, unit: str, places: int, least: float) -> None:
@@ -108,6 +101,7 @@ class TimePlot(Chart):
         """Displacement, drive and the further channels."""
         self._version = -1
         self._channels: tuple[tuple[str, str], ...] | None = None
+        """Names and units of the sensor's quantity and of the further channels."""
         self._shown_s = self._right_s = 0.0
         """Bench times of the displayed samples and of the right edge: if triggered, the drive's last rising edge before it."""
         self._samples: list[tuple[Array, Array]] = []
@@ -117,34 +111,30 @@ class TimePlot(Chart):
         self._simulated = False
         self._held_s = 0
         """Age of held traces in whole seconds; 0 while samples arrive, and without any."""
-        self._spans = QButtonGroup(self)
+        self._spans = Segments("traces.span", "span", ((f"{each.shown_s:g} s", at) for at, each in enumerate(SPANS)))
         self.held_label = make_label(kind="note", wrap=False, name="traces.held")
         self.values = [PresentValue("Displacement"), PresentValue("Drive")]
         self._build()
         follow_tokens(self, self._color_traces)
-        self._spans.idToggled.connect(self._on_span_toggled)
+        self._spans.chosen.connect(self.select_span)
         self.select_span(0)
 
     def _build(self) -> None:
-        # Buttons instead of a drop-down list: an open list would take the Stop key.
-        for at, span in enumerate(SPANS):
-            tip = f"Show the last {span.shown_s:g} s"
-            tip += ", the cycles of the drive lined up like an oscilloscope's" if span.triggered else ""
-            self._spans.addButton(
-                configure(make_choice(f"{span.shown_s:g} s", tip, checkable=True), kind="segment"), at
-            )
+        for span, button in zip(SPANS, self._spans.buttons.values(), strict=True):
+            lined_up = ", the cycles of the drive lined up like an oscilloscope's" if span.triggered else ""
+            button.setToolTip(f"Show the last {span.shown_s:g} s{lined_up}")
         self.head_layout.insertWidget(1, self.held_label)
-        self.head_layout.addLayout(row(*self._spans.buttons(), spacing=0))
+        self.head_layout.addWidget(self._spans)
         for button in self.tools.buttons[:-1]:
             button.hide()
         aside = configure(QFrame(), "traces.values")
         set_length(aside, width=VALUE_WIDTH)
-        column(*self.values, STRETCH, parent=aside, spacing=12)
+        column(*self.values, None, parent=aside, spacing=12)
         self.canvas_row.addWidget(aside)
 
     def _color_traces(self, theme: Tokens) -> None:
         for at, curve in enumerate(self.curves):
-            color = theme.ink if at < len(TITLES) else color_of(curve_tone(at - len(TITLES))).name()
+            color = theme.ink if at < FIXED_PANELS else color_of(curve_tone(at - FIXED_PANELS)).name()
             curve.setPen(trace_pen(theme.text2 if self._held_s else color))
 
     def show_simulated(self, simulated: bool) -> None:
@@ -160,16 +150,19 @@ class TimePlot(Chart):
     @property
     def selected_span(self) -> int:
         """The index in `SPANS`."""
-        return max(self._spans.checkedId(), 0)
+        return int(str(self._spans.selected or 0))
 
     def select_span(self, index: int) -> None:
         """Show one of `SPANS`."""
-        self._spans.button(min(max(index, 0), len(SPANS) - 1)).setChecked(True)
+        self._spans.select(min(max(index, 0), len(SPANS) - 1))
+        self._show_axes()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         for value in self.values:
-            set_style_kind(value.value, "value" if class_of(self) is CLASS_S or self.height() < 150 else "present")
+            small = class_of(self) is CLASS_S or self.height() < 150
+            set_style_kind(value.value, "value" if small else "present")
+            set_length(value.value, VALUE_WIDTH - 12, 20 if small else 34)
             value.about.setVisible(self.height() >= 130)
 
     def _y_range(self, at: int, drawn: DrawnPanel) -> tuple[float, float]:
@@ -178,14 +171,15 @@ class TimePlot(Chart):
 
     def _show_axes(self) -> None:
         """Make the panels and their axes: after another span, and with other channels."""
-        self._channels = self._feed.channels
+        self._channels = (self._feed.moved, *self._feed.channels)
+        self.values[0].title.setText(self._feed.moved[0])
         span, low, high = self.span, self._amplifier.low_v, self._amplifier.high_v
         margin, short = 0.06 * (high - low), self.span.shown_s < 1.0
-        further = [Panel(title=axis_title(name, shown_unit(unit).unit)) for name, unit in self._channels]
+        further = [Panel(title=axis_title(name, shown_unit(unit).unit)) for name, unit in self._channels[1:]]
         ticks = (low, self._amplifier.rest_v, high)
         panels = [
-            Panel(title=TITLES[0], x_labels=False),
-            Panel(title=TITLES[1], low=low - margin, high=high + margin, ticks=ticks, x_labels=not further),
+            Panel(title=", ".join(self._feed.moved), x_labels=False),
+            Panel(title=DRIVE_TITLE, low=low - margin, high=high + margin, ticks=ticks, x_labels=not further),
             *further,
         ]
         panels = [Panel(title=p.title, low=p.low, high=p.high, ticks=p.ticks, x_labels=p is panels[-1]) for p in panels]
@@ -214,7 +208,7 @@ class TimePlot(Chart):
         if self.is_calm and now - self._last_tick_s < CALM_S:
             return
         elapsed, self._last_tick_s = now - self._last_tick_s, now
-        if self._feed.channels != self._channels:
+        if (self._feed.moved, *self._feed.channels) != self._channels:
             self._show_axes()
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
@@ -263,7 +257,7 @@ class TimePlot(Chart):
         self._version = moved.version
         drive_s, drive_v = drive.decimated_curve()
         self._samples = [moved.decimated_curve(), (drive_s, drive_v)]
-        for (_, unit), trace in zip(self._channels or (), self._feed.channel_traces(self.span), strict=False):
+        for (_, unit), trace in zip((self._channels or ())[1:], self._feed.channel_traces(self.span), strict=False):
             time_s, values = trace.decimated_curve()
             self._samples.append((time_s, shown_unit(unit).factor * values))
         if not drive_s.size:
@@ -284,7 +278,7 @@ class TimePlot(Chart):
 
     def _show_values(self) -> None:
         spans = (INITIAL_RANGE_UM, self._amplifier.high_v - self._amplifier.low_v)
-        shown = zip(self.values, self._samples, ("µm", "V"), (1, 3), spans, strict=False)
+        shown = zip(self.values, self._samples, (self._feed.moved[1], "V"), (1, 3), spans, strict=False)
         for value, (time_s, samples), unit, places, span in shown:
             value.show_values(samples[time_s > self._streamed_s - VALUES_S], unit, places, STILL * span)
 
@@ -307,10 +301,6 @@ class TimePlot(Chart):
         )
         about = self.picture.x_title.partition(" before ")[2]
         return series_as_text(traces, f"s before {about}", "value", self._simulated)
-
-    def _on_span_toggled(self, _at: int, checked: bool) -> None:
-        if checked:
-            self._show_axes()
 
 
 def rising_edges(time_s: Array, drive_v: Array, level_v: float) -> Array:

@@ -14,7 +14,7 @@ from PySide6.QtGui import QGuiApplication, QPageSize, QPainter, QPdfWriter, QPen
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
-from app.gui.face import LABEL_PX, SEMIBOLD, icon, px, text_font
+from app.gui.face import icon, px, text_font
 from app.gui.plots.picture import Layer, color_of, number_text, unit_of
 from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, show_text, tooltip
 from model import format_with_uncertainty
@@ -325,7 +325,7 @@ class PlotFiles:
     def _mark(self, painter: QPainter) -> None:
         """Draw the mark of simulated data into a picture, and end the painter."""
         if self._chart.picture.simulated:
-            painter.setFont(text_font(LABEL_PX, SEMIBOLD))
+            painter.setFont(text_font("caption"))
             width = painter.fontMetrics().horizontalAdvance("SIMULATED") + px(16)
             tag = QRectF(self._chart.canvas.viewport().width() - width - px(12), 0, width, px(20))
             painter.fillRect(tag, color_of("violet"))
@@ -342,7 +342,16 @@ class PlotFiles:
         area = QRectF(canvas.viewport().rect())
         painter.scale(device.logicalDpiX() / SCREEN_DPI, device.logicalDpiY() / SCREEN_DPI)
         painter.fillRect(area, color_of("surface"))
+        cached = [
+            (item, item.cacheMode())
+            for item in canvas.scene().items()
+            if item.cacheMode() is not item.CacheMode.NoCache
+        ]
+        for item, _ in cached:  # a cache is pixels
+            item.setCacheMode(item.CacheMode.NoCache)
         canvas.render(painter, area, canvas.viewport().rect())
+        for item, mode in cached:
+            item.setCacheMode(mode)
         self._mark(painter)
         return True
 

@@ -1,4 +1,7 @@
-"""Controller of the read-only web page: starts and stops its server in the background, and sends it snapshots of the window."""
+"""Controller of the read-only web page: starts and stops its server in the background, and sends it snapshots of the window.
+
+It also knows the address at which a phone can stop the present run, if that is enabled; the page of that is another one.
+"""
 
 import time
 from collections.abc import Callable
@@ -8,7 +11,8 @@ from PySide6.QtCore import QObject, QSettings, Signal
 
 from app.gui.widgets import BackgroundWorker
 from app.live import SessionAdapter
-from app.session import WindowState
+from app.session import SessionEvent, WindowState
+from protocols.base import RunEnded, StopOffered
 
 if TYPE_CHECKING:
     from app.remote import RemoteView
@@ -30,7 +34,7 @@ class RemoteController(QObject):
     """
 
     changed = Signal()
-    """`url` or `problem` has changed."""
+    """`url`, `stop_url` or `problem` has changed."""
 
     def __init__(
         self, settings: QSettings, adapter: SessionAdapter, describe: Callable[[], tuple[str, str]], parent: QObject
@@ -42,9 +46,10 @@ class RemoteController(QObject):
         self._worker = BackgroundWorker("web page", self)
         self.server: RemoteView | None = None
         """Made in the background when the page is first opened: its imports take some hundredths of a second."""
-        self.url = self.problem = ""
+        self.url = self.stop_url = self.problem = ""
         mode = str(settings.value(MODE_KEY, OFF))
         self.mode = mode if mode in MODES else OFF
+        adapter.events.subscribe(self._note_stop)
         if self.mode != OFF:
             self._apply()
 
@@ -62,6 +67,13 @@ class RemoteController(QObject):
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
         self._shown = (view, *self._describe())
+
+    def _note_stop(self, event: SessionEvent) -> None:
+        """Note in the bench thread where the present run can be stopped."""
+        url = event.url if isinstance(event, StopOffered) else "" if isinstance(event, RunEnded) else self.stop_url
+        if url != self.stop_url:
+            self.stop_url = url
+            self.changed.emit()  # queued: it is another thread
 
     def beat(self) -> None:
         """Note that the window is alive."""

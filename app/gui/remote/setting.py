@@ -1,4 +1,4 @@
-"""Setting of the read-only web page: who can read it, its address, and the address as a QR code."""
+"""Setting of the read-only web page: who can read it, its address, and the address as a QR code; below it the stop of the present run."""
 
 import io
 
@@ -13,7 +13,7 @@ from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_com
 MODULE_PIXELS = 5
 DESCRIPTION = (
     "State, voltage, points and next step for a phone or a second screen; nothing can be commanded there. In a network the address has a token that "
-    "no other page and no log contains; the connection is not encrypted."
+    "no other page and no log contains; the connection is not encrypted. During an unattended run with stop_from_phone its stop has an address here."
 )
 
 
@@ -31,7 +31,13 @@ class RemoteSetting(QWidget):
         self.renew_button = configure(
             make_choice("New token", "Addresses with the present token are no longer valid"), "settings.remote.renew"
         )
-        column(self.mode, self.address, self.code, self.renew_button, parent=self, spacing=6)
+        self.stop_address = make_label(name="settings.remote.stop-address", textInteractionFlags=SELECTABLE)
+        self.stop_code = configure(
+            QLabel(), "settings.remote.stop-code", accessibleName="address of the stop of this run as a QR code"
+        )
+        self.stop_code.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        parts = (self.mode, self.address, self.code, self.renew_button, self.stop_address, self.stop_code)
+        column(*parts, parent=self, spacing=6)
         self.mode.currentIndexChanged.connect(lambda _: remote.set_mode(self.mode.currentData()))
         self.renew_button.clicked.connect(lambda _=False: remote.renew_token())
         remote.changed.connect(self._show)
@@ -44,6 +50,11 @@ class RemoteSetting(QWidget):
         self.renew_button.setVisible(bool(url) and self._remote.mode == NETWORK)
         if url:
             self.code.setPixmap(qr_pixmap(url))
+        stop_url = self._remote.stop_url
+        show_text(self.stop_address, f"Stop of this run from a phone: {stop_url}" if stop_url else "")
+        self.stop_code.setVisible(bool(stop_url))
+        if stop_url:
+            self.stop_code.setPixmap(qr_pixmap(stop_url))
 
 
 def qr_pixmap(text: str) -> QPixmap:

@@ -25,7 +25,6 @@ from app.common import (
 from app.gui.face import draw_box, painting, px, tokens
 from app.gui.widgets import (
     SELECTABLE,
-    STRETCH,
     ElidedLabel,
     WrappedRow,
     column,
@@ -104,10 +103,7 @@ class ResultCard(QFrame):
     """Name of an action, and the path of the run."""
 
     def __init__(
-        self,
-        prefix: str = "result",
-        actions: tuple[str, ...] = (*BUTTONS, "budget"),
-        scrolls: bool = False,
+        self, prefix: str = "result", actions: tuple[str, ...] = (*BUTTONS, "budget"), scrolls: bool = False
     ) -> None:
         super().__init__()
         configure(self, prefix, kind="panel")
@@ -126,8 +122,7 @@ class ResultCard(QFrame):
             if name in actions
         }
         self._acceptable: Set[str] = frozenset()
-        if "accept" in self.buttons:
-            set_style_kind(self.buttons["accept"], "go")
+        self._mark_next_step()
         head = (self.verdict_label, self.count_label, self.simulated_label)
         self._build(prefix, *head)
 
@@ -156,8 +151,8 @@ class ResultCard(QFrame):
         bottom = Qt.AlignmentFlag.AlignBottom
         self.key_figure = make_pane(
             self.name_label,
-            row((self.figure_label, 0, bottom), (self.unit_label, 0, bottom), STRETCH, spacing=8),
-            row(self.bar, column(self.total_label, self.noise_label, spacing=0), STRETCH, spacing=12),
+            row((self.figure_label, 0, bottom), (self.unit_label, 0, bottom), None, spacing=8),
+            row(self.bar, column(self.total_label, self.noise_label, spacing=0), None, spacing=12),
             spacing=0,
         )
         self.unit_label.setContentsMargins(0, 0, 0, px(3))  # on the base line of the figure
@@ -228,6 +223,7 @@ class ResultCard(QFrame):
     def show_summary(self, summary: ResultSummary) -> None:
         """Show the result of a run."""
         self._show(summary)
+        self._mark_next_step()
         outcome = summary.verdict.outcome
         reasons = summary.verdict.describe(summary.reason)
         self._set_verdict(f"{OUTCOME_SYMBOLS[outcome]} {outcome.capitalize()}", outcome_severity(outcome), reasons)
@@ -255,7 +251,14 @@ class ResultCard(QFrame):
         self._acceptable = names
         if self._outcome is not None:
             self.buttons["accept"].setVisible(self._is_acceptable)
+            self._mark_next_step()
             self._fit()
+
+    def _mark_next_step(self) -> None:
+        """Give the next step the look of the main button: accept the result if that is offered, else measure on."""
+        for name, is_next in (("accept", True), ("next", not self._is_acceptable)):
+            if name in self.buttons:
+                set_style_kind(self.buttons[name], "primary" if is_next else "choice")
 
     def _show(self, summary: ResultSummary) -> None:
         self.summary = summary
@@ -306,7 +309,7 @@ class ResultCard(QFrame):
         layout = self.layout()
         if layout is None:
             return
-        more = self._points_text + _table(self._rows)
+        more = self._points_text + rich_table(self._rows)
         texts = (*(str(part.property("text")) for part in self._optional[:-1]), more)
         shown = tuple(button.isHidden() for button in self.buttons.values())
         if (fitted := (self.width(), self._room, self.fontMetrics().height(), shown, texts)) == self._fitted:
@@ -330,7 +333,7 @@ class ResultCard(QFrame):
     def _shorten(self, layout: QLayout) -> None:
         """Leave out the last quantities that have no place."""
         for count in range(len(self._rows) - 1, -1, -1):
-            self.more_label.setText(_table(self._rows[:count]))
+            self.more_label.setText(rich_table(self._rows[:count]))
             self.more_label.setVisible(count > 0)
             if self._is_whole(layout):
                 return
@@ -369,22 +372,30 @@ def _check_table(checks: Sequence[CheckResult]) -> str:
         ("✓" if each.passed else "✕", sentence_case(each.name), f"{each.figure} {each.unit}".strip()) for each in shown
     ]
     more = len(checks) - len(shown)
-    return _table(rows) + (f"… and {pluralize(more, 'check')} more" if more else "")
+    return rich_table(rows) + (f"… and {pluralize(more, 'check')} more" if more else "")
 
 
-def _table(lines: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
-    """Return rows as rich text, the last column at the right; empty without rows. An empty first column is left out."""
+def rich_table(lines: Sequence[Sequence[str]], heads: Sequence[str] = (), wrap: bool = False) -> str:
+    """Return rows as rich text, the last column at the right; empty without rows. An empty first column is left out.
+
+    Args:
+        lines: the cells of each row.
+        heads: titles of the columns.
+        wrap: break long values, instead of names.
+    """
     if not lines:
         return ""
     head = "".join(f"<th align='left'>{escape(each)}</th>" for each in heads)
     rows = []
     for *names, value in lines:
-        cells = "".join(f"<td style='padding-right:6px'>{escape(each)}</td>" for each in names if each)
-        rows.append(f"<tr>{cells}<td align='right' style='white-space:nowrap'><b>{escape(value)}</b></td></tr>")
+        whole = "; white-space:nowrap" if wrap else ""
+        cells = "".join(f"<td style='padding-right:6px{whole}'>{escape(each)}</td>" for each in names if each)
+        style = "" if wrap else " style='white-space:nowrap'"
+        rows.append(f"<tr>{cells}<td align='right'{style}><b>{escape(value)}</b></td></tr>")
     return f"<table width='100%'>{f'<tr>{head}</tr>' if heads else ''}{''.join(rows)}</table>"
 
 
 def _point_table(summary: ResultSummary) -> str:
     shown = summary.points[:MAX_POINT_ROWS]
     more = len(summary.points) - len(shown)
-    return _table(shown, summary.point_names) + (f"… and {more} more in the file" if more and shown else "")
+    return rich_table(shown, summary.point_names) + (f"… and {more} more in the file" if more and shown else "")

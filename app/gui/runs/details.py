@@ -16,7 +16,6 @@ from app.gui.results import ResultCard
 from app.gui.runs.compare import ComparisonPlot, DifferencesPane
 from app.gui.widgets import (
     SELECTABLE,
-    STRETCH,
     Menu,
     ProgressRow,
     column,
@@ -117,14 +116,12 @@ class RunDetailsPane(QWidget):
 
     def _build(self) -> None:
         fields = grid(
-            (QLabel("tags"), 0, 0),
+            (QLabel("Tags"), 0, 0),
             (self.tags_edit, 0, 1),
-            (QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop),
+            (QLabel("Note"), 1, 0, Qt.AlignmentFlag.AlignTop),
             (self.note_edit, 1, 1),
         )
-        buttons = row(
-            self.open_button, self.continue_button, self.explore_button, STRETCH, self.export_button, spacing=6
-        )
+        buttons = row(self.open_button, self.continue_button, self.explore_button, None, self.export_button, spacing=6)
         area = make_scroll_area(
             (self.plot, 1),
             (self.result_plots, 1),

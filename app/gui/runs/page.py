@@ -7,23 +7,8 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QStackedWidget
 
-from app.archive import (
-    Format,
-    LoadedRun,
-    RunState,
-    RunSummary,
-    TraceWindow,
-    load_run,
-    load_trace_window,
-)
-from app.comparison import (
-    MAX_RUNS,
-    ComparedRun,
-    Comparison,
-    ComparisonView,
-    model_in,
-    model_request,
-)
+from app.archive import Format, LoadedRun, RunState, RunSummary, TraceWindow, load_run, load_trace_window
+from app.comparison import MAX_RUNS, ComparedRun, Comparison, ComparisonView, model_in, model_request
 from app.config import AmplifierTable
 from app.gui.runs.compare import ComparisonWorkspace
 from app.gui.runs.list_pane import RunListPane

@@ -18,17 +18,12 @@ from PySide6.QtCore import (
     QUrl,
     Signal,
 )
-from PySide6.QtGui import QColor, QKeyEvent, QPainter, QResizeEvent
-from PySide6.QtWidgets import (
-    QHeaderView,
-    QStyledItemDelegate,
-    QStyleOptionViewItem,
-    QTableView,
-)
+from PySide6.QtGui import QColor, QFontMetricsF, QKeyEvent, QPainter, QResizeEvent
+from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem, QTableView
 
 from app.archive import LARGEST_FIGURES, RunSummary
 from app.common import pluralize, round_figure, sentence_case, typeset
-from app.gui.face import CENTRE, LABEL_PX, SEMIBOLD, draw_box, draw_hatch, draw_text, px, tokens
+from app.gui.face import CENTRE, draw_box, draw_hatch, draw_text, px, text_font, tokens
 from app.gui.plots import color_of, curve_tone
 from app.gui.runs.thumbnails import SIZE, Thumbnails
 from app.gui.widgets import configure_table
@@ -188,7 +183,10 @@ def _cell_text(summary: RunSummary, column: str) -> str:
         case "found":
             if summary.outcome is not Outcome.NOT_JUDGED and not summary.outcome.has_result:
                 return summary.explanation
-            return typeset(summary.estimates_text) or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
+            has_column = _figure(summary, "natural fr., Hz") is not None
+            return typeset(summary.estimates_text * (not has_column)) or (
+                "" if summary.outcome is Outcome.GOOD else summary.explanation
+            )
         case _:
             return str(getattr(summary, column))
 
@@ -226,19 +224,41 @@ class RunDelegate(QStyledItemDelegate):
             painter.setClipRect(band)
             left: Any = option.widget.columnViewportPosition(THUMBNAIL_COLUMN)  # type: ignore[attr-defined]
             whole = QRectF(left + px(8), band.y(), option.widget.width(), band.height())
-            draw_text(painter, whole, day, colors.text, LABEL_PX, SEMIBOLD)
+            draw_text(painter, whole, day, colors.text, "caption")
             painter.restore()
         super().paint(painter, option, index)
+        if COLUMNS[index.column()] == "tags":
+            self._draw_tags(painter, QRectF(option.rect), model.summaries[index.row()].tags)
         if first and model.summaries[index.row()].simulated:
             edge = QRectF(option.rect.x(), option.rect.y(), px(HATCH_PX), option.rect.height())
             draw_hatch(painter, edge, colors.violet2, QColor(colors.violet))
         if letter and first:
             painter.save()
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            disc = QRectF(option.rect.x() + px(3), option.rect.y() + px(2), px(BADGE_PX), px(BADGE_PX))
+            disc = QRectF(option.rect.x() + px(HATCH_PX + 2), option.rect.y() + px(2), px(BADGE_PX), px(BADGE_PX))
             draw_box(painter, disc, disc.width() / 2, color_of(curve_tone(ord(letter) - ord("A"))))
-            draw_text(painter, disc, letter, colors.surface, LABEL_PX, SEMIBOLD, CENTRE)
+            draw_text(painter, disc, letter, colors.surface, "caption", CENTRE)
             painter.restore()
+
+    def initStyleOption(self, option: QStyleOptionViewItem, index: Index) -> None:
+        super().initStyleOption(option, index)
+        if COLUMNS[index.column()] == "tags":  # drawn as pills
+            option.text = ""
+
+    @staticmethod
+    def _draw_tags(painter: QPainter, cell: QRectF, tags: str) -> None:
+        """Draw each tag in a pill, as many as the cell has a place for."""
+        metrics, left, height = QFontMetricsF(text_font()), cell.left() + px(4), px(20)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for tag in filter(None, tags.split(", ")):
+            pill = QRectF(left, cell.center().y() - height / 2, metrics.horizontalAdvance(tag) + px(16), height)
+            pill.setRight(min(pill.right(), cell.right() - px(4)))
+            draw_box(painter, pill, height / 2, "transparent", tokens().outline)
+            text = metrics.elidedText(tag, Qt.TextElideMode.ElideRight, pill.width() - px(12))
+            draw_text(painter, pill, text, tokens().text, align=CENTRE)
+            left = pill.right() + px(4)
+            if left > cell.right() - px(36):
+                break
 
 
 class RunTableView(QTableView):

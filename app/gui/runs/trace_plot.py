@@ -4,14 +4,13 @@ import numpy as np
 from PySide6.QtCore import QTimer, Signal
 
 from app.archive import TraceWindow
-from app.gui.plots import SOLID, Chart, Panel, Picture, layer
+from app.gui.plots import DRIVE_TITLE, SOLID, Chart, Panel, Picture, layer
 from app.gui.widgets import add_actions
 
 SETTLE_MS = 80
 """Delay between the last turn of the wheel and reading the file."""
 
 ZOOM_IN, ZOOM_OUT = 0.5, 2.0
-TITLES = "Displacement, µm", "Drive at the amplifier's input, V"
 
 
 class TracePlot(Chart):
@@ -95,20 +94,22 @@ class TracePlot(Chart):
 
     def _draw_traces(self, traces: TraceWindow) -> None:
         layers = []
+        title, scale = ("Displacement, µm", 1.0) if traces.unit == "m" else ("Velocity, mm/s", 1e-3)
+        titles = title, DRIVE_TITLE
         if traces.time_s.size > 1:
             # Samples that were not stored are a gap, not a line.
             apart = np.diff(traces.time_s, prepend=traces.time_s[0])
             usual = float(np.median(apart[1:] if traces.raw else apart[2::2]))
             gaps = np.flatnonzero(apart > 3 * usual)
             time_s = np.insert(traces.time_s, gaps, np.nan)
-            for at, values in enumerate((traces.displacement_um, traces.drive_v)):
+            for at, values in enumerate((scale * traces.displacement_um, traces.drive_v)):
                 y = np.insert(np.asarray(values, float), gaps, np.nan)
-                layers.append(layer(name=TITLES[at], x=time_s, y=y, line=SOLID, width=1.0, panel=at))
+                layers.append(layer(name=titles[at], x=time_s, y=y, line=SOLID, width=1.0, panel=at))
         about = "every sample" if traces.raw else "lowest and highest of each column; closer: wheel, Ctrl++"
         self.show_picture(
             Picture(
                 title="Traces", note=about, x_title="Since the stream began, s", layers=tuple(layers),
-                panels=tuple(Panel(title=title, x_labels=at == 1) for at, title in enumerate(TITLES)),
+                panels=tuple(Panel(title=title, x_labels=at == 1) for at, title in enumerate(titles)),
                 x=None if self._whole is None else self._full_range, log=(False, False), simulated=self._simulated,
             )
         )  # fmt: skip

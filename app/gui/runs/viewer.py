@@ -12,7 +12,6 @@ from app.gui.results import ResultCard
 from app.gui.runs.trace_plot import TracePlot
 from app.gui.widgets import (
     SELECTABLE,
-    STRETCH,
     LogView,
     column,
     configure,
@@ -49,7 +48,7 @@ class RunViewer(QWidget):
         self._card_area = make_scroll_area(
             self.card,
             self.facts_label,
-            STRETCH,
+            None,
             margins=(4, 0, 4, 0),
             spacing=6,
             accessibleName="result of the run",

@@ -13,12 +13,7 @@ REST_MS = 100
 LIVELY_S = 2.0
 """How long after an input of the user every frame is ticked: what was typed or dragged is drawn at once."""
 
-INPUTS = (
-    QEvent.Type.KeyPress,
-    QEvent.Type.MouseButtonPress,
-    QEvent.Type.MouseButtonRelease,
-    QEvent.Type.Wheel,
-)
+INPUTS = (QEvent.Type.KeyPress, QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonRelease, QEvent.Type.Wheel)
 
 
 class Heartbeat(QObject):

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QObject, QSettings, QSize, Signal
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QApplication, QMainWindow
+from PySide6.QtWidgets import QApplication, QLabel, QMainWindow
 
 from app.gui.face import LEAST_WINDOW, TEXT_SIZES, install_fonts, px, rescale, style_sheet, tokens_for
 
@@ -50,6 +50,10 @@ class WindowLook(QObject):
         colors = tokens_for(self.appearance)
         QApplication.setPalette(colors.palette())
         self._window.setStyleSheet(style_sheet(colors))
+        for label in self._window.findChildren(QLabel):
+            if "<a " in (text := label.text()):  # a link keeps the colour that it was read with
+                label.clear()
+                label.setText(text)
 
     def _fit_least_size(self) -> None:
         least = QSize(px(LEAST_WINDOW.width()), px(LEAST_WINDOW.height()))

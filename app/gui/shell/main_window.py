@@ -13,14 +13,7 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit,
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.face import (
-    APPEARANCES,
-    MENU_HEIGHT,
-    TEXT_SIZES,
-    SizeClass,
-    class_of,
-    set_length,
-)
+from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, SizeClass, class_of, set_length
 from app.gui.remote import RemoteController
 from app.gui.shell.heartbeat import Heartbeat
 from app.gui.shell.look import FRAME_SIZE, WindowLook
@@ -251,14 +244,8 @@ class MainWindow(QMainWindow):
             self._close_if_acknowledged()
 
     def _is_moving(self) -> bool:
-        """Whether every frame is drawn: in a run, until the bench is connected, and where a page shows a motion."""
-        page = self.tabs.created_pages.get(self.tabs.currentIndex())
-        return (
-            self.state.busy
-            or self.controller.closing
-            or self.state.bench_state is BenchState.CONNECTING
-            or bool(getattr(page, "moves", False))
-        )
+        """Whether every frame is drawn: in a run, and until the bench is connected."""
+        return self.state.busy or self.controller.closing or self.state.bench_state is BenchState.CONNECTING
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)

@@ -6,19 +6,8 @@ from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QButtonGroup, QWidget
 
-from app.gui.face import (
-    CENTRE,
-    LABEL_PX,
-    MEDIUM,
-    class_of,
-    draw_icon,
-    draw_ring,
-    draw_text,
-    painting,
-    px,
-    tokens,
-)
-from app.gui.widgets import ACTIONS, STRETCH, column, configure
+from app.gui.face import CENTRE, class_of, draw_icon, draw_ring, draw_text, painting, px, tokens
+from app.gui.widgets import ACTIONS, column, configure
 
 ITEM_HEIGHT, ITEM_HEIGHT_ICON = 56, 46
 
@@ -64,7 +53,7 @@ class RailButton(QAbstractButton):
             draw_icon(painter, self._icon, QRectF((self.width() - side) / 2, top, side, side), color)
             if worded:
                 area, ink = QRectF(0, px(31), self.width(), px(18)), color if chosen else colors.text
-                draw_text(painter, area, self.text(), ink, LABEL_PX, MEDIUM, CENTRE)
+                draw_text(painter, area, self.text(), ink, "key", CENTRE)
             if self.hasFocus():
                 draw_ring(painter, self.rect().adjusted(3, 1, -3, -1), colors.accent_text)
 
@@ -86,7 +75,7 @@ class Rail(QWidget):
             button.clicked.connect(lambda _=False, at=at: self.chosen.emit(at))
         self.help_button = RailButton("Help", "help", ACTIONS["shortcuts"].shortcut, checkable=False)
         self.help_button.clicked.connect(lambda _=False: self.help_requested.emit())
-        column(*self.buttons, STRETCH, self.help_button, parent=self, margins=(0, 4, 0, 8))
+        column(*self.buttons, None, self.help_button, parent=self, margins=(0, 4, 0, 8))
 
     def select(self, index: int) -> None:
         """Show which page is visible."""

@@ -12,7 +12,6 @@ from app.common import UndoHistory, sentence_case
 from app.gui.specimen.sheet_form import SheetForm
 from app.gui.widgets import (
     ACTIONS,
-    STRETCH,
     BackgroundWorker,
     StatusLine,
     add_actions,
@@ -85,7 +84,7 @@ class SpecimenPage(QWidget):
         column(
             row((self.heading, 1), self.undo_button, self.redo_button, close, spacing=8),
             row((self.source_label, 1), self.make_sheet_button, spacing=12),
-            row(make_label("Mounted anew:", wrap=False), *self.mount_buttons.values(), STRETCH, spacing=6),
+            row(make_label("Mounted anew:", wrap=False), *self.mount_buttons.values(), None, spacing=6),
             self.message_label,
             (self._area, 1),
             parent=self,
@@ -168,10 +167,7 @@ class SpecimenPage(QWidget):
         self._submit(lambda: save_draft(folder, self._base, draft), self._on_saved)
 
     def _submit(
-        self,
-        work: Callable[[], SpecimenSheet],
-        on_sheet: Callable[[SpecimenSheet], object],
-        latest_only: str = "",
+        self, work: Callable[[], SpecimenSheet], on_sheet: Callable[[SpecimenSheet], object], latest_only: str = ""
     ) -> None:
         """Read or write the sheet in the background."""
 

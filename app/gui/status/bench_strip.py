@@ -5,20 +5,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from app.common import outcome_severity, sentence_case
 from app.gui.face import (
-    BOLD,
     CENTRE,
-    LABEL_PX,
-    MEDIUM,
-    PRESENT_PX,
-    REGULAR,
-    SEMIBOLD,
     STRIP_HEIGHT,
-    VALUE_PX,
     Tokens,
     class_of,
     draw_box,
@@ -30,6 +23,7 @@ from app.gui.face import (
     px,
     set_length,
     text_font,
+    text_width,
     tokens,
 )
 from app.gui.status.session_controller import SessionController
@@ -133,16 +127,16 @@ class StripButton(QAbstractButton):
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors = tokens()
         fill, edge, ink = self._colors(colors)
-        weight = BOLD if self._is_stop else SEMIBOLD
-        wide = QFontMetricsF(text_font(VALUE_PX, weight)).horizontalAdvance(self.text()) > self.width() - px(8)
+        kind, small = ("stop", "mark") if self._is_stop else ("heading", "caption")
+        wide = text_width(self.text(), kind) > self.width() - px(8)
         faint = ink if self._is_stop or self.isEnabled() else self._key_color(colors)
         with painting(self) as painter:
             draw_box(painter, QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), px(6), fill, edge)
             if self.hasFocus():
                 draw_ring(painter, self.rect().adjusted(2, 2, -2, -2), ink)
             word = QRectF(0, px(5), self.width(), px(22))
-            draw_text(painter, word, self.text(), ink, LABEL_PX if wide else VALUE_PX, weight, CENTRE)
-            draw_text(painter, word.translated(0, px(20)), self.key, faint, LABEL_PX, REGULAR, CENTRE)
+            draw_text(painter, word, self.text(), ink, small if wide else kind, CENTRE)
+            draw_text(painter, word.translated(0, px(20)), self.key, faint, "", CENTRE)
 
     def _colors(self, colors: Tokens) -> tuple[str, str, str]:
         """Return fill, edge and text."""
@@ -187,6 +181,7 @@ class BenchStrip(QWidget):
             "strip",
             toolTip="The volts at the specimen are computed from what the card measures at the amplifier's input",
         )
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         set_length(self, height=STRIP_HEIGHT)
 
     def set_state(self, view: WindowState) -> None:
@@ -198,7 +193,9 @@ class BenchStrip(QWidget):
         if self.view is None:
             return
         view = self._controller.strip()
-        if view.measured != self.view.measured or time.monotonic() - self._painted_s >= REPAINT_S:
+        if view.measured != self.view.measured or (
+            view != self.view and time.monotonic() - self._painted_s >= REPAINT_S
+        ):
             self._show(view)
 
     def _show(self, view: StripView) -> None:
@@ -269,7 +266,7 @@ class BenchStrip(QWidget):
             draw_hatch(painter, QRectF(0, 0, px(10), self.height()), ink, ground, 10.0)
         side = px(28)
         draw_icon(painter, look.icon, QRectF(px(15), (self.height() - side) / 2, side, side), ink)
-        draw_text(painter, QRectF(px(48), 0, width - px(48), self.height()), look.word, ink, PRESENT_PX, BOLD)
+        draw_text(painter, QRectF(px(48), 0, width - px(48), self.height()), look.word, ink, "sign")
 
     def _draw_measured(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
@@ -277,16 +274,16 @@ class BenchStrip(QWidget):
         if view.act and not view.danger:  # such as that high voltage is still on
             age = view.caption.rpartition(", ")[2]
             captions = (f"{view.act}, {age}", view.act, sentence_case(view.act.rpartition(": ")[2]))
-        self._draw_line(painter, QRectF(left, px(7), width, px(18)), captions, LABEL_PX, REGULAR, faint)
+        self._draw_line(painter, QRectF(left, px(7), width, px(18)), captions, "", faint)
         volts = (view.measured or "no value",)
-        self._draw_line(painter, QRectF(left, px(23), width, px(34)), volts, PRESENT_PX, SEMIBOLD, ink)
+        self._draw_line(painter, QRectF(left, px(23), width, px(34)), volts, "present", ink)
 
     def _draw_aim(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
         what, _, volts = self.view.aim.rpartition(", ")
         lines = _shortened(f"Aim: {what or 'none'}")
-        self._draw_line(painter, QRectF(left, px(7), width, px(18)), lines, LABEL_PX, REGULAR, faint)
-        self._draw_line(painter, QRectF(left, px(28), width, px(22)), (volts or "—",), VALUE_PX, MEDIUM, ink)
+        self._draw_line(painter, QRectF(left, px(7), width, px(18)), lines, "", faint)
+        self._draw_line(painter, QRectF(left, px(28), width, px(22)), (volts or "—",), "main", ink)
 
     def _draw_run(self, painter: QPainter, left: int, width: int, ink: str, faint: str) -> None:
         assert self.view is not None
@@ -308,30 +305,22 @@ class BenchStrip(QWidget):
             titles = (*titles, "No run")
         colored = not self.view.danger and look_of(self.view).tint not in ("amber", "red") and run.outcome is not None
         color = tokens().severity_color(outcome_severity(run.outcome)) if colored and run.outcome else faint
-        self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, VALUE_PX, SEMIBOLD, ink)
-        self._draw_line(painter, QRectF(left, px(27), width, px(18)), notes, LABEL_PX, REGULAR, color)
+        self._draw_line(painter, QRectF(left, px(8), width, px(20)), titles, "heading", ink)
+        self._draw_line(painter, QRectF(left, px(27), width, px(18)), notes, "", color)
         if in_run:
             track = QColor(ink)
             track.setAlpha(50)
             painter.fillRect(QRectF(left, px(50), width, px(4)), track)
             painter.fillRect(QRectF(left, px(50), width * min(run.fraction, 1.0), px(4)), QColor(ink))
 
-    def _draw_line(
-        self,
-        painter: QPainter,
-        area: QRectF,
-        texts: tuple[str, ...],
-        size: int,
-        weight: QFont.Weight,
-        color: str,
-    ) -> None:
+    def _draw_line(self, painter: QPainter, area: QRectF, texts: tuple[str, ...], kind: str, color: str) -> None:
         """Draw the first of several texts that fits, elided if none does."""
-        metrics = QFontMetricsF(text_font(size, weight))
+        metrics = QFontMetricsF(text_font(kind))
         text = next((each for each in texts if metrics.horizontalAdvance(each) <= area.width() + 1), "")
         if not text and texts[-1]:
             self.elided.append(texts[-1])
             text = metrics.elidedText(texts[-1], Qt.TextElideMode.ElideRight, area.width())
-        draw_text(painter, area, text, color, size, weight)
+        draw_text(painter, area, text, color, kind)
 
 
 def _shortened(text: str) -> tuple[str, ...]:

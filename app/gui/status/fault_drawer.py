@@ -5,22 +5,9 @@ from PySide6.QtGui import QColor, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QFrame, QSizePolicy, QWidget
 
 from app.common import pluralize, sentence_case
-from app.gui.face import (
-    LABEL_PX,
-    REGULAR,
-    SEMIBOLD,
-    draw_box,
-    draw_hatch,
-    draw_ring,
-    draw_text,
-    painting,
-    px,
-    set_length,
-    tokens,
-)
+from app.gui.face import draw_box, draw_hatch, draw_ring, draw_text, painting, px, set_length, tokens
 from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
-    STRETCH,
     BackgroundWorker,
     OverlayCard,
     Place,
@@ -58,7 +45,7 @@ class FaultSwitch(QCheckBox):
                 painter.fillRect(self.rect(), QColor(colors.accent_tint))
             area = QRectF(px(16), 0, self.width() - px(72), self.height())
             color = colors.text if self.isEnabled() else colors.text2
-            draw_text(painter, area, self.text(), color, LABEL_PX, SEMIBOLD if on else REGULAR)
+            draw_text(painter, area, self.text(), color, "caption" if on else "")
             draw_box(
                 painter, track, px(8), colors.accent if on else colors.surface, colors.accent if on else colors.outline, 1.25
             )  # fmt: skip
@@ -72,7 +59,7 @@ class _HatchedHead(QFrame):
 
     def __init__(self, *labels: QWidget) -> None:
         super().__init__()
-        row(labels[0], STRETCH, *labels[1:], parent=self, margins=(16, 0, 16, 0))
+        row(labels[0], None, *labels[1:], parent=self, margins=(16, 0, 16, 0))
         set_length(self, height=40)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -178,7 +165,7 @@ class FaultDrawer(OverlayCard):
             rows += [caption, *(box for name, box in self.fault_boxes.items() if FAULTS[name]["group"] == group)]
         for name, box in self.fault_boxes.items():
             box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
-        faults = make_scroll_area(*rows, STRETCH, spacing=0, focusPolicy=Qt.FocusPolicy.NoFocus)
+        faults = make_scroll_area(*rows, None, spacing=0, focusPolicy=Qt.FocusPolicy.NoFocus)
         faults.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         close = make_button("Close", self.toggle, name="faults.close", key="F9")
         above = [] if self.controls is None else [row((self.controls, 1), margins=(16, 16, 16, 12))]
@@ -187,7 +174,7 @@ class FaultDrawer(OverlayCard):
             *above,
             row(self.message_label, margins=(16, 0, 16, 0)),
             (faults, 1),
-            row(self.clear_button, STRETCH, close, margins=(16, 10, 16, 10)),
+            row(self.clear_button, None, close, margins=(16, 10, 16, 10)),
             parent=content,
             spacing=0,
         )

@@ -2,7 +2,7 @@
 
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.widgets import SELECTABLE, STRETCH, IconView, OverlayCard, column, make_label, row
+from app.gui.widgets import SELECTABLE, IconView, OverlayCard, column, make_label, row
 
 
 class MessageCard(OverlayCard):
@@ -22,7 +22,7 @@ class MessageCard(OverlayCard):
         super().__init__(name, content, edge=color)
         column(
             row(IconView(28, icon, color), (self.message_label, 1), spacing=16),
-            row(44, *buttons, STRETCH, spacing=12),
+            row(44, *buttons, None, spacing=12),
             parent=content,
             margins=(20, 16, 20, 16),
             spacing=12,

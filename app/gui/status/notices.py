@@ -75,6 +75,8 @@ class Notices(QObject):
     def tick(self) -> None:
         """Show a prompt that is to be answered now, and the volts on the card of the unsafe state, where they are known."""
         self._show_prompt(self._controller.state)
+        if self.unsafe.isHidden():
+            return
         card = self._controller.adapter.observation.card
         age_s = math.inf if card is None else card.age_s(time.monotonic())
         self.unsafe.show_volts(card.drive_v if card is not None and age_s <= KNOWN_S else None, age_s)

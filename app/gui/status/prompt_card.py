@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 from app.common import sentence_case, typeset
 from app.gui.status.setup_drawing import SetupDrawing
 from app.gui.widgets import (
-    STRETCH,
     ActionInfo,
     IconView,
     OverlayCard,
@@ -25,18 +24,16 @@ from app.gui.widgets import (
     set_style_kind,
     show_text,
 )
-from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, PromptShown
+from model import GRAVITY, Tactor
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Prompt, PromptShown
 
 INPUT_GUARD_S = 0.5
 """An answer is ignored for this long after a question appeared: it was meant for something else."""
 
-LANDED_UM = 2.0
+WEIGHING, LANDED_UM = ("place-weight", "remove-weight"), 2.0
 """Least change of the sensor's value when a weight is placed or taken off."""
 
-ACTS = {
-    DISABLE_HIGH_VOLTAGE.action: "Switch high voltage OFF",
-    ENABLE_HIGH_VOLTAGE.action: "Switch high voltage ON",
-}
+ACTS = {DISABLE_HIGH_VOLTAGE.action: "Switch high voltage OFF", ENABLE_HIGH_VOLTAGE.action: "Switch high voltage ON"}
 """Acts of prompts whose text does not begin with it; the whole text stands below."""
 
 ACT_LENGTH = 44
@@ -60,21 +57,12 @@ class PromptCard(OverlayCard):
         self._asked_again = self._simulated = False
         self.buttons: list[QPushButton] = []
         self.head = configure(QFrame(), "prompt.head", kind="attention")
-        title, self.note_label = (
-            make_label("Your turn", "heading", wrap=False),
-            make_label(wrap=False, name="prompt.note"),
-        )
+        title = make_label("Your turn", "heading", wrap=False)
+        self.note_label = make_label(wrap=False, name="prompt.note")
         for label in (title, self.note_label):
             label.setProperty("on", "amber")
-        row(
-            IconView(20, "hand", "#000000"),
-            title,
-            STRETCH,
-            self.note_label,
-            parent=self.head,
-            margins=(16, 10, 16, 10),
-            spacing=8,
-        )
+        hand = IconView(20, "hand", "#000000")
+        row(hand, title, None, self.note_label, parent=self.head, margins=(16, 10, 16, 10), spacing=8)
         self.drawing = SetupDrawing()
         self.message_label = make_label(kind="act", name="notices.prompt.message")
         self.detail_label = make_label(kind="large", name="notices.prompt.detail")
@@ -83,15 +71,9 @@ class PromptCard(OverlayCard):
         self.again_label = make_label(kind="caution", name="prompt.again", visible=False)
         content = QWidget()
         super().__init__("notices.prompt", content, edge="amber_text", closable=False)
-        texts = column(
-            self.message_label,
-            self.detail_label,
-            STRETCH,
-            row(self.laser_label, self.laser_note, STRETCH, spacing=12),
-            self.again_label,
-            spacing=8,
-        )
-        self._answer_row = row(STRETCH, spacing=12)
+        laser = row(self.laser_label, self.laser_note, None, spacing=12)
+        texts = column(self.message_label, self.detail_label, None, laser, self.again_label, spacing=8)
+        self._answer_row = row(None, spacing=12)
         column(
             self.head,
             row((self.drawing, 0, Qt.AlignmentFlag.AlignTop), (texts, 1), margins=(20, 16, 20, 12), spacing=24),
@@ -132,6 +114,8 @@ class PromptCard(OverlayCard):
         set_style_kind(self.message_label, "act" if len(act) <= ACT_LENGTH else "heading")
         show_text(self.detail_label, detail)
         self.note_label.setText(note)
+        moved_um = _moved_um(prompt)
+        self.laser_note.setText("laser now" + f"; moves by about {moved_um:g} µm" * bool(moved_um))
         for at, choice in enumerate(prompt.choices):
             self._add_answer(choice, "Enter" if at == 0 else choice[0].upper())
         self.drawing.setVisible(self.drawing.show_prompt(prompt))
@@ -150,7 +134,6 @@ class PromptCard(OverlayCard):
         text = "" if displacement_um is None else typeset(f"{displacement_um:+z.1f} µm")
         shown = bool(text) and self._prompt.prompt.hands_on
         self.laser_label.setText(text)
-        self.laser_note.setText("laser now")
         self.laser_label.setVisible(shown)
         self.laser_note.setVisible(shown)
 
@@ -174,24 +157,31 @@ class PromptCard(OverlayCard):
         if self._asked_again or self._simulated or self._prompt is None:
             return False
         now, start = self._laser_um, self._laser_at_start_um
-        moves = self._prompt.prompt.action in ("place-weight", "remove-weight")
-        return moves and now is not None and start is not None and abs(now - start) < LANDED_UM
+        return (
+            self._prompt.prompt.action in WEIGHING
+            and now is not None
+            and start is not None
+            and abs(now - start) < LANDED_UM
+        )
 
     def _add_answer(self, choice: str, key: str) -> None:
         is_first = key == "Enter"
-        button = make_button(
-            sentence_case(choice),
-            partial(self._answer, choice),
-            "go" if is_first else "main",
-            name=f"answer.{choice}",
-            key=key,
-        )
+        kind, act = "go" if is_first else "main", partial(self._answer, choice)
+        button = make_button(sentence_case(choice), act, kind, name=f"answer.{choice}", key=key)
         self._answer_row.insertWidget(self._answer_row.count() - 1, button)
         button.show()  # in a card that is seen already it would only be shown later, and Enter be off until then
         self.buttons.append(button)
         if not is_first:
             info = ActionInfo(f"answer.{choice}", f"Answer: {choice}", (key,))
             self._answer_actions.append(add_action(self, info, button.click))
+
+
+def _moved_um(prompt: Prompt) -> float:
+    """Return to two digits how far the weight of a prompt bends the paper's tactor; 0 without one."""
+    from model.response import load_compliance  # slow to import, and not needed when the window opens
+
+    weight_n = GRAVITY * prompt.values.get("mass_kg", 0.0) * (prompt.action in WEIGHING)
+    return float(f"{1e6 * weight_n * load_compliance(Tactor()):.2g}")
 
 
 def _split(text: str) -> tuple[str, str]:

@@ -1,17 +1,13 @@
 """Ribbon of the bench in the menu line: SIMULATED on a hatch, with speed and who answers; a real bench has its name."""
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent
+from PySide6.QtGui import QColor, QPainter, QPaintEvent
 from PySide6.QtWidgets import QAbstractButton
 
 from app.common import pluralize
 from app.gui.face import (
-    BOLD,
     CENTRE,
     CLASS_S,
-    LABEL_PX,
-    REGULAR,
-    SEMIBOLD,
     class_of,
     draw_box,
     draw_hatch,
@@ -20,7 +16,7 @@ from app.gui.face import (
     draw_text,
     painting,
     px,
-    text_font,
+    text_width,
     tokens,
 )
 from app.gui.widgets import configure, tooltip
@@ -79,8 +75,7 @@ class BenchRibbon(QAbstractButton):
     def _paint_simulated(self, painter: QPainter) -> None:
         colors = tokens()
         draw_hatch(painter, QRectF(self.rect()), colors.violet2, QColor(colors.violet))
-        plain = QFontMetricsF(text_font())
-        left = self._draw_text(painter, px(12), "SIMULATED", "white", BOLD)
+        left = self._draw_text(painter, px(12), "SIMULATED", "white", "mark")
         small = class_of(self) is CLASS_S
         right = self._draw_key(painter, "F9")
         texts = [f"{pluralize(self.fault_count, 'fault')} on" if self.fault_count else "Faults"]
@@ -91,13 +86,13 @@ class BenchRibbon(QAbstractButton):
                 f"Speed {'max' if speed is None else f'{speed:g}×'}",
             ]
         for text in texts:
-            width = plain.horizontalAdvance(text)
+            width = text_width(text)
             if right - width < left + px(8):
                 break
             self._draw_text(painter, right - width, text, "white")
             right -= width + px(16)
         note = "Computed, not measured"
-        if left + px(16) + plain.horizontalAdvance(note) < right:
+        if left + px(16) + text_width(note) < right:
             self._draw_text(painter, left + px(16), note, "white")
         if self.hasFocus():
             draw_ring(painter, self.rect().adjusted(1, 1, -1, -1), "white")
@@ -106,22 +101,19 @@ class BenchRibbon(QAbstractButton):
         colors = tokens()
         painter.fillRect(self.rect(), QColor(colors.surface))
         right = float(self.width() - px(4))
-        for text, color, weight in (("real bench", colors.text2, REGULAR), (self._bench, colors.text, SEMIBOLD)):
-            right -= px(10) + QFontMetricsF(text_font(LABEL_PX, weight)).horizontalAdvance(text)
-            self._draw_text(painter, right, text, color, weight)
+        for text, color, kind in (("real bench", colors.text2, ""), (self._bench, colors.text, "caption")):
+            right -= px(10) + text_width(text, kind)
+            self._draw_text(painter, right, text, color, kind)
         side = px(18)
         draw_icon(painter, "bench", QRectF(right - px(26), (self.height() - side) / 2, side, side), colors.text2)
 
-    def _draw_text(
-        self, painter: QPainter, left: float, text: str, color: str, weight: QFont.Weight = REGULAR
-    ) -> float:
+    def _draw_text(self, painter: QPainter, left: float, text: str, color: str, kind: str = "") -> float:
         """Draw a text and return its right end."""
-        area = QRectF(left, 0, self.width() - left, self.height())
-        return left + draw_text(painter, area, text, color, LABEL_PX, weight)
+        return left + draw_text(painter, QRectF(left, 0, self.width() - left, self.height()), text, color, kind)
 
     def _draw_key(self, painter: QPainter, key: str) -> float:
         """Draw the cap of a key at the right end and return its left end with a gap."""
         cap = QRectF(self.width() - px(12) - px(26), px(4), px(26), self.height() - px(8))
         draw_box(painter, cap.adjusted(0.5, 0.5, -0.5, -0.5), px(4), QColor(255, 255, 255, 40), "white")
-        draw_text(painter, cap, key, "white", LABEL_PX, SEMIBOLD, CENTRE)
+        draw_text(painter, cap, key, "white", "caption", CENTRE)
         return cap.left() - px(8)

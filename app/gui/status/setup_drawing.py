@@ -6,7 +6,7 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from app.gui.face import LABEL_PX, px, set_length, text_font
+from app.gui.face import px, set_length, text_font
 from model import format_quantity
 from protocols.base import Prompt
 
@@ -42,7 +42,7 @@ class SetupDrawing(QWidget):
         scale = min(self.width() / (SIZE.width() + 20), self.height() / (SIZE.height() + 16))
         painter.translate((self.width() - scale * SIZE.width()) / 2, (self.height() - scale * SIZE.height()) / 2)
         painter.scale(scale, scale)
-        font = text_font(LABEL_PX)
+        font = text_font()
         font.setPixelSize(max(round(font.pixelSize() / scale), 1))
         painter.setFont(font)
         painter.setPen(QPen(QColor(INK), 1.5))

@@ -3,15 +3,12 @@
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFontMetricsF, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QPushButton, QSizePolicy, QWidget
+from PySide6.QtGui import QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.common import Severity, typeset
 from app.gui.face import (
     CLASS_S,
-    LABEL_PX,
-    REGULAR,
-    SEMIBOLD,
     STATUS_HEIGHT,
     class_of,
     draw_icon,
@@ -19,7 +16,7 @@ from app.gui.face import (
     painting,
     px,
     set_length,
-    text_font,
+    text_width,
     tokens,
 )
 from app.gui.widgets import (
@@ -80,8 +77,7 @@ class InstrumentLamp(QWidget):
         return SHORT_ROLES.get(role, role.capitalize()) if class_of(self) is CLASS_S else role.capitalize()
 
     def sizeHint(self) -> QSize:
-        metrics = QFontMetricsF(text_font(LABEL_PX, SEMIBOLD))
-        return QSize(round(px(22) + metrics.horizontalAdvance(self.text)) + 1, px(20))
+        return QSize(round(px(22) + text_width(self.text, "caption")) + 1, px(20))
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors, lamp = tokens(), self.instrument.lamp
@@ -91,7 +87,7 @@ class InstrumentLamp(QWidget):
         with painting(self) as painter:
             draw_icon(painter, icon, QRectF(1, (self.height() - side) / 2, side, side), color, over(color))
             area, ink = QRectF(left, 0, self.width() - left, self.height()), colors.text2 if usual else colors.text
-            draw_text(painter, area, self.text, ink, LABEL_PX, REGULAR if usual else SEMIBOLD)
+            draw_text(painter, area, self.text, ink, "" if usual else "caption")
 
 
 class WindowStatusLine(QWidget):
@@ -110,27 +106,20 @@ class WindowStatusLine(QWidget):
         self.mark.hide()
         self.label = configure(ElidedLabel(), "status.event")
         self.label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.undo_button = make_button("Undo", self._on_undo, "link", name="status.undo")
-        self.undo_key = make_label("Ctrl Z", "key", wrap=False)
-        self.log_button = configure(QPushButton("Log"), "status.log", kind="link", toolTip=tooltip("log"))
-        self.log_button.clicked.connect(lambda _=False: self.log_requested.emit())
-        self.log_key = make_label(ACTIONS["log"].shortcut.replace("+", " "), "key", wrap=False)
-        for key in (self.undo_key, self.log_key):
-            key.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        self.undo_button = make_button("Undo", self._on_undo, "link", name="status.undo", key="Ctrl Z")
+        log = "link", tooltip("log"), "status.log", ACTIONS["log"].shortcut
+        self.log_button = make_button("Log", self.log_requested.emit, *log)
         rule = make_label(kind="rule")
         set_length(rule, 1, 16)
         self.lamps: list[InstrumentLamp] = []
         self._lamp_row = row(spacing=14)
-        for each in (self.undo_button, self.undo_key):
-            each.hide()
+        self.undo_button.hide()
         row(
             self.time_label,
             self.mark,
             (self.label, 1),
             self.undo_button,
-            self.undo_key,
             self.log_button,
-            self.log_key,
             rule,
             self._lamp_row,
             parent=self,
@@ -171,8 +160,7 @@ class WindowStatusLine(QWidget):
         self.label.setText(typeset(" ".join(line.text.split())))
         self.label.setToolTip(line.text)
         set_tone(self.label, line.severity)
-        for each in (self.undo_button, self.undo_key):
-            each.setVisible(undo is not None)
+        self.undo_button.setVisible(undo is not None)
         if undo is not None:
             self._undo_timer.start()
 
@@ -193,5 +181,4 @@ class WindowStatusLine(QWidget):
 
     def _drop_undo(self) -> None:
         self._undo = None
-        for each in (self.undo_button, self.undo_key):
-            each.hide()
+        self.undo_button.hide()

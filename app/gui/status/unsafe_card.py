@@ -3,28 +3,12 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPolygonF
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPolygonF
 from PySide6.QtWidgets import QFrame, QWidget
 
 from app.common import typeset
-from app.gui.face import (
-    BOLD,
-    CENTRE,
-    LABEL_PX,
-    LEFT,
-    PRESENT_PX,
-    REGULAR,
-    SEMIBOLD,
-    VALUE_PX,
-    draw_box,
-    draw_text,
-    painting,
-    px,
-    set_length,
-    text_font,
-    tokens,
-)
-from app.gui.widgets import SELECTABLE, STRETCH, OverlayCard, column, configure, make_button, make_label, row, show_text
+from app.gui.face import CENTRE, LEFT, draw_box, draw_text, painting, px, set_length, text_width, tokens
+from app.gui.widgets import SELECTABLE, OverlayCard, column, configure, make_button, make_label, row, show_text
 from app.session import WindowState, format_measured_volts
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from model import AmplifierMap
@@ -61,14 +45,14 @@ class AmplifierFront(QWidget):
                 (box(32, 101, 4, 4), 2, colors.text2, "transparent", 1),
             ):
                 draw_box(painter, area, px(corner), fill, edge, width)
-            for area, text, color, size, weight, align in (
-                (box(16, 16, 88, 40), "0 V", "white", PRESENT_PX, SEMIBOLD, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter),
-                (box(132, 16, 52, 40), "OFF", "white", VALUE_PX, BOLD, CENTRE),
-                (box(16, 62, 80, 20), "2 display", colors.text2, LABEL_PX, REGULAR, LEFT),
-                (box(132, 62, 60, 20), "1 switch", colors.text2, LABEL_PX, REGULAR, LEFT),
-                (box(54, 93, 80, 20), "HV out", colors.text2, LABEL_PX, REGULAR, LEFT),
+            for area, text, color, kind, align in (
+                (box(16, 16, 88, 40), "0 V", "white", "present", Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter),
+                (box(132, 16, 52, 40), "OFF", "white", "stop", CENTRE),
+                (box(16, 62, 80, 20), "2 display", colors.text2, "", LEFT),
+                (box(132, 62, 60, 20), "1 switch", colors.text2, "", LEFT),
+                (box(54, 93, 80, 20), "HV out", colors.text2, "", LEFT),
             ):  # fmt: skip
-                draw_text(painter, area, text, color, size, weight, align)
+                draw_text(painter, area, text, color, kind, align)
 
 
 class NumberDisc(QWidget):
@@ -82,7 +66,7 @@ class NumberDisc(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         with painting(self) as painter:
             draw_box(painter, QRectF(self.rect()), self.width() / 2, tokens().red)
-            draw_text(painter, self.rect(), str(self._number), "white", VALUE_PX, SEMIBOLD, CENTRE)
+            draw_text(painter, self.rect(), str(self._number), "white", "heading", CENTRE)
 
 
 class InputScale(QWidget):
@@ -132,8 +116,8 @@ class InputScale(QWidget):
             text = typeset(f"{low:z.3f} now, about {format_measured_volts(specimen, specimen)}")
             left_of = min(max(at - px(8), px(2)), self.width() / 2)
             at_left = below.adjusted(left_of, 0, 0, 0)
-            used = left_of + px(12) + draw_text(painter, at_left, text, colors.red_text, LABEL_PX, SEMIBOLD)
-        width = QFontMetricsF(text_font()).horizontalAdvance(rest)
+            used = left_of + px(12) + draw_text(painter, at_left, text, colors.red_text, "caption")
+        width = text_width(rest)
         at_rest = max(place(amplifier.rest_v) - width / 2, used)
         draw_text(painter, below.adjusted(at_rest, 0, 0, 0), rest, colors.text2)
         if at_rest + width < right - px(16):
@@ -192,7 +176,7 @@ class UnsafeCard(OverlayCard):
             band,
             parent=content,
         )  # fmt: skip
-        row(*self.buttons, STRETCH, stays, parent=footer, margins=(24, 12, 24, 12), spacing=12)
+        row(*self.buttons, None, stays, parent=footer, margins=(24, 12, 24, 12), spacing=12)
 
     def show_state(self, view: WindowState) -> None:
         """Show what is known, or hide the card where nothing is unsafe."""

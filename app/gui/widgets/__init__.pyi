@@ -17,14 +17,15 @@ from .file_dialog import choose_files as choose_files
 from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow
 from .form import ProtocolForm as ProtocolForm
+from .form import put_inside as put_inside
 from .icon_view import IconView as IconView
 from .icon_view import over as over
 from .key_caps import show_key as show_key
 from .labels import ElidedLabel as ElidedLabel
 from .labels import StatusLine as StatusLine
 from .layouts import SELECTABLE as SELECTABLE
-from .layouts import STRETCH as STRETCH
 from .layouts import Item as Item
+from .layouts import TrueMinus as TrueMinus
 from .layouts import clear_layout as clear_layout
 from .layouts import column as column
 from .layouts import configure as configure

@@ -4,12 +4,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtGui import QFontMetrics, QTextOption
+from PySide6.QtGui import QResizeEvent, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QSizePolicy, QWidget
 
 from app.common import sentence_case
 from app.gui.face import px
-from app.gui.widgets.layouts import configure, grid, make_label, set_style_kind, show_text
+from app.gui.widgets.layouts import (
+    TrueMinus,
+    column,
+    configure,
+    grid,
+    make_combo,
+    make_label,
+    set_style_kind,
+    show_text,
+)
 from app.services import FormField, FormResult, check_form, form_fields, format_parameter, scaled
 from protocols.base import Protocol
 
@@ -19,8 +28,8 @@ ROW_GAP = 3
 MAIN_FIELDS = 3
 """Fields of a form that are always shown."""
 
-LIST_LINES = 4
-"""Height of an editor for many numbers; more of them scroll."""
+LIST_LINES = 2, 5
+"""Least and largest height of an editor for many numbers; more of them scroll."""
 
 
 class FieldRow:
@@ -105,7 +114,7 @@ class ProtocolForm(FieldForm):
         super().__init__(type(protocol), rows, parent)
         self.more_button = configure(QPushButton(), "form.more", kind="choice", checkable=True)
         self.more_button.toggled.connect(self._show_more)
-        self._layout = layout = grid(parent=self, margins=(0, 0, 6, 0), spacing=(8, 0), stretch={1: 1})
+        self._layout = layout = grid(parent=self, spacing=(8, 0), stretch={1: 1})
         self._gaps: dict[str, int] = {}
         """Row of the layout below each field."""
         at = 0
@@ -116,10 +125,13 @@ class ProtocolForm(FieldForm):
                 at += 2
             many = row.field.is_list
             alignment = Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter
-            layout.addWidget(row.label, at, 0, alignment)
+            # The unit stands in the field, below the label of a high field, or behind any other.
+            layout.addLayout(column(row.label, *([row.unit] if many else []), spacing=0), at, 0, alignment)
             layout.addWidget(row.editor, at, 1)
             if isinstance(row.editor, QLineEdit):
                 put_inside(row.editor, row.unit)
+            elif many:
+                configure(row.unit, kind="note")
             else:
                 layout.addWidget(row.unit, at, 2, alignment)
             layout.addWidget(row.note_label, at + 1, 0, 1, 3)
@@ -148,6 +160,14 @@ class ProtocolForm(FieldForm):
         elif event.type() == QEvent.Type.FocusOut:
             self.help_changed.emit("")
         return super().eventFilter(watched, event)
+
+    def label_width(self) -> int:
+        """Return the width of the labels that are always shown, pixels."""
+        return max((row.label.sizeHint().width() for row in list(self.rows.values())[:MAIN_FIELDS]), default=0)
+
+    def set_label_width(self, width: int) -> None:
+        """Give the labels a least width in pixels, so that their fields stand below other fields."""
+        self._layout.setColumnMinimumWidth(0, width)
 
     @property
     def _further_rows(self) -> list[FieldRow]:
@@ -189,22 +209,41 @@ def put_inside(field: QLineEdit, unit: QLabel) -> None:
 
 
 class NumberListEdit(QPlainTextEdit):
-    """Editor for many numbers, a few lines high."""
+    """Editor for many numbers, as high as its lines, between `LIST_LINES`."""
 
     def __init__(self) -> None:
         super().__init__()
         self.setTabChangesFocus(True)
         self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         # Otherwise a form with a stretch would be stretched instead of the widgets below it.
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.setFixedHeight(QFontMetrics(self.font()).lineSpacing() * LIST_LINES + 12)
+        self.document().setDocumentMargin(0)
+        self.textChanged.connect(self._fit)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Show whole lines."""
+        layout, block, height = self.document().documentLayout(), self.document().firstBlock(), 0.0
+        while block.isValid():
+            height += layout.blockBoundingRect(block).height()
+            block = block.next()
+        line = self.fontMetrics().lineSpacing()
+        least, most = LIST_LINES
+        self.setFixedHeight(line * min(max(round(height / line), least), most) + px(14))
 
 
 def _make_editor(field: FormField) -> Editor:
     if field.is_switch:
         return QCheckBox()
     if field.choices:
-        combo = QComboBox()
-        combo.addItems(field.choices)
-        return combo
-    return NumberListEdit() if field.is_list else QLineEdit()
+        return make_combo("", "", ((choice, None) for choice in field.choices))
+    if field.is_list:
+        return NumberListEdit()
+    edit = QLineEdit()
+    if field.unit:
+        edit.setValidator(TrueMinus(edit))
+    return edit

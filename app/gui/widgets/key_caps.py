@@ -3,10 +3,10 @@
 import weakref
 
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QIcon, QPainter
+from PySide6.QtGui import QColor, QIcon, QPainter
 from PySide6.QtWidgets import QAbstractButton
 
-from app.gui.face import CENTRE, LABEL_PX, MEDIUM, PaintedIcon, draw_box, draw_text, px, text_font, tokens
+from app.gui.face import CENTRE, PaintedIcon, draw_box, draw_text, px, text_width, tokens
 
 GAP = 5
 """Between the text and the cap, in lengths of the design."""
@@ -33,7 +33,7 @@ class _Cap(PaintedIcon):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         draw_box(painter, QRectF(rect).adjusted(0.5, 0.5, -0.5, -0.5), px(4), fill, edge)
         shown = ink if mode is not QIcon.Mode.Disabled else colors.text2
-        draw_text(painter, rect, self._key, shown, LABEL_PX, MEDIUM, CENTRE)
+        draw_text(painter, rect, self._key, shown, "key", CENTRE)
         painter.restore()
 
     def clone(self) -> "_Cap":
@@ -47,7 +47,7 @@ def show_key(button: QAbstractButton, shortcut: str) -> None:
     if not key:
         button.setIcon(QIcon())
         return
-    width = QFontMetricsF(text_font(LABEL_PX, MEDIUM)).horizontalAdvance(key) + px(10 + GAP)
+    width = text_width(key, "key") + px(10 + GAP)
     button.setIconSize(QSize(round(width), px(18)))
     button.setIcon(QIcon(_Cap(key, weakref.ref(button))))
     button.setLayoutDirection(Qt.LayoutDirection.RightToLeft)  # the cap follows the text

@@ -15,7 +15,9 @@ DISPLAY_MS = 8000
 
 
 class ElidedLabel(QLabel):
-    """Label for one line of plain text that is elided to its width."""
+    """Label for one line of plain text that is elided to its width; a `hint` is shown whole or in its tool tip alone."""
+
+    hint = False
 
     def minimumSizeHint(self) -> QSize:
         whole = super().minimumSizeHint()
@@ -23,6 +25,8 @@ class ElidedLabel(QLabel):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
+        if self.hint and text != self.text():
+            return
         with painting(self) as painter:
             painter.setPen(self.palette().color(self.foregroundRole()))
             painter.drawText(self.rect(), self.alignment(), text)

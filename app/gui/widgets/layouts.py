@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import TypeVar
 
-from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtGui import QFont
+from PySide6.QtCore import QRectF, QSignalBlocker, Qt
+from PySide6.QtGui import QFont, QPaintEvent, QValidator
 from PySide6.QtWidgets import (
     QBoxLayout,
     QComboBox,
@@ -22,18 +22,15 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.common import Severity, sentence_case
-from app.gui.face import KINDS, font_of_kind, px, set_margins
+from app.common import TRUE_MINUS, Severity, sentence_case
+from app.gui.face import KINDS, draw_icon, painting, px, set_margins, text_font, tokens
 from app.gui.widgets.key_caps import show_key
 
 B = TypeVar("B", bound=QBoxLayout)
 W = TypeVar("W", bound=QWidget)
-STRETCH = None
-"""Item that takes the remaining space."""
-
 Part = QWidget | QLayout
 Item = Part | tuple[Part, int] | tuple[QWidget, int, Qt.AlignmentFlag] | int | None
-"""A widget or layout, alone or with its stretch (and alignment); a number of pixels to leave free; or `STRETCH`."""
+"""A widget or layout, alone or with its stretch (and alignment); a number of pixels to leave free; or None, which takes the remaining space."""
 
 Margins = tuple[int, int, int, int]
 """Left, top, right and bottom in pixels of the design, which follow the text size."""
@@ -50,7 +47,7 @@ def configure(widget: W, name: str = "", **properties: object) -> W:
         is_property = widget.setProperty(key, value)
         assert is_property or key == "kind", f"{type(widget).__name__} has no property {key}"
     if properties.get("kind") in KINDS:
-        widget.setFont(font_of_kind(str(properties["kind"])))
+        widget.setFont(text_font(str(properties["kind"])))
     return widget
 
 
@@ -58,7 +55,7 @@ def set_style_kind(widget: QWidget, kind: str) -> None:
     """Set the property `kind` that the style sheet selects, with its font, and restyle the widget."""
     if widget.property("kind") != kind:
         widget.setProperty("kind", kind)
-        widget.setFont(font_of_kind(kind) if kind in KINDS else QFont())  # an own font does not follow the text size
+        widget.setFont(text_font(kind) if kind in KINDS else QFont())  # an own font does not follow the text size
         _restyle(widget)
 
 
@@ -186,11 +183,29 @@ def make_scroll_area(
     return area
 
 
+class ComboBox(QComboBox):
+    """Combo box with an arrow, which a style sheet takes away."""
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        side = px(12)
+        with painting(self) as painter:
+            at = QRectF(self.width() - 1.75 * side, (self.height() - side) / 2, side, side)
+            draw_icon(painter, "down", at, tokens().text2)
+
+
+class TrueMinus(QValidator):
+    """Shows a typed hyphen of a number as the minus that it means."""
+
+    def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
+        return QValidator.State.Acceptable, text.replace("-", TRUE_MINUS), at
+
+
 def make_combo(
     name: str, accessible_name: str, choices: Iterable[tuple[str, object]] = (), **properties: object
-) -> QComboBox:
+) -> ComboBox:
     """Return a combo box of choices: texts with their data."""
-    combo = configure(QComboBox(), name, accessibleName=accessible_name, **properties)
+    combo = configure(ComboBox(), name, accessibleName=accessible_name, **properties)
     for text, data in choices:
         combo.addItem(text, data)
     return combo

@@ -83,6 +83,10 @@ class OverlayCard(QFrame):
         """Show the overlay above all others; `focus` takes the keyboard."""
         if self.isHidden():
             self._previous_focus = QApplication.focusWidget()
+            for each in (self.content, *self.content.findChildren(QWidget)):
+                each.ensurePolished()  # its paddings are the style sheet's
+            if (layout := self.content.layout()) is not None:
+                layout.invalidate()  # not where it is placed: that requests a layout, after which it is placed again
         self.show()
         self.raise_()
         self._place()
@@ -109,10 +113,6 @@ class OverlayCard(QFrame):
         """Return the height that the content needs at a width."""
         around, content = 2 * px(RIM + 1), self.content
         inner = width - around
-        for each in (content, *content.findChildren(QWidget)):
-            each.ensurePolished()  # its paddings are the style sheet's
-        if (layout := content.layout()) is not None:
-            layout.invalidate()
         high = content.heightForWidth(inner) if content.hasHeightForWidth() else content.sizeHint().height()
         below = 0 if self._footer is None else self._footer.sizeHint().height()
         return max(high, content.minimumSizeHint().height()) + below + around

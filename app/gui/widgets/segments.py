@@ -31,6 +31,8 @@ class Segments(QWidget):
             button.clicked.connect(lambda _=False, data=data: self.chosen.emit(data))
             self._group.addButton(button)
             self.buttons[data] = button
+        for at, end in ((0, "left"), (-1, "right")):
+            list(self.buttons.values())[at].setProperty("end", end)
         row(*((button, 1) for button in self.buttons.values()), parent=self, spacing=0)
 
     @property

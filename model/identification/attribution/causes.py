@@ -155,7 +155,7 @@ def possible_causes(fit: JointFit, predictions: Mapping[str, Any]) -> tuple[Caus
     count: dict[str, int] = {}
     for cause in found:
         count[cause.kind] = count.get(cause.kind, 0) + 1
-    return tuple(replace(c, among=1 if c.kind in ("parameter", "beyond") else count[c.kind]) for c in found)
+    return tuple(c if c.kind in ("parameter", "beyond") else replace(c, among=count[c.kind]) for c in found)
 
 
 def _held(fit: JointFit) -> Iterator[Cause]:

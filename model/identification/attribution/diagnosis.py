@@ -57,7 +57,10 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
     rest = [e.chi_square / max(e.degrees_of_freedom, 1) for _, e in found if e.p_value < MIN_P_VALUE]
     enlarged = max(1.0, min(rest)) if len(rest) == len(found) and rest else 1.0
     ranked = [_ranked(fit, linear, e, enlarged) for linear, e in found]
-    ranked = sorted((e for e in ranked if e.log_odds > MIN_LOG_ODDS), key=lambda e: -e.log_odds)
+    ranked = sorted((e for e in ranked if e.log_odds > MIN_LOG_ODDS), key=lambda e: e.log_odds)
+    # Of several forms of one cause the last stays, the likeliest.
+    likeliest = {(e.cause.kind, e.cause.title): e for e in ranked}
+    ranked = sorted(likeliest.values(), key=lambda e: -e.log_odds)
     return Diagnosis(tuple(with_text(fit, e) for e in ranked[:MAX_EXPLANATIONS]), len(evidence.linear))
 
 

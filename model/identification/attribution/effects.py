@@ -1,7 +1,7 @@
 """Effects of all possible causes on the weighted residuals, in a memory that grows with the rows and not with rows times causes.
 
-An effect of one run, or of all runs from one on, is a piece of a vector over all rows that many causes share; a point has its own
-rows. Only effects over several runs are stored as columns.
+An effect of one run has the rows of that run; those of all runs from one on share a vector over all rows; a point has its own rows. Only
+effects over several runs are stored as columns over all rows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,20 +40,19 @@ class Effects:
         self._slopes = self._error_slopes()
         self._wide: list[Array] = []
         self._wide_at: list[int] = []
-        self._pieces: list[Array] = []
-        """Vectors over all rows, of which each run has its own piece."""
+        self._local: dict[int, list[tuple[observed.SharedError, Any]]] = {}
+        self._local_at: dict[int, list[int]] = {}
+        """Errors of one run alone with their shapes, and their columns, by run."""
         self._from: dict[str, Array] = {}
-        self._piece_at: list[tuple[int, int, int]] = []
         self._from_at: dict[str, list[tuple[int, int]]] = {}
         self._point_at: list[tuple[int, int]] = []
         """Column and place of each effect of one of the four forms."""
-        used = [0] * len(self._runs)
         self._first: list[int] = []
         groups: dict[int, list[tuple[int, range]]] = {}
         self._count = 0
         for i, cause in enumerate(causes):
             self._first.append(self._count)
-            self._count += self._place(cause, self._count, used)
+            self._count += self._place(cause, self._count)
             own = range(self._first[-1], self._count)
             groups.setdefault(len(own), []).append((i, own))
         self._first.append(self._count)
@@ -61,6 +60,7 @@ class Effects:
             k: (np.array([i for i, _ in each]), np.array([own for _, own in each], int).reshape(len(each), k))
             for k, each in groups.items()
         }
+        self._tables = {run: self._table_of_run(run, errors) for run, errors in self._local.items()}
         self._table = np.array(self._wide).reshape(len(self._wide), -1) if self._wide else np.zeros((0, self._rows))
 
     def of(self, cause: Cause) -> Array:
@@ -75,31 +75,28 @@ class Effects:
         return out * self._fit.used_rows[:, None]
 
     def products(self, residuals: Array) -> Array:
-        """Return the products of all effects with residuals, (B, rows) -> (B, columns)."""
-        out = np.empty((len(residuals), self._count))
-        out[:, self._wide_at] = residuals @ self._table.T
-        for number, piece in enumerate(self._pieces):
-            own = [(column, run) for column, which, run in self._piece_at if which == number]
-            sums = np.add.reduceat((residuals * piece)[:, : self._data], self._starts, axis=1)
-            out[:, [column for column, _ in own]] = sums[:, [run for _, run in own]]
+        """Return the products of all effects with residuals, (rows, B) -> (columns, B)."""
+        out = np.empty((self._count, residuals.shape[1]))
+        out[self._wide_at] = self._table @ residuals
+        for run, table in self._tables.items():
+            out[self._local_at[run]] = table.T @ residuals[self._fit.run_slices[run]]
         for on, vector in self._from.items():
-            sums = np.add.reduceat((residuals * vector)[:, : self._data], self._starts, axis=1)
-            later = np.cumsum(sums[:, ::-1], axis=1)[:, ::-1]
-            own_from = self._from_at[on]
-            out[:, [column for column, _ in own_from]] = later[:, [run for _, run in own_from]]
+            sums = np.add.reduceat(residuals[: self._data] * vector[: self._data, None], self._starts, axis=0)
+            later = np.cumsum(sums[::-1], axis=0)[::-1]
+            columns, runs = np.array(self._from_at[on]).T
+            out[columns] = later[runs]
         if self._point_at:
             columns, rows = np.array(self._point_at).T
-            out[:, columns] = POINT_ERRORS * residuals[:, rows] * self._fit.used_rows[rows]
+            out[columns] = residuals[rows] * (POINT_ERRORS * self._fit.used_rows[rows])[:, None]
         return out
 
     def grams(self, subspace: Array) -> dict[int, tuple[Indices, Array, Array]]:
         """Return for each number of parameters the causes, the Gram matrices of their effects, and the part of them in a subspace."""
-        inside = self.products(np.ascontiguousarray(subspace.T)).T  # (columns, k)
+        inside = self.products(subspace)
         squares = np.zeros(self._count)
         squares[self._wide_at] = (self._table**2).sum(axis=1)
-        for column, which, run in self._piece_at:
-            piece = self._pieces[which][self._fit.run_slices[run]]
-            squares[column] = piece @ piece
+        for run, table in self._tables.items():
+            squares[self._local_at[run]] = (table**2).sum(axis=0)
         for on, vector in self._from.items():
             later = np.cumsum((vector**2)[::-1])[::-1]
             for column, run in self._from_at[on]:
@@ -123,10 +120,10 @@ class Effects:
     def _rows(self) -> int:
         return int(self._fit.weighted_residuals.size)
 
-    def _place(self, cause: Cause, column: int, used: list[int]) -> int:
-        """Store the effects of a cause from a column on, and return their number; `used` counts the pieces of each run."""
+    def _place(self, cause: Cause, column: int) -> int:
+        """Store the effects of a cause from a column on, and return their number."""
         if cause.kind == "point":
-            rows = self._rows_of_point(cause).tolist()
+            rows = self._rows_of_point(cause)
             self._point_at += [(column + k, row) for k, row in enumerate(rows)]
             return len(rows)
         if cause.kind.endswith(" from"):
@@ -134,20 +131,15 @@ class Effects:
             self._from[on] = self._slopes[on] * cause.errors[0].error.standard_error * self._fit.used_rows
             self._from_at.setdefault(on, []).append((column, min(self._runs[label] for label in cause.errors[0].runs)))
             return 1
+        if not cause.parameters and len(cause.errors) == 1 and len(cause.errors[0].runs) == 1:
+            ((label, shape),) = cause.errors[0].runs.items()
+            run = self._runs[label]
+            self._local.setdefault(run, []).append((cause.errors[0].error, shape))
+            self._local_at.setdefault(run, []).append(column)
+            return 1
         vectors = self._vectors(cause)
-        local = not cause.parameters and len(cause.errors) == 1 and len(cause.errors[0].runs) == 1
-        for k, vector in enumerate(vectors):
-            if not local:
-                self._wide.append(vector * self._fit.used_rows)
-                self._wide_at.append(column + k)
-                continue
-            run = self._runs[next(iter(cause.errors[0].runs))]
-            if used[run] == len(self._pieces):
-                self._pieces.append(np.zeros(self._rows))
-            part = self._fit.run_slices[run]
-            self._pieces[used[run]][part] = vector[part] * self._fit.used_rows[part]
-            self._piece_at.append((column + k, used[run], run))
-            used[run] += 1
+        self._wide += [vector * self._fit.used_rows for vector in vectors]
+        self._wide_at += range(column, column + len(vectors))
         return len(vectors)
 
     def _vectors(self, cause: Cause) -> list[Array]:
@@ -163,14 +155,40 @@ class Effects:
             out.append(vector)
         for e in cause.errors:
             vector = np.zeros(self._rows)
-            for label, shape in e.runs.items():
-                part = self._fit.run_slices[self._runs[label]]
-                if e.error.acts_on == "reading":
-                    vector[part] = self._reading(label, shape)
-                else:
-                    vector[part] = self._slopes[e.error.acts_on][part]
-            out.append(vector * e.error.standard_error)
+            if e.error.acts_on == "reading" and len(e.runs) > 1:
+                vector[: self._data] = self._readings(e.runs) * e.error.standard_error
+            else:
+                for label, shape in e.runs.items():
+                    vector[self._fit.run_slices[self._runs[label]]] = self._of_run(e.error, label, shape)
+            out.append(vector)
         return out
+
+    def _table_of_run(self, at: int, errors: Sequence[tuple[observed.SharedError, Any]]) -> Array:
+        """Return the effects of errors on the rows of one run, (rows of the run, errors)."""
+        part, label = self._fit.run_slices[at], self._fit.observations.runs[at].label
+        table = np.empty((len(errors), part.stop - part.start))
+        shaped = [i for i, (error, _) in enumerate(errors) if error.acts_on == "reading"]
+        if shaped:
+            sizes = np.array([errors[i][0].standard_error for i in shaped])
+            table[shaped] = self._reading(label, np.array([errors[i][1] for i in shaped])) * sizes[:, None]
+        for i, (error, shape) in enumerate(errors):
+            if i not in shaped:
+                table[i] = self._of_run(error, label, shape)
+        return np.ascontiguousarray((table * self._fit.used_rows[part]).T)
+
+    def _of_run(self, error: observed.SharedError, label: str, shape: Any) -> Array:
+        """Return the effect of an error on the rows of one run."""
+        if error.acts_on == "reading":
+            return self._reading(label, shape) * error.standard_error
+        return np.asarray(self._slopes[error.acts_on][self._fit.run_slices[self._runs[label]]] * error.standard_error)
+
+    def _readings(self, shapes: Mapping[str, Any]) -> Array:
+        """Return the effect of an error of the readings of many runs, of given shapes by run, on the rows of all runs."""
+        rows = self._fit.problem.forward_model.rows
+        change = np.zeros(rows.observed.size, complex)
+        for label, shape in shapes.items():
+            change[rows.parts[self._runs[label]]] = self._predictions[label] * shape
+        return np.asarray(rows.of(change))
 
     def _error_slopes(self) -> dict[str, Array]:
         """Return the slopes of the residuals to each parameter of a cause, and to one error of each kind of all runs concerned, (rows,)."""
@@ -190,6 +208,7 @@ class Effects:
         }
 
     def _reading(self, label: str, shape: Any) -> Array:
+        """Return the effect of errors of the readings of a run, of shapes (..., F), on its rows, (..., rows)."""
         predicted = self._predictions[label]
         change = predicted * shape
         real = not np.iscomplexobj(predicted)
@@ -197,9 +216,8 @@ class Effects:
             self._fit.observations.runs[self._runs[label]], np.real(change) if real else change + 0j
         )
 
-    def _rows_of_point(self, cause: Cause) -> Any:
+    def _rows_of_point(self, cause: Cause) -> range:
         at = self._runs[cause.name]
-        run, part = self._fit.observations.runs[at], self._fit.run_slices[at]
-        usable = np.flatnonzero(run.usable)
-        rows = np.arange(part.start, part.stop).reshape(-1, usable.size)
-        return rows[:, int(np.flatnonzero(usable == cause.points[0])[0])]
+        part, usable = self._fit.run_slices[at], self._fit.observations.runs[at].usable
+        first, count = part.start + int(usable[: cause.points[0]].sum()), int(usable.sum())
+        return range(first, part.stop, count)

@@ -20,7 +20,7 @@ from model.identification.fit_result import JointFit
 
 DRAWS = 1500
 """Simulated sets of residuals."""
-DRAWS_AT_ONCE = 100
+DRAWS_AT_ONCE = 50
 """Sets in memory at a time: with 500 runs, each has 18,000 rows."""
 INSIDE_FIT = 1e-6
 """Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
@@ -70,7 +70,7 @@ class Evidence:
     @cached_property
     def linear(self) -> tuple[CauseEvidence, ...]:
         """Every cause, the likeliest first."""
-        gains = self._gains(self.outside_fit(self.residuals)[None])[0]
+        gains = self._gains(self.outside_fit(self.residuals)[:, None])[:, 0]
         found = [CauseEvidence(c, float(g), float(p)) for c, g, p in zip(self.causes, gains, self._prices, strict=True)]
         found += [CauseEvidence(c, g, 0.0) for c, g in zip(self._exchanges, self._exchange_gains(), strict=True)]
         return tuple(sorted(found, key=lambda e: -e.log_odds))
@@ -91,10 +91,10 @@ class Evidence:
         """
         fit, used = self.fit, self.fit.used_rows
         random = np.random.default_rng(0)
-        parts = [self._tests(self.residuals[None])]
+        parts = [self._tests(self.residuals[:, None])]
         for first in range(0, DRAWS, DRAWS_AT_ONCE):
             noise = random.standard_normal((min(DRAWS_AT_ONCE, DRAWS - first), used.size)) * used
-            parts.append(self._tests(noise - (noise @ self.subspace) @ self.subspace.T))
+            parts.append(self._tests(self.outside_fit(np.ascontiguousarray(noise.T))))
         tests = np.concatenate(parts, axis=1)
         ranks = np.array([np.searchsorted(np.sort(-t[1:]), -t, side="right") + 1.0 for t in tests]) / (DRAWS + 1)
         ranks[1, 0] = min(ranks[1, 0], chdtrc(max(fit.degrees_of_freedom, 1), tests[1][0]))
@@ -106,15 +106,18 @@ class Evidence:
         return float(-np.expm1((1 + bool(others)) * np.log1p(-min(own, *others, 1 - 1e-12))))
 
     def _tests(self, residuals: Array) -> Array:
-        """Return the statistics of residuals (B, rows): the largest odds of a cause, chi-square, and each pattern, (tests, B)."""
-        odds = np.array([c.log_prior for c in self.causes])
-        gains = (self._gains(residuals) / 2 - self._prices + odds).max(axis=1, initial=-np.inf)
-        products = residuals[:, :-1] * residuals[:, 1:] * self._neighbours
-        sums = np.add.reduceat(products, [part.start for part in self.fit.run_slices], axis=1)
-        patterns = [
-            (sums[:, at] - mean) / deviation for at in self._patterned for mean, deviation in (self._moments[at],)
-        ]
-        return np.array([gains, (residuals**2).sum(axis=1), *patterns])
+        """Return the statistics of residuals (rows, B): the largest odds of a cause, chi-square, and each pattern, (tests, B)."""
+        odds = (self._gains(residuals) / 2 - self._handicaps[:, None]).max(axis=0, initial=-np.inf)
+        products = residuals[:-1] * residuals[1:] * self._neighbours[:, None]
+        sums = np.add.reduceat(products, [part.start for part in self.fit.run_slices], axis=0)
+        means, deviations = self._moments
+        patterns = (sums[self._patterned] - means) / deviations
+        return np.concatenate((odds[None], (residuals**2).sum(axis=0)[None], patterns))
+
+    @cached_property
+    def _handicaps(self) -> Array:
+        """What the log odds of each cause, (causes,), are less than half its gain."""
+        return np.asarray(self._prices - np.array([c.log_prior for c in self.causes]))
 
     @cached_property
     def _neighbours(self) -> Array:
@@ -128,9 +131,9 @@ class Evidence:
         return pairs[:-1]
 
     @cached_property
-    def _moments(self) -> dict[int, tuple[float, float]]:
-        """Mean and standard deviation under noise alone of the sum of products of neighbours, by run with a pattern."""
-        return {at: self.pattern(at)[2:] for at in self._patterned}
+    def _moments(self) -> Array:
+        """Means and standard deviations under noise alone of the sums of products of neighbours, (2, runs with a pattern, 1)."""
+        return np.array([self.pattern(at)[2:] for at in self._patterned]).reshape(-1, 2).T[..., None]
 
     def patterns(self) -> Iterator[tuple[str, int, float, float]]:
         """Yield run, residuals, correlation of neighbours and its probability by chance of each run."""
@@ -172,16 +175,14 @@ class Evidence:
         return forms, prices
 
     def _gains(self, residuals: Array) -> Array:
-        """Return by how much chi-square is smaller with each cause, (B, causes), of residuals outside the fit, (B, rows)."""
-        out = np.zeros((len(residuals), len(self.causes)))
+        """Return by how much chi-square is smaller with each cause, (causes, B), of residuals outside the fit, (rows, B)."""
+        out = np.zeros((len(self.causes), residuals.shape[1]))
         products = self._effects.products(residuals)
         for k, form in self._weights.items():
             which, columns = self._effects.columns[k]
-            if k == 1:
-                out[:, which] = products[:, columns[:, 0]] ** 2 * form[:, 0, 0]
-            else:
-                own = products[:, columns]
-                out[:, which] = ((own[..., None, :] @ form)[..., 0, :] * own).sum(axis=-1)
+            own = [products[column] for column in columns.T]
+            terms = (form[:, i, j, None] * own[i] * own[j] for i in range(k) for j in range(k))
+            out[which] = sum(terms, np.zeros((which.size, residuals.shape[1])))
         return out
 
     def _exchange_gains(self) -> list[float]:

@@ -12,8 +12,12 @@ from model import Array
 from model.identification import observations as observed
 from model.response import crept_response
 
-DRIFT, CURVATURE, SLIP, FALL, LATE, CREEP, REPEAT = 0.03, 0.05, 0.05, 0.05, 0.05, 0.01, 0.05
+DRIFT, CURVATURE, SLIP, FALL, LATE, CREEP, REPEAT = 0.03, 0.05, 0.05, 0.1, 0.2, 0.01, 0.05
 """Plausible sizes: over a run; at the largest reading; of the deflection; at 250 Hz, and there in rad; per decade; of one repeat."""
+SETTLED = 4.0
+"""Time constants in a run whose gain settles, as a laser's does while it warms up."""
+BESIDE_JUMP = 2
+"""Intervals from either end of a run in which no jump is tried: one point is a cause of its own."""
 MOUNT_MOTION = 0.03
 """Share of a reading that a sensor's mount moves at its resonance."""
 MOUNT_HZ = np.geomspace(30.0, 400.0, 56)
@@ -55,7 +59,8 @@ def _shapes_of_run(run: observed.Observation, predicted: Any) -> Iterator[Shaped
     count = int(run.usable.sum())
     if count > 3 and not isinstance(run, observed.MassResonanceObservation | observed.DecayPoleObservation):
         place = np.linspace(0, 1, run.usable.size)[run.usable]
-        yield "drift", run.label, f"drift in {run.label}", [(DRIFT, {run.label: place})]
+        for shape in _drifts(place):
+            yield "drift", run.label, f"drift in {run.label}", [(DRIFT, {run.label: shape})]
     if isinstance(run, observed.VoltageStepsObservation) and count > 2:
         share = np.abs(predicted) / max(float(np.abs(predicted).max()), 1e-300)
         for power in (1, 6):
@@ -65,6 +70,13 @@ def _shapes_of_run(run: observed.Observation, predicted: Any) -> Iterator[Shaped
         for i in range(1 + int(repeat.max())) if repeat.any() else ():
             title = f"repeat {i + 1} of {run.label}"
             yield "repeat", run.label, title, [(REPEAT, {run.label: (repeat == i).astype(float)})]
+
+
+def _drifts(place: Array) -> Iterator[Array]:
+    """Yield drifts that grow by 1 from place 0 to 1, steadily, settling or at once, right at the first or at the last point."""
+    jumps = [np.asarray(place > at, float) for at in 0.5 * (place[1:] + place[:-1])[BESIDE_JUMP:-BESIDE_JUMP]]
+    for shape in (place, np.expm1(-SETTLED * place) / np.expm1(-SETTLED), *jumps):
+        yield from (shape, shape - 1)
 
 
 def _repeats(loads: Array) -> Array:
@@ -95,9 +107,13 @@ def _driven_shapes(f: Mapping[str, Array], others: bool) -> Iterator[ShapedError
 
 def mount_resonances(f: Mapping[str, Array], hertz: Array, quality: Sequence[float]) -> Iterator[ShapedError]:
     """Yield a mount that moves with what it reads, in phase and out of phase, for each resonance within the frequencies."""
-    every = np.concatenate(list(f.values()))
+    every, ends = np.concatenate(list(f.values())), np.cumsum([x.size for x in f.values()]).tolist()
+
+    def by_run(shape: Array) -> dict[str, Array]:
+        return {k: shape[stop - x.size : stop] for (k, x), stop in zip(f.items(), ends, strict=True)}
+
     for at in hertz[(hertz > 0.8 * every.min()) & (hertz < 1.25 * every.max())].tolist():
         for q in quality:
-            moved = {k: (x / at) ** 2 / (1 - (x / at) ** 2 + 1j * x / at / q) / q for k, x in f.items()}
-            turned = {k: 1j * x for k, x in moved.items()}
-            yield "mount", f"{at:.3g} Hz", "stand resonance", [(MOUNT_MOTION, moved), (MOUNT_MOTION, turned)]
+            moved = (every / at) ** 2 / (1 - (every / at) ** 2 + 1j * every / at / q) / q
+            shapes = [(MOUNT_MOTION, by_run(moved)), (MOUNT_MOTION, by_run(1j * moved))]
+            yield "mount", f"{at:.3g} Hz", "stand resonance", shapes

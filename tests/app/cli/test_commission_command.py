@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli.main import main
@@ -14,7 +15,7 @@ from app.session import commissioning_record, connect
 from app.session.commissioning import commission
 from app.session.commissioning_gate import REMEDY, commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record, simulated_bench_key
-from drivers import Identity, NoWatchdog, WallClock, WatchdogConfig
+from drivers import Identity, NoWatchdog, Sine, WallClock, WatchdogConfig
 from drivers.evidence.assumption import OutputCheck
 from protocols.base import BenchArmed, RunStatus
 from protocols.commissioning.sequence import Commissioned
@@ -169,6 +170,26 @@ def test_a_commissioned_simulated_bench_hastens_the_end_of_a_level(tmp_path: Pat
         with connect(config, None) as after:
             assert after.bench.amplifier.hastens_levels is hastens
             assert (after.bench.configuration["commissioning"]["level_stop_s"] is not None) is hastens
+
+
+@pytest.mark.parametrize("order", ["big-endian", "little-endian"])
+def test_the_byte_order_of_the_record_is_used_from_the_first_waveform_on(order: str) -> None:
+    config = simulated(generator={"model": "SDG6022X", "traits": f"byte-order={order.removesuffix('-endian')}"})
+    with connect(config, None) as before:
+        identity = before.bench.amplifier.identity
+        assert before.bench.amplifier.byte_order() == "big-endian"
+    found = replace(result(), byte_order=order)
+    save_record(identity, True, 1e5, found, simulated_bench_key(config))
+    with connect(config, None) as after:
+        assert after.bench.amplifier.byte_order() == order
+        after.bench.amplifier.initialize_at_rest()
+        after.bench.amplifier.start_drive(Sine(10.0, 0.5, 2.5, 3))
+        began_s = after.bench.clock.now()
+        after.bench.clock.sleep(0.3)
+        played = after.control.history.volts(began_s + np.arange(0, 0.2, 1e-3))
+    assert (played.min(), played.max()) == pytest.approx((2.0, 3.0), abs=0.02)
+    save_record(identity, False, 1e5, found)
+    assert commissioning_state(identity, simulated=False).byte_order == order
 
 
 def test_a_bench_that_is_not_commissioned_never_switches_high_voltage_on(tmp_path: Path) -> None:

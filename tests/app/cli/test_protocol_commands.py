@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -136,7 +137,7 @@ def test_protocols_lists_what_there_is_plug_ins_included(
         {"__doc__": "Brought along.", "name": "brought", "title": "Brought"},
     )
     points = [SimpleNamespace(name="good", load=lambda: kind), SimpleNamespace(name="bad", load=lambda: 1 / 0)]
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    monkeypatch.setattr(metadata, "entry_points", lambda group: points)
     assert main(["protocols"]) == ExitCode.DONE
     captured = capsys.readouterr()
     assert "sine-dwell  " in captured.out

@@ -93,7 +93,7 @@ def test_the_result_card_of_a_wiring_check_offers_to_accept_it(window: MainWindo
     until(lambda: not window.state.busy, "for its end")
     accept = window.measure_page.run_panel.result_card.buttons["accept"]
     until(accept.isVisible, "for the offer")
-    assert accept.property("kind") == "go"
+    assert accept.property("kind") == "primary"
     accept.click()
     settle(window.tabs.campaign)
     (run,) = on_disk(tmp_path)["wiring"]["accepted"]

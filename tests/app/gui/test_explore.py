@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from app.explore.fit import ExploreFit, fit_runs
 from app.gui.explore.page import ExplorePage
 from app.gui.plots import SERIES
 from model.identification.fit_options import FitCancelled
+from model.response import natural_frequencies
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
@@ -60,6 +62,32 @@ def test_the_curve_on_the_screen_is_the_models(page: ExplorePage) -> None:
     expected = amplifier_response(Specimen().tactor, f).peak_to_peak
     np.testing.assert_allclose(um, 1e6 * expected, rtol=1e-4)
     assert page.plot.picture.spots[0].label == "Largest 1155 µm at 151 Hz"
+
+
+def test_the_answer_is_the_curves_and_differs_from_the_pinned_one_as_the_curves_do(page: ExplorePage) -> None:
+    def text(name: str) -> str:
+        return str(find(page, f"explore.answer.{name}").text())
+
+    assert (text("largest"), text("felt")) == ("1155", "1 … 250")
+    beam = Specimen().tactor
+    assert float(text("natural")) == pytest.approx(natural_frequencies(beam)[0], abs=0.05)
+    assert not page.answer.changes_panel.isVisible()
+    page.toolbar.keep_button.click()
+    type_into(page, "m_add", "5")
+    settled(page)
+    now = natural_frequencies(replace(beam, m_add=5e-3))[0]
+    assert float(text("natural")) == pytest.approx(now, abs=0.05)
+    assert f"{100 * (now / natural_frequencies(beam)[0] - 1):+.0f} %" in text("changes")
+
+
+def test_a_typed_hyphen_is_shown_and_read_as_a_minus(page: ExplorePage) -> None:
+    type_into(page, "mu", "-12")
+    field = page.sliders.rows["mu"].field
+    assert (field.text(), page.model.setting.value("mu")) == ("−12", pytest.approx(-12e-6))
+    field.selectAll()
+    field.insert("−11")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert (field.text(), page.model.setting.value("mu")) == ("−11", pytest.approx(-11e-6))
 
 
 @pytest.mark.deep

@@ -94,22 +94,39 @@ def test_page_and_stop_are_at_the_same_place_in_every_state_at_every_size(stage:
         assert stops == {(size.width() - 12 - grid.stop, 34, grid.stop, 48)}
 
 
-class ResizeCounter(QObject):
-    def __init__(self, *widgets: QWidget) -> None:
+class EventCounter(QObject):
+    def __init__(self, kind: QEvent.Type, *widgets: QWidget) -> None:
         super().__init__()
-        self.count = 0
+        self._kind, self.count = kind, 0
         for widget in widgets:
             widget.installEventFilter(self)
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
-        self.count += event.type() == QEvent.Type.Resize
+        self.count += event.type() == self._kind
         return False
+
+
+def test_an_open_overlay_is_laid_out_once_and_then_at_rest(stage: Stage) -> None:
+    stage.happen(OPENED)
+    for state in ("prompt", "unsafe", "faults", "log", "closing", "palette", "settings"):
+        back = reach(stage, state)
+        for _ in range(20):  # what was requested by the opening
+            QCoreApplication.processEvents()
+        every = [each.content for each in stage.window.central.opened]
+        counter = EventCounter(QEvent.Type.LayoutRequest, *every)
+        for _ in range(50):
+            QCoreApplication.processEvents()
+        assert every, state
+        assert counter.count <= 5, state  # a card that places itself again at each request has 50
+        back()
 
 
 def test_opening_an_overlay_lays_no_page_out_again(stage: Stage) -> None:
     stage.happen(OPENED)
     page = stage.window.measure_page
-    counter = ResizeCounter(page, page.run_panel, page.live_pane, stage.window.tabs, stage.window.central)
+    counter = EventCounter(
+        QEvent.Type.Resize, page, page.run_panel, page.live_pane, stage.window.tabs, stage.window.central
+    )
     for state in ("prompt", "unsafe", "faults", "log", "closing", "palette", "settings"):
         back = reach(stage, state)
         QCoreApplication.processEvents()
@@ -324,6 +341,23 @@ def test_the_strip_has_a_place_for_every_text_of_every_state(stage: Stage, name:
         strip.show_view(VIEWS[name], stage.window.state)
         strip.grab()
         assert strip.elided == [], size
+
+
+def test_the_strip_is_painted_when_a_text_of_it_changes_only(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    strip, fresh = stage.window.strip, VIEWS["live"]
+    painted = EventCounter(QEvent.Type.Paint, strip)
+
+    def paints(view: StripView) -> int:
+        monkeypatch.setattr(stage.window.controller, "strip", lambda: view)
+        strip.show_view(view, stage.window.state)
+        painted.count = 0
+        QCoreApplication.processEvents()
+        return painted.count
+
+    assert paints(fresh) == 1
+    answers = {"card": "ready; last answer 0.1 s ago"}
+    assert paints(replace(fresh, age_s=0.2, instruments=answers)) == 0, "no text of the strip shows these"
+    assert paints(replace(fresh, measured="0 V")) == 1
 
 
 def test_escape_is_stop_from_arming_until_rest_is_measured_and_says_so_only_then(stage: Stage) -> None:

@@ -168,7 +168,7 @@ def test_certificates_are_warned_of_before_and_after_their_date(open_page: OpenP
     assert [row[1] for row in rows(page.certificates.table)] == ["✕ expired", "! due soon", "✓ valid"]
     colors = [page.certificates.table.model().index(r, 1).data(Qt.ItemDataRole.ForegroundRole).name() for r in range(3)]
     assert colors == [LIGHT.red_text, LIGHT.amber_text, LIGHT.text]
-    assert page.buttons.button(CERTIFICATES).text() == "Certificates   1 expired"
+    assert page.views.buttons[CERTIFICATES].text() == "Certificates   1 expired"
 
 
 def test_a_changed_file_is_found_by_verify(open_page: OpenPage, tmp_path: Path) -> None:

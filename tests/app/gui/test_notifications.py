@@ -18,10 +18,11 @@ from app.gui.remote.controller import NETWORK, OFF, THIS_COMPUTER
 from app.gui.remote.setting import RemoteSetting, qr_pixmap
 from app.gui.status.notifier import NOTICE_KEY, PROMPT_DELAY_MS, SOUND_KEY, TONES, Notifier, tone_wave
 from app.gui.widgets.actions import ACTIONS
+from app.remote import Snapshot, snapshot_record
 from app.session import initial_window_state, reduce
 from app.session.state import TimedEvent
 from model import AmplifierMap
-from protocols.base import DriveReadbackChanged, Prompt, PromptAnswered, PromptShown
+from protocols.base import DriveReadbackChanged, Prompt, PromptAnswered, PromptShown, StopOffered
 from tests.app.laboratory.test_remote import NOW
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.messages import assert_names
@@ -110,7 +111,7 @@ def test_the_web_page_is_off_until_it_is_chosen_and_shows_the_window(stage: Stag
     until(lambda: remote.url, "for the server")
     assert setting.address.text() == remote.url == f"http://127.0.0.1:{remote.server.port}/"
     stage.happen(OPENED, *LIVE)
-    connection = http.client.HTTPConnection("127.0.0.1", remote.server.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", remote.server.port, timeout=60)
     connection.request("GET", "/state.json")
     record = json.loads(connection.getresponse().read())
     connection.close()
@@ -128,6 +129,22 @@ def test_the_web_page_is_off_until_it_is_chosen_and_shows_the_window(stage: Stag
     until(lambda: not remote.url)
     assert remote.server.port == 0
     stage.happen(*STOPPED)
+
+
+def test_the_stop_of_an_unattended_run_is_shown_until_its_end_and_in_no_log(stage: Stage) -> None:
+    secret = "c" * 22
+    stage.window.central.show_settings("web page")
+    setting: RemoteSetting = stage.window.findChild(RemoteSetting)
+    stage.happen(OPENED, *LIVE)
+    assert not setting.stop_code.isVisible()
+    stage.happen(StopOffered(f"http://192.0.2.1:8464/#{secret}"))
+    until(setting.stop_code.isVisible, "for the address")
+    assert secret in setting.stop_address.text()
+    assert not any(secret in line.text for line in stage.window.state.messages)
+    assert secret not in json.dumps(snapshot_record(Snapshot(stage.window.state)))
+    stage.happen(*STOPPED)
+    until(lambda: not setting.stop_code.isVisible(), "for the end")
+    assert secret not in setting.stop_address.text()
 
 
 def test_the_code_of_an_address_is_black_on_white_with_a_quiet_zone(qt: Any) -> None:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
@@ -12,6 +13,7 @@ from app.gui.face import LIGHT
 from app.gui.plots import SOLID, Chart, Panel, Picture, Region, Rule, Spot, layer, time_plot
 from app.gui.plots.axes import round_step, stable_range
 from app.gui.plots.labels import Label
+from app.gui.plots.picture import ON_AXIS
 from app.gui.plots.time_plot import TimePlot, rising_edges
 from app.live import feed as live_feed
 from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
@@ -324,4 +326,22 @@ def test_a_title_takes_no_number_from_its_axis(qt: QApplication) -> None:
         assert shown == [text for _, text in axis.places()]
         assert shown[0] == "−100"
         assert list(faults_of_plot(chart.canvas)) == []
+    chart.deleteLater()
+
+
+def test_marks_on_the_axis_are_whole_and_the_ticks_are_few(qt: QApplication) -> None:
+    chart = Chart("marks")
+    chart.resize(1200, 700)
+    chart.show()
+
+    def dark_pixels(y: float) -> int:
+        marks = layer(name="coming", x=np.array([160.0]), y=np.array([y]), tone="ink", symbol=ON_AXIS, size=40)
+        chart.show_picture(Picture(panels=(Panel(low=0.0, high=1400.0),), layers=(marks,), x=(0.0, 275.0)))
+        qt.processEvents()
+        gray = chart.canvas.grab().toImage().convertToFormat(QImage.Format.Format_Grayscale8)
+        return int((np.frombuffer(gray.constBits(), np.uint8) < 60).sum())
+
+    assert dark_pixels(0.0) == pytest.approx(dark_pixels(700.0), abs=8)
+    assert dark_pixels(700.0) > dark_pixels(np.nan) + 50
+    assert {side: len(axis.places()) for side, axis in chart.panels[0].axes.items()} == {"left": 8, "bottom": 12}
     chart.deleteLater()

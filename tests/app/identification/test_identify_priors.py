@@ -14,11 +14,7 @@ from app.cli.main import main
 from benchmarks.campaigns import LOADS_N, elements
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
-from model.identification.observations import (
-    FrequencyResponseObservation,
-    ObservationSet,
-    StaticLoadingObservation,
-)
+from model.identification.observations import FrequencyResponseObservation, ObservationSet, StaticLoadingObservation
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from tests.helpers.importing import FULL, brought

@@ -6,13 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.identification.sheet_draft import (
-    EntryText,
-    SheetChangedError,
-    SheetDraft,
-    check_draft,
-    save_draft,
-)
+from app.identification.sheet_draft import EntryText, SheetChangedError, SheetDraft, check_draft, save_draft
 from app.identification.sheet_file import create_sheet, edit_sheet, load_sheet
 from app.identification.specimen_sheet import SheetEntry, SpecimenSheet
 

@@ -8,6 +8,7 @@ import pytest
 from app.cli.main import main
 from app.config import load_bench
 from app.identification import identify
+from app.identification.observations import read_observations
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.voltage_steps import VoltageSteps
@@ -25,7 +26,7 @@ def dwell_errors(tmp_path: Path, *options: str) -> dict[str, float]:
     out = tmp_path / "runs"
     arguments = ("import", str(tmp_path / "dwell.csv"), "--set", "peak_to_peak_v=5 V", "--out", str(out), *options)
     assert main([*arguments, "--specimen", "T7", "--as", "sine-dwell"]) == 0
-    (observation,) = identify(list(out.glob("*.h5")), sheet="none").observations.runs
+    (observation,) = read_observations(list(out.glob("*.h5")))[1].runs
     return {e.name: e.standard_error for e in observation.shared_errors}
 
 
@@ -58,7 +59,7 @@ def test_times_of_weights_and_of_levels_are_columns(tmp_path: Path) -> None:
     out = tmp_path / "runs"
     tables = [str(tmp_path / name) for name in ("loads.csv", "levels.csv")]
     assert main(["import", *tables, "--specimen", "T7", "--out", str(out)]) == 0
-    found = identify(list(out.glob("*.h5")), sheet="none").observations.runs
+    found = read_observations(list(out.glob("*.h5")))[1].runs
     loads, levels = sorted((run.history for run in found), key=lambda history: history.read_s[0], reverse=True)
     assert loads.read_s == pytest.approx([600, 1300, 2000])
     assert loads.start_s == pytest.approx([0, 700, 1400])

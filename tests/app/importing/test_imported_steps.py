@@ -28,6 +28,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return run(protocol, tmp_path_factory.mktemp("measured"), lab).path
 
 
+@pytest.mark.deep
 def test_exported_and_imported_steps_fit_to_the_parameters_of_the_measured_ones(measured: Path, tmp_path: Path) -> None:
     assert main(["export", str(measured), "--format", "csv", "--out", str(tmp_path)]) == 0
     (table,) = tmp_path.glob("*_points.csv")

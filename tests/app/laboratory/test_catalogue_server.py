@@ -4,13 +4,14 @@ import csv
 import http.client
 import io
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -29,7 +30,9 @@ from app.remote.web_server import MAX_WAITING, POOLS, ServerLimits
 from app.report import ReportError, write_folder_report
 from protocols.base import Outcome, RunStatus, Verdict, file_hash
 from tests.helpers.messages import assert_names
+from tests.helpers.report_specimen import DWELL, TRUTH
 from tests.helpers.run_files import begun_run, finished_run, sine_point
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 TOKEN = "b" * 22
 FREQUENCIES = (100.0, 140.0, 150.0, 160.0, 200.0)
@@ -70,10 +73,12 @@ def server(folder: Path) -> Iterator[CatalogueServer]:
 
 
 def ask(server: CatalogueServer, path: str, token: str = TOKEN, **headers: str) -> tuple[int, Mapping[str, str], bytes]:
-    with closing(http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)) as connection:
+    with closing(http.client.HTTPConnection("127.0.0.1", server.port, timeout=200)) as connection:
         connection.request("GET", path, headers=({"Authorization": f"Bearer {token}"} if token else {}) | headers)
         answer = connection.getresponse()
-        return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+        found = {name.lower(): value for name, value in answer.getheaders()}
+        assert len(found) == len(answer.getheaders())  # none is sent twice
+        return answer.status, found, answer.read()
 
 
 def page(server: CatalogueServer, path: str) -> str:
@@ -147,17 +152,22 @@ def test_a_run_leaves_in_every_format(server: CatalogueServer, folder: Path) -> 
 
 
 @pytest.mark.deep
-def test_the_report_of_a_specimen_is_sent_and_runs_nothing(server: CatalogueServer) -> None:
-    status, headers, body = ask(server, "/report/html/T7")
-    assert status == 200
-    assert "<h1>Specimen T7</h1>" in body.decode()
-    assert "SIMULATED" in body.decode()
-    assert "sandbox" in headers["content-security-policy"]
-    with PdfDocument(ask(server, "/report/pdf/T7")[2]) as document:
-        assert len(document) == 2
-    status, _, body = ask(server, "/report/html/T99")
-    assert status == 422
-    assert_names(body.decode(), "T99")
+def test_the_report_of_a_specimen_is_sent_and_runs_nothing(tmp_path: Path) -> None:
+    with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0})) as lab:
+        run(DWELL, tmp_path, lab)
+    server = served_folder(tmp_path)
+    server.start(TOKEN, 0)
+    with closing(server_end(server)):
+        status, headers, body = ask(server, "/report/html/T1")
+        assert status == 200
+        assert "<h1>Specimen T1</h1>" in body.decode()
+        assert "SIMULATED" in body.decode()
+        assert "sandbox" in headers["content-security-policy"]
+        with PdfDocument(ask(server, "/report/pdf/T1")[2]) as document:
+            assert len(document) == 2
+        status, _, body = ask(server, "/report/html/T99")
+        assert status == 422
+        assert_names(body.decode(), "T99")
 
 
 def test_a_damaged_file_is_told_and_the_others_are_served(server: CatalogueServer, folder: Path) -> None:
@@ -202,6 +212,7 @@ def test_only_the_token_opens_a_page_with_data(server: CatalogueServer, folder: 
             status, headers, body = ask(server, f"{path}?token={TOKEN}", token)
             assert status == 401
             assert "set-cookie" not in headers
+            assert headers["www-authenticate"] == 'Bearer realm="Tactor Bench"'
             assert b"T7" not in body
     assert ask(server, "/page.css", "")[0] == 200  # as the page of a running bench, without data
     _, headers, _ = ask(server, "/session")
@@ -341,6 +352,56 @@ def test_requests_that_would_wait_too_long_are_refused(folder: Path, monkeypatch
         assert shown_and_all(page(server, "/")) == (3, 3)  # a list does not wait for drawings
         go_on.set()
         assert sorted(each.result()[0] for each in answers) == [200] * most + [503] * 8
+
+
+@pytest.fixture
+def seen_in_browser(tmp_path: Path) -> Callable[[str], str]:
+    """Opens an address in a headless browser with a new profile, and returns the page that its scripts end with."""
+    names = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
+    browser = next((found for name in names if (found := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip(f"no browser is installed: {', '.join(names)}")
+
+    def seen(url: str) -> str:
+        options = (
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=20000",
+        )
+        logged = ("--enable-logging=stderr", "--v=0")
+        command = [browser, "--headless=new", *options, *logged, "--dump-dom", url]
+        done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=True)
+        assert "Content Security Policy" not in done.stderr
+        return done.stdout
+
+    return seen
+
+
+@pytest.mark.deep
+@pytest.mark.timeout(900)
+def test_a_browser_shows_the_catalogue_among_slow_clients_and_nothing_without_its_token(
+    folder: Path, seen_in_browser: Callable[[str], str]
+) -> None:
+    server, run = served_folder(folder), path_of(folder, "T7")
+    server.start(TOKEN, 0)
+    here = f"http://127.0.0.1:{server.port}"
+    with closing(server_end(server)), ExitStack() as stack:
+        slow = [dripping(server.port, stack) for _ in range(16)]
+        listed = seen_in_browser(server.url)
+        assert shown_and_all(listed) == (3, 3)
+        assert TOKEN not in listed
+        assert "&lt;b&gt;T9&lt;/b&gt;" in listed
+        assert "158.350 ± 0.010 Hz" in seen_in_browser(f"{here}/run/{run}#{TOKEN}")
+        for path in ("/", f"/run/{run}"):
+            refused = seen_in_browser(f"{here}{path}#{TOKEN[:-1]}")
+            assert 'id="trouble"' in refused
+            assert "T7" not in refused
+        for path in ("/file/%2e%2e/password", "/file/..%2fpassword", "/run/%2e%2e%2fother"):
+            shown = seen_in_browser(f"{here}{path}#{TOKEN}")
+            assert "secret" not in shown
+            assert "<li>" not in shown
+        assert len(slow) == 16
 
 
 @pytest.mark.deep

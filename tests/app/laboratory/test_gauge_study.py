@@ -48,6 +48,7 @@ def test_the_worked_example_of_aiag() -> None:
     assert study.components[-1].sd_error == pytest.approx(error, rel=1e-3)
 
 
+@pytest.mark.deep
 def test_unbalanced_plans_give_the_spreads_that_were_drawn_and_errors_that_hold() -> None:
     true = np.array([3.0, 1.5, 1.0, 0.3]) ** 2
     found, errors = [], []

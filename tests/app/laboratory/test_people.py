@@ -10,7 +10,6 @@ from app.archive.notes import write_notes
 from app.cli.main import main
 from app.common import ExitCode, UsageError, people
 from drivers.errors import LinkError
-from drivers.interfaces import Identity
 from drivers.sensors.environment import EnvironmentReading, TextEnvironmentSensor, parse_reading
 from drivers.transport.serial_port import SerialPort
 from protocols.base import RunConditions
@@ -113,29 +112,6 @@ def test_a_transmitter_on_a_serial_line_is_read(transmitter: type[_Transmitter],
         sensor = TextEnvironmentSensor(SerialPort(server.port, 9600, 20.0), request_line)
         assert sensor.read() == EnvironmentReading(21.0, 0.43)
         sensor.close()
-
-
-class _Sensor:
-    identity = Identity("Vaisala", "HMT330", "A123")
-
-    def __init__(self, reading: EnvironmentReading | None) -> None:
-        self.reading = reading
-
-    def read(self) -> EnvironmentReading:
-        if self.reading is None:
-            raise LinkError("COM3 was silent for 2 s")
-        return self.reading
-
-    def close(self) -> None: ...
-
-
-def test_a_sensor_counts_more_than_what_was_typed_and_its_failure_is_stored() -> None:
-    typed = RunConditions("Anna", "given", 25.0, 0.5, "typed")
-    assert people.with_sensor(typed, None) == typed
-    measured = people.with_sensor(typed, _Sensor(EnvironmentReading(21.0, None)))
-    assert (measured.temperature_c, measured.humidity, measured.origin) == (21.0, None, "Vaisala HMT330 #A123")
-    lost = people.with_sensor(typed, _Sensor(None))
-    assert (lost.temperature_c, lost.origin) == (None, "not measured: COM3 was silent for 2 s")
 
 
 @pytest.mark.deep

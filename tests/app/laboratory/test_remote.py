@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,18 +18,13 @@ from typing import Any
 import pytest
 
 from app.remote import RemoteView, Snapshot, snapshot_record
-from app.remote.web_server import (
-    MAX_CONNECTIONS,
-    MAX_PER_ADDRESS,
-    MIN_TOKEN_LENGTH,
-    WebServerError,
-)
+from app.remote.web_server import MAX_CONNECTIONS, MAX_PER_ADDRESS, MIN_TOKEN_LENGTH, WebServerError
 from app.session import initial_window_state, reduce
 from app.session.session import Observation
-from app.session.state import TimedEvent, WindowState
+from app.session.state import BenchState, TimedEvent, WindowState
 from drivers import CardReading
 from model import AmplifierMap
-from protocols.base import PointMeasured, Prompt, PromptShown, Quality
+from protocols.base import PointMeasured, Prompt, PromptShown, Quality, RunEnded, RunStatus, ShutdownStarted
 from protocols.measurements.sine_dwell import SinePoint
 from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, LOST
@@ -49,7 +45,7 @@ def view() -> Iterator[RemoteView]:
 def ask(
     view: RemoteView, path: str = "/state.json", method: str = "GET", **headers: str
 ) -> tuple[int, dict[str, str], bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", view.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", view.port, timeout=60)
     connection.request(method, path, headers=headers)
     answer = connection.getresponse()
     found = answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read()
@@ -73,9 +69,9 @@ def test_without_a_token_only_this_computer_is_served(view: RemoteView) -> None:
         assert ask(view, Host=host)[0] == 403
     with socket.socket() as other:  # of this computer, but not of its loopback interface
         other.bind(("127.0.0.2", 0))
-        other.settimeout(10)
+        other.settimeout(60)
         with pytest.raises(OSError, match=r"refused|timed out"):
-            socket.create_connection(("127.0.0.2", view.port), timeout=10).close()
+            socket.create_connection(("127.0.0.2", view.port), timeout=60).close()
 
 
 def test_in_the_network_the_state_needs_the_token(view: RemoteView) -> None:
@@ -108,7 +104,7 @@ def test_nothing_can_be_commanded(view: RemoteView, method: str) -> None:
 def test_silent_connections_are_limited_and_closing_does_not_wait_for_them(view: RemoteView) -> None:
     view.start("", 0)
     before = threading.active_count()
-    silent = [socket.create_connection(("127.0.0.1", view.port), timeout=10) for _ in range(MAX_CONNECTIONS + 8)]
+    silent = [socket.create_connection(("127.0.0.1", view.port), timeout=60) for _ in range(MAX_CONNECTIONS + 8)]
     refused = [each for each in silent[MAX_CONNECTIONS:] if each.recv(1) == b""]
     assert len(refused) == 8
     assert threading.active_count() <= before + MAX_CONNECTIONS
@@ -122,7 +118,7 @@ def test_silent_connections_are_limited_and_closing_does_not_wait_for_them(view:
 @pytest.mark.skipif(sys.platform != "linux", reason="all of 127.0.0.0/8 is this computer there only")
 def test_one_address_does_not_block_the_page_for_others(view: RemoteView) -> None:
     view.start("", 0)
-    silent = [socket.create_connection(("127.0.0.1", view.port), timeout=10) for _ in range(MAX_CONNECTIONS)]
+    silent = [socket.create_connection(("127.0.0.1", view.port), timeout=60) for _ in range(MAX_CONNECTIONS)]
     assert all(each.recv(1) == b"" for each in silent[MAX_PER_ADDRESS:])
     with socket.create_connection(("127.0.0.1", view.port), 10, ("127.0.0.2", 0)) as other:
         other.sendall(f"GET /state.json HTTP/1.1\r\nHost: 127.0.0.1:{view.port}\r\n\r\n".encode())
@@ -192,6 +188,16 @@ def test_the_record_is_what_the_window_shows() -> None:
     assert record["operator_needed"]
     assert record["next_step"] == "Put 200 g on the centre."
     lost = snapshot_record(Snapshot(state_of(*LOST)))
+    assert not lost["live"]
+    going = snapshot_record(Snapshot(state_of(*LIVE, ShutdownStarted())))
+    assert going["busy"]
+    assert not going["live"]
+    known = replace(state_of(*LOST), phase=BenchState.AT_REST, rest_lost=False)
+    assert snapshot_record(Snapshot(known))["urgent"], "the message is not acknowledged"
+    assert not snapshot_record(Snapshot(replace(known, unsafe="")))["urgent"]
+    for message in ("", "doubtful: look at the log"):
+        ended = replace(state_of(*LIVE, RunEnded(RunStatus.COMPLETED, "", "")), verdict_message=message)
+        assert snapshot_record(Snapshot(ended))["result"]["good"] is not bool(message)
     assert lost["urgent"]
     assert lost["state"] == "unsafe"
     assert lost["unsafe"]

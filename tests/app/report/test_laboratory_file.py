@@ -16,6 +16,7 @@ from app.report.content import FULL_SECTIONS, SHORT_SECTIONS, ReportError, build
 from model import Specimen
 from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_HZ
 from protocols.runfile.reader import Run
+from tests.helpers.messages import assert_names
 from tests.helpers.report_specimen import texts_of_pages
 
 TEMPLATE = """
@@ -112,6 +113,46 @@ def test_the_template_sets_header_footer_sections_and_own_texts(lab: Path, tmp_p
     expected = ["Parameters and their source", "Method", "What limits the uncertainties"]
     assert titles[:3] == expected
     assert "Where the numbers come from" in titles
+
+
+@pytest.mark.deep
+def test_a_laboratorys_own_template_makes_the_page(
+    lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = lab / "page.html"
+    assert main(["report", "--new-template", str(page)]) == 0
+    (lab / LABORATORY_FILE_NAME).write_text('name = "O\'Neill & Sons"\n[report]\ntemplate = "page.html"\n')
+    command = ["report", "T1", "--folder", str(lab), "--out", str(tmp_path)]
+    assert main(command) == 0
+    same = (tmp_path / "T1_report.html").read_bytes()
+    (lab / LABORATORY_FILE_NAME).write_text('name = "O\'Neill & Sons"\n')
+    assert main(command) == 0
+    assert (tmp_path / "T1_report.html").read_bytes() == same
+    (lab / LABORATORY_FILE_NAME).write_text('name = "O\'Neill & Sons"\n[report]\ntemplate = "page.html"\n')
+    needed = "{{ marks }} {{ fingerprint }} {{ signatures | join(' ') }}"
+    page.write_text(f'<h1>{{{{ laboratory.name }}}}</h1>{{{{ parts["Key figures"] }}}}{needed}', "utf-8")
+    assert main(command) == 0
+    own = (tmp_path / "T1_report.html").read_text("utf-8")
+    assert own.startswith("<h1>O&#39;Neill &amp; Sons</h1>")
+    assert own.count("<table") == 1
+    capsys.readouterr()
+    for text, names in (
+        (f"{needed}\n\n{{{{ nobody }}}}", ("3", "nobody")),
+        (f"{needed}\n{{% if %}}", ("2",)),
+        ("{{ fingerprint }}", ("SIMULATED",)),
+        ("{{ title.__class__.__mro__ }}", ("1", "__class__")),
+        ("{% include 'laboratory.toml' %}", ("1",)),
+        ("\n{{ 1 / 0 }}", ("2", "zero")),
+    ):
+        page.write_text(text, "utf-8")
+        assert main(command) == 2
+        said = capsys.readouterr().err
+        assert_names(said, *names)
+        assert "Traceback" not in said
+        assert (tmp_path / "T1_report.html").read_text("utf-8") == own
+    page.unlink()
+    assert main(command) == 2
+    assert_names(capsys.readouterr().err, "page.html", "template")
 
 
 @pytest.mark.deep

@@ -208,7 +208,9 @@ def test_margin_and_latency_of_the_papers_tactor_are_the_settled_numbers() -> No
     free, pressed = perception_margin_of(table, None), perception_margin_of(table, 6.35e-3)
     assert free is not None
     assert pressed is not None
-    assert free.margin == pytest.approx(291.8 / 50, rel=2e-3)
+    assert free.margin == pytest.approx(
+        291.1 / 50, rel=1e-3
+    )  # of the exact solution; the paper's seven shapes give 291.8
     assert free.felt_bands == ((5.0, 250.0),)
     assert np.interp(
         200.0, np.concatenate((np.linspace(5, 37.5, 14), np.linspace(40, 250, 85))), pressed.band.centre
@@ -360,7 +362,7 @@ def test_an_expired_calibration_stands_out(copy: Path) -> None:
     report, _, _ = build_report(copy, "T1")
     (grid,) = [g for g in blocks_of(report, Table) if g.title == "Instruments and their calibration"]
     (bad,) = [grid.rows[i] for i in grid.highlighted_rows]
-    assert bad[0] == "sensor"
+    assert bad[0] == "Sensor"
     assert bad[2:5] == ("2019-05-04", "2020-05-04", "overdue in 2 runs")
 
 

@@ -13,17 +13,22 @@ import pypdfium2
 import pytest
 
 from app.cli.main import main
+from app.common import sentence_case
 from app.config import Certificate, store_certificate
 from app.report.content import build_report
 from app.report.document import Report
 from app.report.figures_of_merit import measured_figures
 from app.report.first_page import NOT_RECORDED
+from app.report.limits import FIGURES_OF_MERIT
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
 from model import AmplifierMap, quantity_label
 from tests.helpers.report_specimen import texts_of_pages
 
 pytestmark = pytest.mark.deep
+LABELS = [
+    sentence_case(quantity_label(name)) for name in ("natural_frequency", "quality_factor", "static_gain_above_rest")
+]
 Gathered = tuple[Report, SpecimenModel, tuple[ReportRun, ...]]
 JPEG = bytes.fromhex(
     "ffd8ffe000104a46494600010100000100010000ffdb004300" + "01" * 64 + "ffc0000b080001000101011100ffc40014000100000000000000"
@@ -78,10 +83,10 @@ def signed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_two_pages_answer_who_when_with_what_and_how_sure(signed: Path) -> None:
     first, second = (" ".join(text.split()) for text in texts_of_pages(signed / "T1_report.pdf"))
-    for text in ("Haptics Lab", "serial MFC-042", "Ben Keller (1 run)", NOT_RECORDED, "PASS: the limit is met.", "certificate C-17", "overdue in 2 runs", quantity_label("natural_frequency"), quantity_label("quality_factor"), quantity_label("static_gain_above_rest"), "at least 100 Hz", "model, not measured", "Measured by"):  # fmt: skip
+    for text in ("Haptics Lab", "serial MFC-042", "Ben Keller (1 run)", NOT_RECORDED, "PASS: the limit is met.", "certificate C-17", "overdue in 2 runs", *LABELS, "at least 100", "model, not measured", "Measured by"):  # fmt: skip
         assert text in first, text
     assert "C-99" not in first  # a certificate of later runs
-    for text in ("k2: bending stiffness", "determined by", "share of the squared total", "1000 MPa"):
+    for text in ("k2: bending stiffness", "Determined by", "share of the squared total", "1000 MPa"):
         assert text in second, text
     assert smallest_text_pt(signed / "T1_report.pdf") >= 8
 
@@ -117,7 +122,7 @@ def test_a_fleet_has_a_summary_and_a_page_for_each_specimen(signed: Path) -> Non
     summary, page = texts_of_pages(signed / "fleet_report.pdf")
     assert "1 specimens" not in summary
     assert "1 specimen" in summary
-    assert quantity_label("natural_frequency") in summary
+    assert LABELS[0] in summary
     assert "Specimen T1" in page
     assert "Instruments and their calibration" in page
 
@@ -151,9 +156,18 @@ OPERATOR, CHECKER = "Dr. Maximiliane von Hohenlohe-Langenburg", "Prof. Dr. Bened
 NUMBER = "D-K-15070-01-00-2026-"
 
 
+LIMITS: dict[str, tuple[float, float]] = {
+    "natural_frequency": (150, 165), "damped_frequency": (145, 160), "peak_frequency": (145, 170), "damping_ratio": (0.2, 0.25),
+    "amplitude_at_resonance": (0.0009, 0.0013), "usable_from": (1, 20), "usable_to": (200, 300), "smallest_margin": (4, 8),
+    "smallest_margin_on_membrane": (1.2, 3), "latency": (0.0004, 0.0007), "rise_time": (0.001, 0.0015), "k2": (0.0075, 0.0085),
+    "mu": (-1.4e-5, -1.2e-5), "m_add": (0.007, 0.0085), "c0": (150, 180), "E_m": (6e6, 7.5e6), "c_s_0": (150, 200),
+    "c_s_delta": (45000, 60000),
+}  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def demanding(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """Texts of the pages of a report with long names everywhere, twelve limits, a photograph, and doubtful runs."""
+    """Texts of the pages of a report with long names, every limit on both sides, a photograph, and doubtful and failed runs."""
     runs, out = tmp_path_factory.mktemp("long") / "runs", tmp_path_factory.mktemp("out")
     common = ["--speed", "max", "--seed", "3", "--out", str(runs), "--specimen", LONG, "--operator", OPERATOR]
     air = ["--temperature", "23.4 °C", "--humidity", "45 %"]
@@ -169,16 +183,16 @@ def demanding(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
         ["static-loading"], ["voltage-steps"], ["sine-dwell"], ["sweep"], ["latency"], ["sine-dwell"],
     ):  # fmt: skip
         assert main(["run", *protocol, *common, *air]) == 0
+    assert main(["run", "electrical", *common]) == 1
     sheet = next(runs.glob("*.specimen.toml"))
     sheet.write_text(
         sheet.read_text("utf-8").replace("simulated = true", 'simulated = true\nphotograph = "t.jpg"'), "utf-8"
     )
     (runs / "t.jpg").write_bytes(JPEG)
     (runs / "laboratory.toml").write_text('name = "Laboratory for Haptics and Smart Materials of the University"\n')
-    names = ("natural_frequency", "peak_frequency", "damping_ratio", "amplitude_at_resonance", "usable_from", "usable_to", "smallest_margin",
-        "smallest_margin_on_membrane", "latency", "rise_time", "m_add")  # fmt: skip
-    bounds = "\n".join(f"[limits.{name}]\nlow = 0" for name in names)
-    (runs / "limits.toml").write_text(f"{bounds}\n[limits.k2]\nlow = 1\n")
+    (runs / "limits.toml").write_text(
+        "\n".join(f"[limits.{name}]\nlow = {low}\nhigh = {high}" for name, (low, high) in LIMITS.items())
+    )
     assert main(["checked", *map(str, runs.glob("*sweep.h5")), "--by", CHECKER]) == 0
     main(["report", LONG, "--folder", str(runs), "--out", str(out)])
     (pdf,) = out.glob("*.pdf")
@@ -186,28 +200,31 @@ def demanding(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return texts_of_pages(pdf)
 
 
-def test_long_names_and_a_dozen_limits_stay_on_two_pages(demanding: list[str]) -> None:
+def test_long_names_and_every_limit_stay_on_two_pages(demanding: list[str]) -> None:
+    assert LIMITS.keys() == set(FIGURES_OF_MERIT)
     assert len(demanding) == 2
     assert "Shaded" in demanding[0]  # the caption of the plot
     assert "Computed" in demanding[1]  # the last one
 
 
 QUESTIONS = {
-    "who measured": f"by {OPERATOR} \\(6 runs\\)",
+    "who measured": f"by {OPERATOR} \\(7 runs\\)",
     "who checked": f"{re.escape(CHECKER)} \\(1 run\\)",
-    "when": r"measured 20\d\d-\d\d-\d\d \d\d:\d\d(?: to [\d: -]*\d\d:\d\d)? UTC",
+    "when": r"Measured 20\d\d-\d\d-\d\d \d\d:\d\d(?: to [\d: -]*\d\d:\d\d)? UTC",
     "in what air": r"23\.4 °C, 45 % relative humidity",
-    "with which laser": r"sensor simulated laser displacement sensor #SIM-2",
-    "was it in calibration": r"2020-05-04 2021-05-04 overdue in 6 runs",
+    "with which laser": r"Sensor simulated laser displacement sensor #SIM-2",
+    "was it in calibration": r"2020-05-04 2021-05-04 overdue in 7 runs",
     "by which certificate": f"certificate {NUMBER}7654321",
     "is it a real specimen": "SIMULATED",
-    "what is its natural frequency": r"natural frequency 1\d\d\.\d+ ± \d\.\d+ Hz",
+    "what is its natural frequency": r"Natural frequency 1\d\d\.\d+ ± \d\.\d+ Hz",
     "is the frequency of the largest response the natural one": r"peak frequency is below the natural \(undamped\) one",
-    "what is Q": r"quality factor Q 2\.\d+ ± 0\.\d+ (dwell|sweep)",
-    "is the latency measured": r"after a step to 5 V \d\.\d+ ± \d\.\d+ ms latency 20",
-    "which limits are not met": r"bending stiffness k₂ [^\n]*? fail",
+    "what is Q": r"Quality factor Q 2\.\d+ ± 0\.\d+ (dwell|sweep)",
+    "is the latency measured": r"after a step to 5 V \d\.\d+ ± \d\.\d+ ms latency \d\d-\d\d",
+    "which limits are not met": r"Bending stiffness k₂ [^\n]*? fail",
     "how was L measured": r"L 22\.\d+ ± 0\.050 mm[^()]*\(digital caliper\)",
     "what limits the uncertainty of k2": r"share of the squared total.*k2.*\d+ %",
+    "which run failed, and why": r"electrical\.h5 failed: Electrical ",
+    "how many points were usable": r"; (\d+) of \1 points usable",
     "which runs are doubtful, and why": r"Doubtful: points with an expired calibration in loading 20",
     "over which threshold is the margin": r"over the threshold, 50 µm on the abdomen",
 }  # fmt: skip

@@ -10,13 +10,14 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.registry import PROTOCOLS
 
+COMMON = ("air_temperature_c", "air_within_k", "air_steady_s", "air_longest_s")
 TEXTS = {name: format_parameter(getattr(SineDwell(), name)) for name in SineDwell.model_fields}
 
 
 def test_fields_carry_name_unit_meaning_and_limits() -> None:
     fields = {field.name: field for field in protocol_fields(SineDwell)}
     assert next(iter(fields)) == "frequencies_hz"
-    assert list(fields)[-1] == "sample_rate_hz"
+    assert list(fields)[-5:] == ["sample_rate_hz", *COMMON]
     assert fields["frequencies_hz"].is_list
     expected = {
         "frequencies_hz": ("frequencies", "Hz", "1 to 2000 Hz"),

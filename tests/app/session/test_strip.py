@@ -57,6 +57,8 @@ from tests.app.test_view import (
     view_after,
 )
 
+pytestmark = pytest.mark.one_in(1)
+
 NOW_S = 1000.0
 """Time at which the strip is looked at; every event before it was at 0."""
 IF_ON = "if"

@@ -80,9 +80,9 @@ class Person:
         self.absent_s = float("inf")
         """Since when a prompt is not answered."""
 
-    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = ()) -> None:
+    def clear_specimen(self, mountings: Sequence[SpecimenMounted] = (), cycles: float | None = None) -> None:
         if not self._bench.history.high_voltage_on:
-            self._hands.clear_specimen(mountings)
+            self._hands.clear_specimen(mountings, cycles)
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         self._normal -= 1

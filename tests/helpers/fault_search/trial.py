@@ -127,7 +127,7 @@ class Trial:
         return f"{self.protocol} on {self.source}{held}, operator {self.operator}: {hazards or 'no hazard'}"
 
 
-NAMES = [name for name in BUILT_IN_PROTOCOLS if not PROTOCOLS[name].input_kinds]
+NAMES = [name for name in BUILT_IN_PROTOCOLS if not PROTOCOLS[name].input_kinds and PROTOCOLS[name].repeatable]
 """Protocols of the search: those that the benches of every source can run."""
 
 

@@ -258,11 +258,11 @@ def _steps(lab: Laboratory, world: World, label: str, place: int, _: Any, rng: n
     if world.from_rest:
         levels = rng.permutation(LEVELS_V[LEVELS_V != 2.5])
         path = np.stack((np.full(levels.size, 2.5), levels), axis=1).ravel()
-        acting = staircase(solver._volts(lab, path), lab.hysteresis, 0.0, 1.0)
+        acting = staircase(solver._volts(lab, path), lab.hysteresis, 0.0, 1.0, lab.low_v)
         acting = (acting[1::2] - acting[::2]) * (1 + lab.creep * np.log10(200 * np.pi))
     else:
         levels = np.concatenate((LEVELS_V, LEVELS_V[-2::-1]))
-        acting = staircase(solver._volts(lab, levels), lab.hysteresis, lab.creep, 1 / (200 * np.pi))
+        acting = staircase(solver._volts(lab, levels), lab.hysteresis, lab.creep, 1 / (200 * np.pi), lab.low_v)
     per_volt = lab.response(np.zeros(1))[0].real
     w = lab.static(per_volt * acting) * (1 + lab.steps_gain)
     errors = world.noise * (0.003 * abs(per_volt * solver._volts(lab, levels)) + 2e-7)
@@ -277,7 +277,7 @@ def _dwell(
     skin = lab.skin(elongation)
     w = lab.vibration(tuple(f), 2.5 * (600 + 200 * (1 + lab.gain_below)) / 2, None, skin)
     errors = world.noise * (0.002 * abs(w) + 1e-7)
-    w = w * lab.late(f) * (1 + lab.hysteresis * solver._loop()) * np.exp(-2j * np.pi * f * lab.delay_s)
+    w = w * lab.late(f) * (1 + lab.hysteresis * solver._loop(lab.low_v)) * np.exp(-2j * np.pi * f * lab.delay_s)
     return Raw(
         "sweep" if swept else "dwell",
         label,
@@ -312,7 +312,8 @@ def _noted(raw: Raw, world: World, rng: np.random.Generator) -> Observation:
     """Return a run with its instruments' errors and noise, as it is written down."""
     errors = {name: error for name, (error, _) in world.instruments.items()}
     drawn = {name: value for name, (_, value) in world.instruments.items()}
-    scale, noise = 1 + drawn["sensor"], raw.errors * rng.standard_normal(raw.w.size)
+    scale = (1 + drawn["sensor"]) * (1 + world.specimen.sensor_gain)
+    noise = raw.errors * rng.standard_normal(raw.w.size)
     match raw.kind:
         case "loading":
             side: Any = "mfc" if "mfc" in raw.label else "aluminium"

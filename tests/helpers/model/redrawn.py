@@ -23,7 +23,7 @@ from model.identification.paper_chain import (
     PaperChainResult,
     identify_by_paper_chain,
 )
-from model.identification.paper_chain_errors import _estimates as estimates_of
+from model.identification.paper_chain.errors import _estimates as estimates_of
 
 
 def resample(observations: ObservationSet, rng: np.random.Generator) -> tuple[ObservationSet, dict[str, float]]:

@@ -96,7 +96,7 @@ def test_the_effect_of_a_time_base_is_the_one_of_stretched_frequencies() -> None
     f = np.arange(100.0, 251, 10)
     measured = 1000 * frequency_response(Tactor(), f)
     runs = [FrequencyResponseObservation(name, f, measured, 1e-6 * np.ones(f.size)) for name in ("free", "again")]
-    evidence = Evidence(joint_fit(ObservationSet(tuple(runs)), FitOptions(free=("mu",))))
+    evidence = Evidence(joint_fit(ObservationSet(tuple(runs)), FitOptions(free=("mu",), n=7)))
     cause = next(c for c in evidence.causes if c.title == "time base of free")
     size = cause.errors[0].error.standard_error
     rows = (1000 * frequency_response(Tactor(), f * 1.0001) - measured) / 1e-6 / 1e-4

@@ -14,8 +14,12 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
-from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
-from model.identification.paper_chain_errors import linearized_errors
+from model.identification.paper_chain import (
+    PaperChainError,
+    PaperChainOptions,
+    identify_by_paper_chain,
+    linearized_errors,
+)
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response

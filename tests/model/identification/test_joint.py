@@ -128,7 +128,7 @@ def test_shared_errors_widen_what_they_act_on_and_nothing_else() -> None:
 def test_dwells_on_one_voltage_cannot_tell_the_gain_from_the_coupling() -> None:
     """Parameters that only enter as a product with mu are reported as a combination, never as a number."""
     run = free_only()
-    fit = joint_fit(ObservationSet((run,)), FitOptions(free=("k2", "mu", "c0", "m_add", "rho1", "rho2", "E_Al")))
+    fit = joint_fit(ObservationSet((run,)), FitOptions(free=("k2", "mu", "c0", "m_add", "rho1", "rho2", "E_Al"), n=7))
     lost = max(fit.unidentified_combinations, key=lambda c: c.standard_error)
     assert lost.standard_error == np.inf
     assert set(lost.shares) == set(fit.names)
@@ -277,6 +277,7 @@ def test_cancel_progress_and_bound() -> None:
     assert not late.converged
     assert late.evaluations == 2
     assert "stopped after 2 evaluations; the best so far" in late.message
+    assert joint_fit(PERFECT, FitOptions(start={"k2": 2e-2}), max_evaluations=0).evaluations == 1
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
+from model import AmplifierMap, Tactor
 from model.identification import FitOptions, FrequencyResponseObservation, ObservationSet
 from model.identification.attribution.evidence import Evidence
 from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import Observation, SharedError, conditions_of, over_errors
+from model.identification.receptance import frequency_nodes
 from model.identification.residuals import LeastSquaresProblem
+from model.response import exact_response, fourier_series
 
 FREE = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
 KINDS = {"mass from", "clamp from", "mass of", "scale", "drift", "point", "mount", "parameter"}
@@ -80,6 +83,41 @@ def test_points_that_runs_share_are_computed_once() -> None:
     assert "again 1" not in conditions[0].places, "it was clamped anew"
     points = sum(at.size for at in conditions[0].places.values())
     assert points > 3 * conditions[0].run.frequency_hz.size
+
+
+def test_nearly_equal_measured_frequencies_are_solved_together_and_predicted_each_by_itself() -> None:
+    """Every run has its own measured frequencies and drives, as from a card; the closed form knows nothing of groups."""
+    dwell = next(r for r in repeated().runs if r.label == "again 0")
+    rng, f = np.random.default_rng(3), np.array([25.0, 149.0, 150.0, 151.0, 250.0])
+    base = replace(
+        dwell, frequency_hz=f, fundamental_m=np.ones(5) + 0j, errors_m=np.full(5, 1e-7), good=np.ones(5, bool),
+        harmonics_m=None, harmonic_errors_m=None, drive_amplitude_v=2.5, drive_offset_v=2.5, shared_errors=(),
+    )  # fmt: skip
+    runs = tuple(
+        replace(
+            base, label=f"run {i}", frequency_hz=f * (1 + 1e-6 * rng.standard_normal(5)),
+            drive_amplitude_v=2.4 + 1e-3 * rng.standard_normal(5), drive_offset_v=2.5 + 1e-3 * rng.standard_normal(5),
+        )
+        for i in range(60)
+    )  # fmt: skip
+    problem = LeastSquaresProblem(ObservationSet(runs), FitOptions(free=("c0", "k2"), n=20))
+    together = problem.forward_model.predict(problem.start)
+    omega = 2 * np.pi * np.concatenate([run.frequency_hz for run in runs])
+    nodes = frequency_nodes(np.zeros(omega.size, int), omega)
+    assert nodes is not None
+    assert nodes.omega.size < omega.size / 2
+    assert frequency_nodes(np.arange(omega.size), omega) is None, "every row has factors of its own"
+    for run, got in zip(runs[::7], together[::7], strict=True):
+        alone = LeastSquaresProblem(ObservationSet((run,)), problem.options)
+        single = alone.forward_model.predict(problem.start)[0]
+        assert got.values == pytest.approx(single.values, rel=1e-11)
+        assert got.derivatives == pytest.approx(single.derivatives, rel=1e-9)
+        volts = [
+            fourier_series("sine", a, o, AmplifierMap(), 1)[1]
+            for a, o in zip(run.drive_amplitude_v, run.drive_offset_v, strict=True)
+        ]
+        exact = np.abs(exact_response(Tactor(), run.frequency_hz)) * np.abs(volts)
+        assert np.abs(got.values) == pytest.approx(exact, rel=2e-3)
 
 
 def test_means_of_shared_points_have_the_minimum_of_all_points() -> None:

@@ -46,6 +46,7 @@ def dwells(rng: np.random.Generator, masses_kg: np.ndarray, scales: np.ndarray) 
     return ObservationSet(tuple(runs))
 
 
+@pytest.mark.deep
 def test_differences_and_their_errors_hold_over_many_draws() -> None:
     z, chi_squares, found, expected = [], [], [], 1e-4
     for seed in range(12):

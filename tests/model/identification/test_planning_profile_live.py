@@ -160,7 +160,7 @@ def test_a_profile_can_be_cancelled() -> None:
 def test_a_dwell_tells_its_parameters_while_it_runs() -> None:
     truth = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
     f = np.array([25.0, 75, 125, 150, 160, 175, 200, 250])
-    F = amplifier_response(truth, f).fundamental
+    F = amplifier_response(truth, f, n=FitOptions.n).fundamental
     live = LiveFit()
     first, *_, last = [live.add_point(*point) for point in zip(f, F, 1e-3 * abs(F), strict=True)]
     assert not first.estimates
@@ -173,7 +173,7 @@ def test_a_dwell_tells_its_parameters_while_it_runs() -> None:
 def test_on_the_membrane_the_skin_is_told() -> None:
     f = np.array([25.0, 75, 125, 150, 175, 200, 250])
     on = skin(Membrane(), 2.54e-3 / 0.17)
-    F = amplifier_response(Tactor(), f, skin=on).fundamental
+    F = amplifier_response(Tactor(), f, skin=on, n=FitOptions.n).fundamental
     live = LiveFit(elongation_m=2.54e-3)
     last = [live.add_point(*point) for point in zip(f, F, 1e-3 * abs(F), strict=True)][-1]
     got = {e.name: e.value for e in last.estimates}

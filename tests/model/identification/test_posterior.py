@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import Noise, World, perfect
-from model.identification.chain_difference import chain_differences
 from model.identification.fit_options import FitCancelled, FitOptions
 from model.identification.joint_least_squares import joint_fit
 from model.identification.nonidealities import LOADING_TIME_S
 from model.identification.observations import ObservationSet, StaticLoadingObservation
-from model.identification.paper_chain import PaperChainOptions, identify_by_paper_chain
+from model.identification.paper_chain import PaperChainOptions, chain_differences, identify_by_paper_chain
 from model.identification.posterior import sample_posterior
 from model.parameter_spec import ParameterError
 from model.parameters import Tactor

@@ -57,6 +57,22 @@ def test_a_robust_scale_is_not_moved_by_outliers() -> None:
     assert robust_scale(r / 3, 200) == 1.0
 
 
+@pytest.mark.parametrize("loss", ["cauchy", "soft_l1"])
+def test_a_prior_in_conflict_with_the_data_keeps_its_weight_in_a_robust_fit(loss: str) -> None:
+    options = FitOptions(free=FREE, priors={"c0": (3 * T.c0, 0.02 * T.c0)}, loss=loss)  # type: ignore[arg-type]
+    fit = joint_fit(dwells(1, 0, 2), options)
+    at = fit.names.index("c0")
+    assert abs(fit.weighted_residuals[-1]) > 3
+    assert abs(fit.jacobian[-1, at]) == pytest.approx(1 / (0.02 * T.c0))
+
+
+def test_a_prior_counts_for_more_where_the_errors_of_the_runs_are_enlarged() -> None:
+    options = FitOptions(free=FREE, priors={"c0": (1.2 * T.c0, 0.02 * T.c0)})
+    data = dwells(1, 0, 2)
+    near, nearer = (joint_fit(data, options, enlarged=times).values["c0"] for times in (1.0, 30.0))
+    assert abs(nearer - 1.2 * T.c0) < 0.5 * abs(near - 1.2 * T.c0)
+
+
 @pytest.mark.deep
 @pytest.mark.parametrize("outliers", [0, 1, 3])
 @pytest.mark.parametrize("loss", ["cauchy", "soft_l1"])

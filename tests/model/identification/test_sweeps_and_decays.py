@@ -169,6 +169,20 @@ def test_the_truth_comes_back_from_sweep_and_decay_within_the_stated_errors() ->
     assert false_alarms <= 3
 
 
+def test_a_sweep_tells_the_delay_without_bias_by_the_basis_of_the_fit() -> None:
+    """Without noise, at the errors of a good laboratory: seven shape functions are 0.9 standard errors off, twenty 0.00."""
+    f = LINES_HZ[LINES_HZ < 425]
+    exact = VOLTS * response(PAPER, f)
+    errors = 0.002 * abs(exact) + 1e-7
+    run = FrequencyResponseObservation("sweep", f, exact, errors, swept=True, shared_errors=(DELAY,), simulated=True)
+    found = joint_fit(ObservationSet((run,)), FitOptions(free=FREE))
+    true = {name: getattr(PAPER, name, 0.0) for name in found.names}
+    z = [
+        (v - true[n]) / s for n, v, s in zip(found.names, found.theta, np.sqrt(np.diag(found.covariance)), strict=True)
+    ]
+    assert z == pytest.approx(np.zeros(5), abs=0.1)
+
+
 @pytest.mark.deep
 def test_a_decay_that_contradicts_is_named_with_the_sign_of_its_words() -> None:
     few = (*statics_and_dwell(), sweep(error_m=2e-7))

@@ -3,27 +3,32 @@
 import os
 import re
 import shutil
+import time
+from contextlib import suppress
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from drivers import Block
 from protocols.base import RunStatus, Series, SeriesAxis
 from protocols.runfile.errors import RunReadError, StorageError
 from protocols.runfile.open import translate_read_errors
 from protocols.runfile.reader import Run
+from protocols.runfile.repair import repair_folder, repair_run
 from protocols.runfile.schema import REPAIRED
-from protocols.runfile.transaction import journal_path
+from protocols.runfile.transaction import has_journal, journal_path, replay_journal, transaction
 from protocols.runfile.writer import RunFileWriter
+from tests.helpers.run_files import SCALES
 from tests.protocols.runfile.test_runfile import RECORD, Spot, new
-
-pytestmark = pytest.mark.deep
 
 SECOND = replace(RECORD, start_time="2026-01-02T03:04:05.000+00:00")
 
 
+@pytest.mark.deep
 def test_runs_of_one_second_are_numbered_up_to_a_thousand(tmp_path: Path) -> None:
     first, second = (RunFileWriter.new(tmp_path, SECOND, Spot) for _ in range(2))
     for file in (first, second):
@@ -173,3 +178,92 @@ def test_a_file_that_lost_its_latest_bytes_only_is_noticed(tmp_path: Path) -> No
         file.check_presence()
     os.truncate(file.path, grown)
     file.finish(RunStatus.FAILED, "")
+
+
+def test_the_end_of_a_run_is_its_begin_and_the_time_that_has_passed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not the time of day at its end: the computer's clock may have been set meanwhile."""
+    file = new(tmp_path)
+    now_s = time.monotonic
+    monkeypatch.setattr("protocols.runfile.writer.time.monotonic", lambda: now_s() + 5000.0)
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path) as stored:
+        begin, end = (
+            datetime.fromisoformat(stored[f"entry/{name}"][()].decode()) for name in ("start_time", "end_time")
+        )
+    assert 5000.0 <= (end - begin).total_seconds() < 5600.0
+
+
+def test_a_file_that_cannot_be_read_within_a_transaction_is_left_as_it_is(tmp_path: Path) -> None:
+    """HDF5 may go on after a read that failed, and store what it made of it."""
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"\1" * 100_000)
+
+    def store() -> None:
+        with transaction(path) as changed:
+            changed.write(b"\2")
+            os.truncate(path, 5)
+            changed.seek(60_000)
+            with suppress(OSError):
+                changed.readinto(bytearray(10))
+
+    with pytest.raises(OSError, match="it ends after 60000 of 100000 bytes"):
+        store()
+    assert path.read_bytes() == b"\1" * 5
+    assert not has_journal(path)
+
+
+def test_an_announcement_stays_until_the_results_are_stored(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"run")
+    journal_path(path).touch()
+    assert not replay_journal(path, keep_announcement=True)
+    assert has_journal(path)
+    assert not replay_journal(path)
+    assert not has_journal(path)
+
+
+def test_changes_are_safe_on_the_disk_before_the_file_is_touched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, seen = tmp_path / "run.h5", list[tuple[int, bytes]]()
+    path.write_bytes(b"before")
+    monkeypatch.setattr(os, "fsync", lambda _: seen.append((journal_path(path).stat().st_size, path.read_bytes())))
+    with transaction(path) as changed:
+        changed.write(b"behind")
+    assert [content for _, content in seen] == [b"before", b"behind"]
+    assert seen[0][0] > len(b"behind")
+
+
+def test_tables_of_a_killed_program_are_cut_to_their_common_length(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = new(tmp_path)
+    file.start_stream(1000.0, SCALES)
+    file.append_block(Block(0, np.arange(20, dtype=np.int16).reshape(2, 10)), 0.0)
+    file._append_rows("trace/drive", np.arange(3, dtype=np.int16))  # it was killed between the two channels
+    left = shutil.copy(file.path, tmp_path / "left.h5")
+    file.finish(RunStatus.COMPLETED, "")
+    monkeypatch.setattr("protocols.runfile.repair.writer_is_alive", lambda *_: False)
+    repair_run(left)
+    with h5py.File(left) as repaired:
+        lengths = {name: repaired[f"entry/trace/{name}"].shape for name in ("drive", "displacement")}
+    assert lengths == {"drive": (10,), "displacement": (10,)}
+
+
+def test_a_file_that_becomes_shorter_in_a_transaction_is_shorter_on_the_disk(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"before")
+    with transaction(path) as changed:
+        changed.write(b"be")
+        changed.truncate(2)
+    assert path.read_bytes() == b"be"
+
+
+def test_a_file_that_a_living_program_creates_is_left_and_that_of_a_dead_one_is_not(tmp_path: Path) -> None:
+    mine, dead = (tmp_path / f".run.h5.{process}" for process in (os.getpid(), 2**22 + 1))
+    for path in (mine, dead):
+        path.touch()
+    assert list(repair_folder(tmp_path)) == []
+    assert (mine.exists(), dead.exists()) == (True, False)

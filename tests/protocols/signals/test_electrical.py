@@ -71,6 +71,7 @@ def test_the_energy_is_the_area_of_the_loop() -> None:
     assert np.ptp(q) == pytest.approx(FARADS * np.ptp(x), rel=0.01)
 
 
+@pytest.mark.deep
 def test_uncertainties_are_the_scatter() -> None:
     rng, gain, delay = np.random.default_rng(3), 0.01, 2e-5
     errors = InputErrors(gain_relative=gain, delay_s=delay)
@@ -105,3 +106,21 @@ def test_a_voltage_without_the_sine_is_refused() -> None:
     noise = np.random.default_rng(0).normal(size=T.size)
     with pytest.raises(ValueError, match="no sine of 40 Hz"):
         electrical_response(noise, rc_current(T), RATE_HZ, F)
+
+
+@pytest.mark.parametrize("f", [20.0, 150.01, 401.3])
+def test_the_kink_of_the_drive_is_no_noise(f: float) -> None:
+    """An amplifier with two slopes makes harmonics beyond the fitted ones; current and energy of the whole have closed forms."""
+    rng, found, delay_s = np.random.default_rng(5), [], 1e-6
+    t, w, v_noise, i_noise = T[: round(12 * RATE_HZ / f)], 2 * np.pi * f, 0.3, 4e-6
+    drive, slope = np.sin(w * t + 0.3), np.where(np.sin(w * t + 0.3) > 0, *(slopes := (1500.0, 500.0)))
+    v, i = slope * drive, slope * (drive / OHMS + FARADS * w * np.cos(w * t + 0.3))
+    for _ in range(60):
+        noisy = (v + v_noise * rng.normal(size=t.size), i + i_noise * rng.normal(size=t.size))
+        seen = electrical_response(*noisy, RATE_HZ, f, InputErrors(delay_s=delay_s))
+        found.append([(e.value, e.statistical) for e in (seen.capacitance, seen.loss, seen.energy)])
+    values, stated = np.moveaxis(np.array(found), 2, 0)
+    # At most a third too wide, where a period is no whole number of samples.
+    assert np.all((values.std(axis=0) > 0.7 * stated.mean(axis=0)) & (values.std(axis=0) < 1.3 * stated.mean(axis=0)))
+    turned = delay_s * 0.25 * FARADS * w * w * sum(each**2 for each in slopes) / f
+    assert np.sqrt(seen.energy.total**2 - seen.energy.statistical**2) == pytest.approx(turned, rel=0.03)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from protocols.signals.creep import fit_creep
-from protocols.signals.held_level import estimate_level, estimate_step
+from protocols.signals.held_level import LevelEstimate, combine_errors, estimate_level, estimate_step, fit_creep
 from tests.helpers.coverage import coverage_factor
 
 RATE = 5000.0
@@ -123,3 +122,8 @@ def test_the_interval_of_the_shortest_level_covers_the_truth() -> None:
     scatter = np.std([estimate.standard_error**2 for estimate in estimates])
     mean = np.mean([estimate.standard_error**2 for estimate in estimates])
     assert scatter / mean < 0.85  # chi-square with 4 degrees of freedom: 0.71; with 2: 1
+
+
+def test_the_degrees_of_freedom_of_a_difference_are_those_of_welch_and_satterthwaite() -> None:
+    one, two = LevelEstimate(0.0, 3.0, 4.0, 0.0, 0.0), LevelEstimate(0.0, 4.0, 16.0, 0.0, 0.0)
+    assert combine_errors(one, two) == pytest.approx((5.0, 625 / (81 / 4 + 256 / 16)))

@@ -399,6 +399,7 @@ def test_a_peak_between_the_points_of_a_dwell_is_as_uncertain_as_it_is_wrong() -
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
 
+@pytest.mark.deep
 def test_a_distortion_that_waves_over_the_lines_is_averaged_out_in_the_error_of_a_mode(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -7,10 +7,11 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHeaderView, QWidget
 
 from app.archive import RunSummary, compare_runs
+from app.common import sentence_case
 from app.comparison import LETTERS, MAX_RUNS
 from app.gui.face import follow_tokens
 from app.gui.plots import color_of, curve_tone
-from app.gui.widgets import STRETCH, Segments, column, fill_table, fit_to_rows, make_label, make_read_only_table, row
+from app.gui.widgets import Segments, column, fill_table, fit_to_rows, make_label, make_read_only_table, row
 
 
 class DifferencesPane(QWidget):
@@ -26,7 +27,7 @@ class DifferencesPane(QWidget):
         self.table.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.note_label = make_label(kind="note", name="runs.differences-note")
         heading = make_label("What differs", "caption", wrap=False)
-        column(row(heading, STRETCH, self.segments), self.table, self.note_label, parent=self, spacing=4)
+        column(row(heading, None, self.segments), self.table, self.note_label, parent=self, spacing=4)
         self.segments.chosen.connect(lambda _: self._fill())
         self.hide()
         follow_tokens(self, lambda _: self._fill())
@@ -51,7 +52,7 @@ class DifferencesPane(QWidget):
         self.segments.buttons[False].setText(f"Differences, {len(differing)}")
         self.segments.buttons[True].setText(f"All, {len(rows)}")
         letters = LETTERS[: len(self._runs)]
-        last = ("difference",) if any(each.difference for each in shown) else ()
+        last = ("Difference",) if any(each.difference for each in shown) else ()
         titles = ("", *letters, *last)
         self.table.setColumnCount(len(titles))
         self.table.setHorizontalHeaderLabels(titles)
@@ -59,7 +60,7 @@ class DifferencesPane(QWidget):
         colors = ["", *(color_of(curve_tone(at)).name() for at in range(len(letters))), ""]
         fill_table(
             self.table,
-            [(each.name, *each.values, *([each.difference] if last else ())) for each in shown],
+            [(sentence_case(each.name), *each.values, *([each.difference] if last else ())) for each in shown],
             lambda _row, place: colors[place],
             right_aligned=range(1, len(titles)),
         )

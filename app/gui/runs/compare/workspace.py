@@ -25,7 +25,6 @@ from app.gui.runs.compare.differences import DifferencesPane
 from app.gui.runs.compare.layer_table import LAYER_ACTIONS, LayerTable
 from app.gui.runs.compare.plot import ComparisonPlot
 from app.gui.widgets import (
-    STRETCH,
     BackgroundWorker,
     Menu,
     Mode,
@@ -113,11 +112,11 @@ class ComparisonWorkspace(QWidget):
             )
             for what, text in LAYER_ACTIONS.items()
         ]
-        left = make_pane(column((self.layers, 1), row(*keys, STRETCH, spacing=4), spacing=4))
+        left = make_pane(column((self.layers, 1), row(*keys, None, spacing=4), spacing=4))
         self.stack = QStackedWidget()
         self.stack.addWidget(self.peaks)
         self.stack.addWidget(make_scroll_area(self.differences, focusPolicy=Qt.FocusPolicy.NoFocus))
-        lower = make_pane(column(row(self.tables, STRETCH), (self.stack, 1), spacing=4))
+        lower = make_pane(column(row(self.tables, None), (self.stack, 1), spacing=4))
         right = make_splitter(
             "compare/rows", (self.plot, 3), (lower, 2), orientation=Qt.Orientation.Vertical, sizes=[480, 200]
         )
@@ -126,7 +125,7 @@ class ComparisonWorkspace(QWidget):
         columns = make_splitter("compare/columns", (left, 1), (right, 2), sizes=[LAYERS_WIDTH, 900])
         left.setMinimumWidth(300)
         head = row(self.back_button, (self.heading, 1), self.views_button, self.export_button)
-        controls = row(self.quantity, self.relation, self.over, self.model, STRETCH, spacing=8)
+        controls = row(self.quantity, self.relation, self.over, self.model, None, spacing=8)
         column(head, controls, self.note_label, (columns, 1), parent=self, margins=(0, 2, 8, 0), spacing=4)
 
     def _connect(self) -> None:

@@ -1,5 +1,6 @@
 """Comparison workspace on page Runs: opened by keys, layers, cursors, relations, waterfall, saved views."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +29,17 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
 
 
-@pytest.fixture
-def page(open_page: OpenPage, config: BenchConfig, tmp_path: Path) -> RunsPage:
-    folder = tmp_path / "runs"
+@pytest.fixture(scope="module")
+def five_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("five")
     for at in range(5):
         finished_run(folder, f"T{at}", FREQUENCIES, size_m=(at + 1) * 1e-4)
+    return folder
+
+
+@pytest.fixture
+def page(open_page: OpenPage, config: BenchConfig, five_runs: Path, tmp_path: Path) -> RunsPage:
+    folder = shutil.copytree(five_runs, tmp_path / "runs")
     overlay = Overlay(amplifier=config.amplifier.amplifier_map)
     page = open_page(lambda: RunsPage(lambda: folder, lambda: "T0", config.amplifier, overlay))
     until(lambda: page.list.folder_model.is_idle and page.list.model.rowCount() == 5, "for the list")

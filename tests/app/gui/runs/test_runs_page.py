@@ -500,7 +500,7 @@ def test_a_row_shows_the_points_of_its_run(page: RunsPage) -> None:
 
 
 def test_what_differs_between_two_runs_is_listed_and_the_rest_is_folded(page: RunsPage) -> None:
-    pane, drive = page.details.differences, "peak to peak"
+    pane, drive = page.details.differences, "Peak to peak"
     choose(page, "T7")
     assert pane.isHidden()
     choose(page, "T7", "T8")
@@ -512,7 +512,7 @@ def test_what_differs_between_two_runs_is_listed_and_the_rest_is_folded(page: Ru
         return {name: values for name, *values in texts}
 
     shown = rows()
-    assert sorted(shown["specimen"][:2]) == ["T7", "T8"]
+    assert sorted(shown["Specimen"][:2]) == ["T7", "T8"]
     assert drive not in shown, "the drive is the same"
     largest = next(values for name, values in shown.items() if "displacement" in name)
     numbers = sorted(float(text.removesuffix(" µm")) for text in largest[:2])

@@ -10,7 +10,7 @@ from model.identification.fit_result import JointFit
 from model.identification.forward_model import ForwardModel, with_predictions
 from model.identification.nonidealities import NONIDEALITIES
 from model.identification.observations import ObservationSet
-from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
+from model.identification.paper_chain.chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
 
 MIN_PART = 0.1
 """Of a difference: smaller parts of it are not named."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from model import Array, EstimatedQuantity, ParameterError
 from model.identification import observations as observed
-from model.identification import paper_chain as chain
 from model.identification.forward_model import ForwardModel, modulus_prediction
+from model.identification.paper_chain import chain
 from model.identification.parameters import default_values, elongation_parameter, parameter_spec, parse_elongation
 
 

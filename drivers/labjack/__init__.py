@@ -1,0 +1,5 @@
+"""LabJack T7 over its Modbus TCP registers."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

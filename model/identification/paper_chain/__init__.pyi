@@ -1,0 +1,10 @@
+from .chain import CurveValidation as CurveValidation
+from .chain import PaperChainError as PaperChainError
+from .chain import PaperChainOptions as PaperChainOptions
+from .chain import PaperChainResult as PaperChainResult
+from .chain import identify_by_paper_chain as identify_by_paper_chain
+from .chain import parabola_vertex as parabola_vertex
+from .chain import resonance_frequencies as resonance_frequencies
+from .difference import ChainDifference as ChainDifference
+from .difference import chain_differences as chain_differences
+from .errors import linearized_errors as linearized_errors
