@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from app.common import SEVERITY_STYLES, format_duration, format_point, outcome_severity, print_message
-from app.session import BenchFollower, BenchOpened, SessionEvent
+from app.session import BenchFollower, BenchOpened, BenchState, SessionEvent
 from model import format_value, quantity_label
 from protocols.base import (
     BlockDiscarded,
@@ -50,8 +50,10 @@ class VoltsColumn(ProgressColumn):
         super().__init__()
         self._follower = follower
 
-    def render(self, _task: Task) -> Text:
-        """Return state and volts as they are now; volts that are not present have their age."""
+    def render(self, task: Task) -> Text:
+        """Return state and volts as they are now, or at the end of a task that ended at rest; volts that are not present have their age."""
+        if ended := task.fields.get("ended"):
+            return Text(ended)
         strip = self._follower.strip()
         volts = strip.measured if strip.present else " ".join(filter(None, (strip.measured, f"({strip.caption})")))
         return Text(f"{strip.state.upper()} {volts}", "bold red" if strip.danger else "" if strip.present else "dim")
@@ -132,7 +134,10 @@ class ConsoleObserver:
             self._progress.update(self._task, completed=event.done, description=event.label, left=left)
         elif isinstance(event, ShutdownStarted | RunEnded):
             text = str(event.verdict.outcome) if isinstance(event, RunEnded) else "going to rest"
-            self._progress.update(self._task, description=text, left="")
+            strip = self._follower.strip()
+            at_rest = isinstance(event, RunEnded) and strip.state is BenchState.AT_REST and strip.present
+            ended = f"{strip.state.upper()} {strip.measured}" if at_rest else ""
+            self._progress.update(self._task, description=text, left="", ended=ended)
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
         styled = ((part, "") if isinstance(part, str) else part for part in parts)

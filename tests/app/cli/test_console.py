@@ -279,3 +279,11 @@ def test_the_picture_has_the_amplifier_that_the_run_had(tmp_path: Path) -> None:
             curve = next(line for line in lines if line.get_linestyle() == "--")
         tops.append(curve.get_ydata().max())
     assert tops[1] == pytest.approx(tops[0] / 2, rel=1e-6)
+
+
+@pytest.mark.deep
+def test_the_last_line_has_the_volts_at_the_end_of_the_run_and_not_their_age_after_the_picture(tmp_path: Path) -> None:
+    settings = ["--set", "frequencies_hz=200", "--set", "record_s=0.05", "--set", "min_cycles=5"]
+    command = [sys.executable, "-m", "app.cli.main", "run", "sine-dwell", "--speed", "max", "--out", str(tmp_path)]
+    done = subprocess.run([*command, *settings], timeout=180, text=True, stderr=subprocess.PIPE)
+    assert done.stderr.rstrip().endswith("1/1  AT REST 0 V")
