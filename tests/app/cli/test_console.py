@@ -18,7 +18,9 @@ from rich.console import Console
 from app.cli.headless import SelectedBench, headless_session
 from app.plotting.run_picture import run_figure
 from app.services import KEY_HELP, ConsoleObserver, ConsoleOperator, JsonObserver
-from app.session.session import BenchOpened, RunRejected
+from app.session import BenchFollower
+from app.session.session import BenchOpened, Observation, RunRejected
+from drivers import CardReading
 from model import Specimen
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
@@ -36,6 +38,7 @@ from protocols.measurements.wiring_check import WiringCheck, WiringPoint
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest
 from tests.helpers.messages import assert_names
+from tests.helpers.session_events import LIVE, OPENED, SEEN_AT_REST, STOPPED
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SHORT = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
@@ -222,6 +225,17 @@ def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:
         assert text in out.getvalue()
 
 
+def test_the_last_line_of_a_run_has_the_volts_at_its_end_and_not_their_age() -> None:
+    out, follower = io.StringIO(), BenchFollower()
+    with ConsoleObserver(Console(file=out, width=200), follower=follower) as told:
+        follower.observe = lambda: SEEN_AT_REST
+        for event in (OPENED, *LIVE, *STOPPED):
+            told(event)
+        # Nothing measures any more while the picture of the run is drawn.
+        follower.observe = lambda: Observation(CardReading((2.5, 2.5), (2.5, 2.5), time.monotonic() - 4.0))
+    assert out.getvalue().rstrip().endswith("0/18  AT REST 0 V")
+
+
 def test_a_number_that_is_none_is_null_for_a_machine(tmp_path: Path, capsys: Any) -> None:
     point = WiringPoint(*[float("nan")] * 12, float("inf"), 0)
     JsonObserver()(PointMeasured(0, point))
@@ -279,11 +293,3 @@ def test_the_picture_has_the_amplifier_that_the_run_had(tmp_path: Path) -> None:
             curve = next(line for line in lines if line.get_linestyle() == "--")
         tops.append(curve.get_ydata().max())
     assert tops[1] == pytest.approx(tops[0] / 2, rel=1e-6)
-
-
-@pytest.mark.deep
-def test_the_last_line_has_the_volts_at_the_end_of_the_run_and_not_their_age_after_the_picture(tmp_path: Path) -> None:
-    settings = ["--set", "frequencies_hz=200", "--set", "record_s=0.05", "--set", "min_cycles=5"]
-    command = [sys.executable, "-m", "app.cli.main", "run", "sine-dwell", "--speed", "max", "--out", str(tmp_path)]
-    done = subprocess.run([*command, *settings], timeout=180, text=True, stderr=subprocess.PIPE)
-    assert done.stderr.rstrip().endswith("1/1  AT REST 0 V")
