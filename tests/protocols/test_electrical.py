@@ -174,6 +174,7 @@ def test_a_bench_without_the_channel_is_refused_before_anything_moves(tmp_path: 
     assert ran.report.live_s == 0
 
 
+@pytest.mark.deep
 def test_without_a_voltage_monitor_the_characteristic_gives_the_volts(tmp_path: Path) -> None:
     short = Electrical(frequencies_hz=(20,), drives_v=(2.0,), levels_v=(), record_s=0.5)
     with laboratory(with_inputs(simulated(), MONITORS[1])) as lab:

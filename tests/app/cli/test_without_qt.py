@@ -74,6 +74,7 @@ def answers_without_qt(commands: Sequence[list[str]], folder: Path) -> dict[str,
     return {" ".join(command): json.loads(line) for command, line in zip(commands, lines, strict=True)}
 
 
+@pytest.mark.deep
 def test_commands_need_no_qt(tmp_path: Path) -> None:
     help_texts = [[name, "--help"] for name in COMMANDS]
     answers = answers_without_qt([*help_texts, *USES, ["protocols", "sine-dwell", "--json"], ["window"]], tmp_path)

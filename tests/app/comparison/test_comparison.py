@@ -150,6 +150,7 @@ def test_the_shown_values_are_read_back_from_every_format(kind: Any, paths: list
     assert read_back(kind, files) == pytest.approx([0.5] * 3)
 
 
+@pytest.mark.deep
 def test_the_command_compares_draws_saves_and_opens_a_view(
     paths: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

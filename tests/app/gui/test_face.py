@@ -74,24 +74,24 @@ def place_of(widget: QWidget) -> QRect:
     return QRect(widget.mapTo(widget.window(), QPoint(0, 0)), widget.size())
 
 
-def test_page_and_stop_are_at_the_same_place_in_every_state_at_every_size(stage: Stage) -> None:
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size.width()}x{size.height()}")
+def test_page_and_stop_are_at_the_same_place_in_every_state(stage: Stage, size: QSize) -> None:
     window = stage.window
     stage.happen(OPENED)
-    for size in SIZES:
-        window.resize(size)
+    window.resize(size)
+    QCoreApplication.processEvents()
+    pages, stops, strips = set(), set(), set()
+    for state in STATES:
+        back = reach(stage, state)
         QCoreApplication.processEvents()
-        pages, stops, strips = set(), set(), set()
-        for state in STATES:
-            back = reach(stage, state)
-            QCoreApplication.processEvents()
-            pages.add(place_of(window.tabs).getRect())
-            stops.add(place_of(window.strip.stop_button).getRect())
-            strips.add(place_of(window.strip).getRect())
-            back()
-        grid = size_class(size.width())
-        assert pages == {(grid.rail, 90, size.width() - grid.rail, size.height() - 90 - 28)}, size
-        assert strips == {(0, 26, size.width(), 64)}
-        assert stops == {(size.width() - 12 - grid.stop, 34, grid.stop, 48)}
+        pages.add(place_of(window.tabs).getRect())
+        stops.add(place_of(window.strip.stop_button).getRect())
+        strips.add(place_of(window.strip).getRect())
+        back()
+    grid = size_class(size.width())
+    assert pages == {(grid.rail, 90, size.width() - grid.rail, size.height() - 90 - 28)}
+    assert strips == {(0, 26, size.width(), 64)}
+    assert stops == {(size.width() - 12 - grid.stop, 34, grid.stop, 48)}
 
 
 class EventCounter(QObject):
@@ -159,7 +159,8 @@ def visible_texts(window: QWidget) -> Iterator[QWidget]:
             yield widget
 
 
-@pytest.mark.parametrize("percent", ["100", pytest.param("125", marks=pytest.mark.deep)])
+@pytest.mark.deep
+@pytest.mark.parametrize("percent", ["100", "125"])
 def test_fonts_have_four_sizes_and_one_family(open_stage: OpenStage, settings: object, percent: str) -> None:
     stage = open_stage(ahead=True)
     window = stage.window

@@ -92,6 +92,7 @@ def test_a_file_says_that_its_samples_are_a_velocity_and_gives_the_points_of_the
     assert again.phase == pytest.approx(ran.points[0].phase, abs=1e-9)
 
 
+@pytest.mark.deep
 def test_a_sweep_finds_the_resonance_that_a_displacement_sensor_finds(tmp_path: Path) -> None:
     estimates = []
     for name, config in (("laser", simulated()), ("vibrometer", with_vibrometer())):

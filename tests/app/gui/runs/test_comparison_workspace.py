@@ -108,6 +108,7 @@ def test_the_table_follows_the_pointer_and_two_cursors_have_a_difference(workspa
     assert column(workspace, 6) == ["1"] * 5
 
 
+@pytest.mark.deep
 def test_a_waterfall_lifts_curves_and_the_values_stay(workspace: ComparisonWorkspace) -> None:
     workspace.over.setCurrentIndex(workspace.over.findData("time"))
     heights = [float(np.nanmax(each.y)) for each in workspace.plot.picture.layers]
@@ -116,6 +117,7 @@ def test_a_waterfall_lifts_curves_and_the_values_stay(workspace: ComparisonWorks
     assert [float(text.split(" ")[0]) for text in column(workspace, 3)] == pytest.approx([100, 200, 300, 400, 500])
 
 
+@pytest.mark.deep
 def test_a_view_is_saved_and_opened_as_it_was(page: RunsPage, workspace: ComparisonWorkspace, tmp_path: Path) -> None:
     choose(workspace, Relation.NORMALISED)
     workspace.plot.set_cursors([120.0, 200.0])
@@ -135,6 +137,7 @@ def test_a_view_is_saved_and_opened_as_it_was(page: RunsPage, workspace: Compari
     assert_names(workspace.note_label.text(), "none.compare.json")
 
 
+@pytest.mark.deep
 def test_the_models_curve_is_laid_over_the_runs(page: RunsPage, workspace: ComparisonWorkspace) -> None:
     def drawn_model() -> bool:
         page.tick()
