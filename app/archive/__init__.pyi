@@ -39,6 +39,7 @@ from .run_differences import compare_runs as compare_runs
 from .run_differences import run_settings as run_settings
 from .run_filter import RunFilter as RunFilter
 from .run_search import FIELDS as FIELDS
+from .run_search import Term as Term
 from .run_search import read_query as read_query
 from .run_search import read_since as read_since
 from .run_summary import LARGEST_FIGURES as LARGEST_FIGURES

@@ -78,7 +78,7 @@ def _circumstances(record: RunRecord) -> dict[str, str]:
 
 
 def _setting_text(value: object, unit: str) -> str:
-    factor, shown = shown_unit(unit)
+    factor, shown = (1.0, unit) if unit == "s" else shown_unit(unit)  # a setting is no measured latency: minutes, too
     if isinstance(value, list | tuple):
         texts = [_setting_text(each, "").strip() for each in ([factor * v for v in value] if unit else value)]
         if len(texts) > 2 * MAX_LISTED:

@@ -15,7 +15,7 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def typeset_unit(unit: str) -> str:
-    """`N m^2` as `N m²`; the unit `1` is omitted."""
+    """`N m^2` as `N m²`, `degC` as `°C`; the unit `1` is omitted."""
     return "" if unit == "1" else _raise_exponents(unit)
 
 
@@ -32,6 +32,7 @@ def sentence_case(text: str) -> str:
 
 
 def _raise_exponents(text: str) -> str:
+    text = re.sub(r"\bdegC\b", "°C", text)
     return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), text)
 
 

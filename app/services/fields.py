@@ -188,7 +188,9 @@ def _format_limits(interval: Interval | None, unit: str, factor: float = 1.0) ->
         lower = f"from {lower}"
     if upper and not lower and interval.le is not None:
         upper = f"up to {upper}"
-    return f"{' to '.join(filter(None, (lower, upper)))} {unit}".strip() if lower or upper else ""
+    bounds = list(filter(None, (lower, upper)))
+    between = " … " if len(bounds) > 1 and not any(bound[0].isalpha() for bound in bounds) else " to "
+    return f"{between.join(bounds)} {unit}".strip()
 
 
 def field_error(kind: type[BaseModel], error: Any, shown: Mapping[str, FormField] | None = None) -> tuple[str, str]:

@@ -63,6 +63,9 @@ from protocols.base import (
 
 MAX_LOG_LINES = 500
 
+UNNAMED = "unnamed"
+"""Specimen of a run that was started without one."""
+
 ACTION_MESSAGES = {
     OperatorAction.PAUSE: (Severity.INFO, "Pause was requested"),
     OperatorAction.STOP: (Severity.WARNING, "Stop was requested; the bench goes to rest"),
@@ -241,7 +244,7 @@ def _after_action(view: WindowState, event: WindowEvent, at_s: float) -> WindowS
     match event:
         case OperatorAction.RECONNECT if not view.busy:
             phase = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
-            view = replace(view, phase=phase, problem="", off_aim=False)
+            view = replace(view, phase=phase, problem="", off_aim=False, connecting_since_s=at_s)
             return _disconnected(view, Lamp.WAITING)
         case OperatorAction.PAUSE if view.can_pause:
             return replace(view, pause_requested=not view.paused)
@@ -293,6 +296,7 @@ def _after_connection(view: WindowState, event: WindowEvent) -> WindowState | No
             if view.rest_lost:
                 phase, unsafe = BenchState.UNSAFE, message
             view = replace(view, phase=phase, unsafe=unsafe, drive=None, prompt=None, rest=None)
+            view = replace(view, connecting_since_s=math.nan)
             return _disconnected(replace(view, busy=False, progress=None), Lamp.WAITING)
         case RunRejected(reason):
             before = view.outcome or RunEnded(RunStatus.FAILED, reason, "")
@@ -339,17 +343,17 @@ def _after_run_event(view: WindowState, event: WindowEvent, streamed_s: float) -
     """Return the window state after the start, progress, results or end of a run; None after another event."""
     match event:
         case RunStarted():
-            progress = RunProgress(
-                protocol_title(event.protocol), event.entries, event.expected_s, remaining_s=event.expected_s
-            )
+            title = protocol_title(event.protocol)
+            if event.specimen not in ("", UNNAMED):
+                title += f" of {event.specimen}"
+            progress = RunProgress(title, event.entries, event.expected_s, remaining_s=event.expected_s)
             phase = view.phase if view.phase is BenchState.GOING_TO_REST else BenchState.ARMING
             view = replace(_without_results(view), busy=True, phase=phase, progress=progress, simulated=event.simulated)
             view = replace(view, rest=None, drive=None, warned=False, unread=False, watched=False)
             return replace(view, high_voltage=None, off_aim=False, protocol=event.protocol, answered=0)
-        case ProgressUpdated(done, entries, left_s, label) if view.progress is not None:
-            progress = replace(
-                view.progress, done=done, entries=entries, remaining_s=left_s, label=label, updated_at_s=streamed_s
-            )
+        case ProgressUpdated(done, entries, left_s, label, then) if view.progress is not None:
+            progress = replace(view.progress, done=done, entries=entries, remaining_s=left_s, label=label, then=then)
+            progress = replace(progress, updated_at_s=streamed_s)
             return replace(view, progress=progress)
         case PointMeasured(_, point, entry, replaces):
             points = list(view.points)

@@ -71,6 +71,8 @@ class RunProgress:
     done: int = 0
     remaining_s: float = 0.0
     label: str = ""
+    then: str = ""
+    """Label of the entry after the present one; empty without one."""
     updated_at_s: float = 0.0
 
     def remaining_at(self, streamed_s: float) -> float:
@@ -150,6 +152,8 @@ class WindowState:
     """Time (time.monotonic) at which a bench that goes to rest must be on its way."""
     watched: bool = False
     """Whether the card is watched between runs."""
+    connecting_since_s: float = math.nan
+    """Time (time.monotonic) at which the bench was asked for last; NaN if unknown."""
     connected: bool = False
     """The instruments answered at the last connection."""
     queued: str = ""

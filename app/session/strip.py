@@ -129,7 +129,7 @@ def strip_view(
         for each in view.instruments
     }
     measured, caption, age_s = _measured(view, seen.card, now_s)
-    aim, act, run = _aim(view), _act(view), _run_line(view, streamed_s, bench)
+    aim, act, run = _aim(view), _act(view), _run_line(view, streamed_s, bench, now_s)
     return StripView(view.bench_state, view.danger, measured, caption, age_s, aim, act, run, instruments)
 
 
@@ -221,14 +221,18 @@ def _act(view: WindowState) -> str:
     return "High voltage is still on" if view.phase is BenchState.PAUSED else ""
 
 
-def _run_line(view: WindowState, streamed_s: float, bench: "Bench | None") -> RunLine:
+def _run_line(view: WindowState, streamed_s: float, bench: "Bench | None", now_s: float) -> RunLine:
     """Return the run in two lines."""
     progress = view.progress
     flagged = f", {view.unusable} not usable" if view.unusable else ""
     outcome = None if view.outcome is None else view.outcome.verdict.outcome
     verdict = "no run yet" if outcome is None else f"{OUTCOME_SYMBOLS[outcome]} {outcome}"
+    waits_s = now_s - view.connecting_since_s
+    waited = f", {format_duration(waits_s)}" if view.phase is BenchState.CONNECTING and waits_s >= 1 else ""
     if view.queued:
-        return RunLine(view.queued, "begins when the bench is connected")
+        return RunLine(view.queued, f"begins when the bench is connected{waited}")
+    if view.phase is BenchState.CONNECTING:
+        return RunLine(view.bench_name, f"opens its instruments{waited}")
     if progress is None:
         return RunLine(view.bench_name, verdict if view.connected else "")
     done = f"{progress.done} of {pluralize(progress.entries, 'point')}{flagged}"

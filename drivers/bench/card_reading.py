@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,9 @@ With a block and its way to a view it is the longest time for which the view sho
 
 STEADY_V, LEVEL_V, SWINGING_V = 0.02, 0.05, 0.5
 """Volts at the amplifier's input: noise of the card; largest swing of one level; least swing that a sensor must follow."""
+
+MONITOR_STEADY_V = 5.0
+"""Volts at the specimen: noise of a voltage monitor."""
 
 STILL_RATIO = 1.5
 """Largest swing of a sensor that stands still under a drive, relative to its least swing without one: its noise."""
@@ -71,11 +75,30 @@ class CardReading:
         """Return the age of the last sample at a time (time.monotonic)."""
         return max(now_s - self.measured_s, 0.0)
 
+    def resembles(self, other: "CardReading | None") -> bool:
+        """Whether another reading has the same volts, but for the card's noise, and the same sensor."""
+        if other is None or (self.sensor_in_range, self.sensor_still) != (other.sensor_in_range, other.sensor_still):
+            return False
+        input_v, other_v = (*self.drive_v, *self.block_v), (*other.drive_v, *other.block_v)
+        monitor_v, other_monitor_v = self.monitor_v or (), other.monitor_v or ()
+        return _are_close(input_v, other_v, STEADY_V) and _are_close(monitor_v, other_monitor_v, MONITOR_STEADY_V)
+
     @property
     def moves(self) -> bool:
         """Whether a block's lowest or highest volts have changed within WINDOW_S, or may have."""
         earlier = self.earlier_v or (-math.inf, math.inf)
         return any(abs(now - before) > STEADY_V for now, before in zip(self.block_v, earlier, strict=True))
+
+
+class _Kept:
+    """A block of the acquisition with lowest and highest counts of each channel, computed once."""
+
+    def __init__(self, block: Block) -> None:
+        self.block = block
+
+    @cached_property
+    def ends(self) -> list[tuple[int, int]]:
+        return [(int(row.min()), int(row.max())) for row in self.block.raw]
 
 
 class WatchedStream(Closeable):
@@ -105,11 +128,11 @@ class WatchedStream(Closeable):
     ) -> None:
         self.rate_hz, self.scales, self.start_time_s = stream.rate_hz, stream.scales, stream.start_time_s
         self._stream, self._clock, self._sensor, self._heartbeat = stream, clock, sensor, heartbeat
-        self._reading, self._reading_of = before, tuple[Block, ...]()
+        self._reading, self._reading_of = before, tuple[_Kept, ...]()
         """The reading that was computed last, and its blocks."""
         self._before_s = 0.0 if before is None else before.age_s(time.monotonic())
         self._monitors = [(k, each) for k, each in enumerate(channels, 2) if each.kind == "voltage-monitor"]
-        self._noted: tuple[tuple[Block, ...], float] = (), math.inf
+        self._noted: tuple[tuple[_Kept, ...], float] = (), math.inf
         """The last blocks, and `measured_s`; infinite on a clock that stands still between two reads."""
         self._failed_s, self._noise, self._still = math.inf, math.inf, False
         """Since when (time.monotonic) the card cannot be read; the sensor's least swing without a drive, counts; and whether it
@@ -135,7 +158,7 @@ class WatchedStream(Closeable):
         unread = self._failed_s < math.inf
         if self._runs:
             return replace(self._reading, unread=True) if unread else self._reading
-        stop_s = blocks[-1].stop / self.rate_hz if blocks else -self._before_s
+        stop_s = blocks[-1].block.stop / self.rate_hz if blocks else -self._before_s
         passed_s = self._clock.now() - (self.start_time_s + stop_s)
         measured_s = min(time.monotonic(), self._failed_s) - max(passed_s, 0.0)
         return replace(self._reading, measured_s=measured_s, unread=unread)
@@ -215,36 +238,53 @@ class WatchedStream(Closeable):
         # The clocks of card and computer drift apart: only a block that is later than the ones before it is old.
         self._usual_s = min(late_s, self._usual_s + CLOCK_DRIFT * (block.stop - self._stop) / self.rate_hz)
         oldest, (kept, _) = block.start - WINDOW_S * self.rate_hz, self._noted
-        blocks = (*(each for each in kept if each.stop >= oldest or each is kept[-1]), block)
+        blocks = (*(each for each in kept if each.block.stop >= oldest or each is kept[-1]), _Kept(block))
         measured_s = time.monotonic() - (late_s - self._usual_s) / self._speed if self._runs else math.inf
         self._noted, self._failed_s, self._stop = (blocks, measured_s), math.inf, block.stop
         self._heartbeat((late_s - self._usual_s) / self._speed)
         return block
 
-    def _compute(self, blocks: Sequence[Block], measured_s: float) -> CardReading:
+    def _compute(self, blocks: Sequence[_Kept], measured_s: float) -> CardReading:
         last = blocks[-1]
-        present = [each for each in blocks if each.stop > last.stop - WINDOW_S * self.rate_hz]
-        earlier = [each for each in blocks if each.stop <= last.stop - WINDOW_S * self.rate_hz]
-        low_v, high_v = self._volts(DRIVE_CHANNEL, present)
-        swing = float(np.ptp(np.concatenate([each.raw[DISPLACEMENT_CHANNEL] for each in present]).astype(int)))
-        if high_v - low_v <= LEVEL_V:
+        begin = last.block.stop - WINDOW_S * self.rate_hz
+        present = [each.ends for each in blocks if each.block.stop > begin]
+        earlier = [each.ends for each in blocks if each.block.stop <= begin]
+        drive_v, block_v = self._volts(DRIVE_CHANNEL, present), self._volts(DRIVE_CHANNEL, [last.ends])
+        low, high = _extremes(DISPLACEMENT_CHANNEL, present)
+        swing, drive_swing_v = float(high - low), drive_v[1] - drive_v[0]
+        if drive_swing_v <= LEVEL_V:
             self._noise = min(self._noise, swing)
         monitors = [channel.values(np.array(self._volts(row, present))) for row, channel in self._monitors]
-        seen = self.scales[DISPLACEMENT_CHANNEL].to_volts(last.raw[DISPLACEMENT_CHANNEL])
-        if high_v - low_v >= SWINGING_V and math.isfinite(self._noise):
+        if drive_swing_v >= SWINGING_V and math.isfinite(self._noise):
             self._still = swing <= STILL_RATIO * self._noise
         return CardReading(
-            (low_v, high_v),
-            self._volts(DRIVE_CHANNEL, [last]),
+            drive_v,
+            block_v,
             measured_s,
             self._volts(DRIVE_CHANNEL, earlier[-1:]) if earlier else None,
             (float(monitors[0].min()), float(monitors[0].max())) if monitors else None,
-            bool(self._sensor.is_valid(seen).any()),
+            self._sees_target(last),
             self._still,
         )
 
-    def _volts(self, row: int, blocks: Iterable[Block]) -> Volts:
-        """Return lowest and highest volts of a channel."""
-        ends = [end for block in blocks for end in (block.raw[row].min(), block.raw[row].max())]
-        volts = self.scales[row].to_volts(np.array(ends, np.int16))
-        return float(volts.min()), float(volts.max())
+    def _sees_target(self, last: _Kept) -> bool:
+        """Return whether any sample of a block is a displacement; its lowest and highest are looked at first."""
+        for raw in (np.array(last.ends[DISPLACEMENT_CHANNEL], np.int16), last.block.raw[DISPLACEMENT_CHANNEL]):
+            if self._sensor.is_valid(self.scales[DISPLACEMENT_CHANNEL].to_volts(raw)).any():
+                return True
+        return False
+
+    def _volts(self, row: int, ends: Iterable[Sequence[tuple[int, int]]]) -> Volts:
+        """Return lowest and highest volts of a channel in several blocks."""
+        low_v, high_v = sorted(map(float, self.scales[row].to_volts(np.array(_extremes(row, ends), np.int16))))
+        return low_v, high_v
+
+
+def _are_close(volts: Sequence[float], others: Sequence[float], within_v: float) -> bool:
+    return len(volts) == len(others) and all(abs(a - b) <= within_v for a, b in zip(volts, others, strict=True))
+
+
+def _extremes(row: int, ends: Iterable[Sequence[tuple[int, int]]]) -> tuple[int, int]:
+    """Return lowest and highest counts of a channel in several blocks."""
+    lows, highs = zip(*(each[row] for each in ends), strict=True)
+    return min(lows), max(highs)

@@ -328,6 +328,7 @@ class NiStream(Closeable):
         self._raw = np.zeros((grounded + len(self.scales), block_scans), np.int16)
         self._timeout_s = Deadline.CARD_BLOCK.seconds + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
+        self._reader.verify_array_shape = False  # it would ask the driver for the number of channels with every block
         self.start_time_s = self._start() + grounded * convert_s
 
     def _start(self) -> float:

@@ -72,9 +72,11 @@ class WatchdogClient:
                 )
         self.takeover_reason = self.takeover_outcome = ""
         self.brought_to_rest, self._takeovers_at_allow = False, self._takeovers
+        self._process.skip_pause()  # it was not observed at rest
         self._last_line, self._last_heartbeat_s = self._process.mark(), time.monotonic()
         self._send("live")
         self._live.set()
+        self._observes.set()
 
     def send_heartbeat(self) -> None:
         if not self._live.is_set():
@@ -154,12 +156,14 @@ class WatchdogClient:
 
     def disarm(self) -> None:
         self._live.clear()
+        self._observes.clear()
         self._send("rest")
 
     def close(self) -> None:
         self._live.clear()
         self._send("bye")
         self._closing.set()
+        self._observes.set()  # its thread ends
         terminate(self._child)
         for thread in (self._listener_thread, self._pulse_thread):
             thread.join()
@@ -182,7 +186,7 @@ class WatchdogClient:
         self._taking_over = self._failing = self._ended = self.brought_to_rest = False
         self._process = ProcessActivity(self._child.pid)
         self._last_line, self._last_heartbeat_s = self._process.mark(), time.monotonic()
-        self._closing = threading.Event()
+        self._closing, self._observes = threading.Event(), threading.Event()
         self._send(self._config.as_line())
         if self._log_folder is not None:
             self._send(f"log {self._log_folder}")
@@ -231,7 +235,7 @@ class WatchdogClient:
             self._changed.notify_all()
 
     def _send_pulses(self) -> None:
-        while not self._closing.wait(HEARTBEAT_PERIOD_S):
+        while self._observes.wait() and not self._closing.wait(HEARTBEAT_PERIOD_S):
             with contextlib.suppress(MemoryError):  # without pulses the watchdog would take the source over
                 self._process.update()
             if self._live.is_set():

@@ -70,6 +70,10 @@ class ProcessActivity:
             self._elapsed_s - mark.elapsed_s, self._available_s - mark.available_s, self._waited_s - mark.waited_s
         )
 
+    def skip_pause(self) -> None:
+        """Count the time since the last `update` neither as silence nor as life: nobody observed."""
+        self._sampled_s = time.monotonic()
+
     def update(self) -> None:
         """Take a sample if one is due; call it at least every OWN_PAUSE_S, from one thread."""
         now = time.monotonic()

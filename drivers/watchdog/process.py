@@ -30,7 +30,9 @@ from drivers.watchdog.hang_detection import ProcessActivity, raise_own_priority
 from drivers.watchdog.log import append_line
 from drivers.watchdog.origin import describe_copy
 
-POLL_PERIOD_S = 0.02
+POLL_PERIOD_S, REST_PERIOD_S = 0.02, 1.0
+"""Interval between two looks at the program while live, and at rest, where there is nothing to watch but the pipe."""
+
 TICK_PERIOD_S = 0.25
 RETRY_INTERVAL_S = 0.25
 WARNING_AFTER_S = 3.0
@@ -80,7 +82,7 @@ class WatchdogLoop:
         send_line(f"ready {describe_copy()}")
         while True:
             try:
-                line = self._lines.get(timeout=POLL_PERIOD_S)
+                line = self._lines.get(timeout=POLL_PERIOD_S if self._live else REST_PERIOD_S)
             except queue.Empty:
                 line = ""
             self._program.update()

@@ -38,6 +38,7 @@ class RunStarted(Event, kind="RunStarted"):
     expected_s: float
     entries: int
     simulated: bool
+    specimen: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,12 +168,13 @@ class RunResumed(Event, kind="Resumed"):
 
 @dataclass(frozen=True, slots=True)
 class ProgressUpdated(Event, kind="Progressed"):
-    """`done` of `entries` are finished; about `left_s` of bench time remain."""
+    """`done` of `entries` are finished; about `left_s` of bench time remain. `label` is the present entry, `then` the next one."""
 
     done: int
     entries: int
     left_s: float
     label: str
+    then: str = ""
 
 
 @dataclass(frozen=True, slots=True)

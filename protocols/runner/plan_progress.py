@@ -152,7 +152,8 @@ class PlanProgress:
         """Return the progress as an event to publish."""
         left = [self.plan[i] for i in self._queue]
         left_s = sum(entry.expected_s for entry in left)
-        return ProgressUpdated(len(self.plan) - len(left), len(self.plan), left_s, left[0].label if left else "done")
+        label, then = [*(entry.label for entry in left[:2]), *("done", "")[len(left) :], ""][:2]
+        return ProgressUpdated(len(self.plan) - len(left), len(self.plan), left_s, label, then)
 
     def outcome_message(self) -> str:
         """Return the outcome of a completed run as a message."""

@@ -126,7 +126,7 @@ class Runner:
         # A resumed run keeps the parameters of its file.
         self._adapted = AdaptedProtocol(request.protocol) if request.resume else _adapted(request, bench)
         self._protocol, self._bench, self._preparation = self._adapted.protocol, bench, request.prepare
-        self._resumed = request.resume
+        self._resumed, self._specimen = request.resume, request.specimen
         # The model of the free specimen, behind this bench's amplifier.
         reference = replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
         record = initial_record(request, bench, reference, self._adapted)
@@ -281,7 +281,14 @@ class Runner:
         self._plan_progress.build_plan()
         path = str(self._run_file.path)
         self._recorder.publish(
-            RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
+            RunStarted(
+                self._protocol.name,
+                path,
+                rehearsal.duration_s,
+                rehearsal.entries,
+                self._bench.simulated,
+                self._specimen,
+            )
         )
         self._recorder.publish_external()  # faults injected before the begin of the run
         bench = self._bench

@@ -39,6 +39,17 @@ def test_only_the_last_seconds_are_kept() -> None:
     np.testing.assert_allclose(values[0::2], time[0::2])
 
 
+def test_the_end_of_a_record_is_the_end_of_the_whole() -> None:
+    trace = MinMaxTrace(0.5, 50)
+    trace.reset(1000.0)
+    for samples, filled in ((120, 12), (400, 50), (333, 50)):  # not full yet, full, and around the end of its memory
+        trace.append(np.arange(float(samples)))
+        (time, values), (end_s, end) = trace.decimated_curve(), trace.decimated_curve(0.1)
+        assert (time.size, end_s.size) == (2 * filled, 2 * 11)
+        np.testing.assert_array_equal(end_s, time[-22:])
+        np.testing.assert_array_equal(end, values[-22:])
+
+
 def test_a_slow_signal_gets_a_column_a_sample() -> None:
     trace = MinMaxTrace(0.1, 1000)
     trace.reset(5000.0)

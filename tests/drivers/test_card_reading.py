@@ -4,7 +4,9 @@ import queue
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +38,7 @@ class Card:
         self.next_scan = self.restarts = 0
         self.closed = False
 
-    def deliver(self, *rows: float | tuple[float, float] | Exception, skip: int = 0) -> None:
+    def deliver(self, *rows: float | tuple[float, ...] | Exception, skip: int = 0) -> None:
         """Deliver a block of levels or of swings from low to high, one for each channel; or an error."""
         if isinstance(rows[0], Exception):
             self.delivered.put(rows[0])
@@ -335,3 +337,33 @@ def test_a_program_that_is_held_up_at_raised_speed_holds_the_card_up(tmp_path: P
     with WatchedStream(card, clock, 0.4, SENSOR) as stream:
         assert wait_until(stream._arrived.full)
         assert card.next_scan <= 4 * BLOCK
+
+
+@pytest.mark.parametrize(
+    ("other", "alike"),
+    [
+        ({}, True),
+        ({"drive_v": (2.495, 2.515)}, True),
+        ({"drive_v": (2.49, 2.53)}, False),
+        ({"block_v": (2.47, 2.51)}, False),
+        ({"monitor_v": (-4.0, 4.0)}, True),
+        ({"monitor_v": (-6.1, 1.0)}, False),
+        ({"monitor_v": None}, False),
+        ({"sensor_in_range": False}, False),
+        ({"sensor_still": True}, False),
+        ({"measured_s": 9.0, "unread": True, "earlier_v": None}, True),
+    ],
+)
+def test_a_reading_resembles_another_within_the_noise(other: dict[str, Any], alike: bool) -> None:
+    reading = CardReading((2.49, 2.51), (2.49, 2.51), 1.0, (2.49, 2.51), (-1.0, 1.0))
+    assert reading.resembles(replace(reading, **other)) is alike
+    assert not reading.resembles(None)
+
+
+def test_one_sample_of_a_target_is_enough_wherever_it_lies() -> None:
+    with watched(VirtualClock()) as (card, stream):
+        stream._sensor = replace(SENSOR, valid_low_v=1.0, valid_high_v=4.0)
+        for volts, sees in (((0.0, 2.0), True), ((0.0, 5.0), False), ((0.0, 2.0, 5.0), True), (2.0, True)):
+            card.deliver(2.5, volts)
+            stream.read()
+            assert reading_of(stream).sensor_in_range is sees

@@ -392,11 +392,20 @@ def test_every_line_of_it_counts_as_a_sign_of_life(
         wait(lambda i=i: live._last_line.elapsed_s == i)
 
 
-def test_its_process_is_observed_all_the_time(make: Callable[[], WatchdogClient], children: Children) -> None:
+def test_its_process_is_observed_while_live_and_the_time_at_rest_is_no_silence(
+    make: Callable[[], WatchdogClient], children: Children
+) -> None:
     client = make()
     updated = threading.Event()
     client._process.update = updated.set  # type: ignore[method-assign]
+    client._process._sampled_s = -1e6
+    assert not updated.wait(3 * module.HEARTBEAT_PERIOD_S)
+    client.arm()
     assert updated.wait(LONG_S)
+    assert client._process._sampled_s > 0.0
+    client.disarm()
+    client.close()
+    assert not client._pulse_thread.is_alive()
 
 
 # -- requests ------------------------------------------------------------------------------------------------------------

@@ -106,7 +106,8 @@ class Loop:
         self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._stdin = os.fdopen(program_end)
         fake_sys = SimpleNamespace(stdin=self._stdin, stdout=Output(self.lines), stderr=self.stderr)
-        monkeypatch.setattr(process, "POLL_PERIOD_S", 0.002)
+        for name in ("POLL_PERIOD_S", "REST_PERIOD_S"):
+            monkeypatch.setattr(process, name, 0.002)
         monkeypatch.setattr(process, "sys", fake_sys)
         monkeypatch.setattr(process, "time", SimpleNamespace(monotonic=self._monotonic, sleep=self._sleep))
         monkeypatch.setattr(process, "ProcessActivity", self._activity)

@@ -27,8 +27,11 @@ LEAST_MOTION = 1e-4
 
 INITIAL_RANGE_UM = 100.0
 
-CALM_S = 0.2
-"""Interval between two redraws at rest."""
+CALM_S = 0.15
+"""Shortest interval between two redraws at rest; the window then ticks 5 times a second, unless something wakes it."""
+
+CALM_SPANS = 2.5
+"""Spans of samples that are taken at rest: the one that is shown, and one before it for the trigger."""
 
 HELD_AFTER_S = 1.0
 """Traces without a new sample for this long are drawn in grey, with their age."""
@@ -105,6 +108,8 @@ class TimePlot(Chart):
         self._shown_s = self._right_s = 0.0
         """Bench times of the displayed samples and of the right edge: if triggered, the drive's last rising edge before it."""
         self._samples: list[tuple[Array, Array]] = []
+        self._lines: dict[int, tuple[float, float]] = {}
+        """Lowest and highest value of the traces that were drawn from edge to edge at rest, by panel."""
         self._edges_s = np.empty(0)
         self._last_tick_s = self._last_values_s = time.monotonic()
         self._streamed_s = feed.streamed_s
@@ -199,7 +204,7 @@ class TimePlot(Chart):
         for drawn in self.panels:
             drawn.axes["bottom"].scale_by = 1000.0 if short else 1.0
             drawn.box.setMouseEnabled(x=False, y=False)
-        self._version = -1
+        self._version, self._lines = -1, {}
         self._color_traces(tokens())
 
     def tick(self) -> None:
@@ -215,13 +220,15 @@ class TimePlot(Chart):
             self._update_data()
         self._streamed_s, age_s = self._feed.streamed_s, now - self._feed.last_block_s
         self._show_age(int(age_s) if age_s >= HELD_AFTER_S else 0)
-        self._shown_s = self._advance(self._feed.displayed_s(now), elapsed)
+        # Even motion costs a fit of the blocks' times, which nobody sees at a few redraws a second.
+        goal_s = self._streamed_s if self.is_calm else self._feed.displayed_s(now)
+        self._shown_s = goal_s if self.is_calm else self._advance(goal_s, elapsed)
         right_s = self._trigger(self._shown_s) if self.span.triggered else self._shown_s
         if fresh or right_s != self._right_s:
             self._right_s = right_s
             self.frames += 1
             self._draw_traces(fresh)
-            if now - self._last_values_s >= VALUES_S and not self._held_s:
+            if (self.is_calm or now - self._last_values_s >= VALUES_S) and not self._held_s:
                 self._last_values_s = now
                 self._show_values()
 
@@ -238,14 +245,28 @@ class TimePlot(Chart):
 
     def _draw_traces(self, fresh: bool) -> None:
         """Move the curves so that `_right_s` is at the right edge; a triggered span draws the displayed part only."""
-        for curve, (time_s, values) in zip(self.curves, self._samples, strict=False):
+        for at, (curve, (time_s, values)) in enumerate(zip(self.curves, self._samples, strict=False)):
+            left_s = self._right_s - self.span.shown_s
+            ends = np.searchsorted(time_s, (left_s, self._right_s), "right")
+            begin, end = max(int(ends[0]) - 2, 0), int(ends[1]) + 2  # with a column beyond each edge
+            if self.is_calm and self._is_same_line(at, values[begin:end], fills=bool(ends[0])):
+                continue
             curve.setPos(-self._right_s, 0)
             if self.span.triggered:
-                ends = np.searchsorted(time_s, (self._right_s - self.span.shown_s, self._right_s), "right")
-                begin, end = max(int(ends[0]) - 2, 0), int(ends[1]) + 2  # with a column beyond each edge
                 curve.setData(time_s[begin:end], values[begin:end])
             elif fresh:
                 curve.setData(time_s, values)
+
+    def _is_same_line(self, at: int, shown: Array, fills: bool) -> bool:
+        """Return whether a trace is the horizontal line that is drawn already, to a pixel; `fills`: from edge to edge."""
+        low, high = (float(shown.min()), float(shown.max())) if shown.size else (-math.inf, math.inf)
+        box = self.panels[at].box
+        (bottom, top), (before_low, before_high) = box.viewRange()[1], self._lines.get(at, (-math.inf, math.inf))
+        pixel = (top - bottom) / max(box.height(), 1.0)
+        if max(high, before_high) - min(low, before_low) < pixel and fills:
+            return True
+        self._lines[at] = (low, high) if fills else (-math.inf, math.inf)
+        return False
 
     def _trigger(self, shown_s: float) -> float:
         """Return the last rising edge of the drive before a time, if a whole span lies before it; else that time."""
@@ -255,10 +276,11 @@ class TimePlot(Chart):
     def _update_data(self) -> None:
         drive, moved = self._feed.traces(self.span)
         self._version = moved.version
-        drive_s, drive_v = drive.decimated_curve()
-        self._samples = [moved.decimated_curve(), (drive_s, drive_v)]
+        seconds = CALM_SPANS * self.span.shown_s if self.is_calm else math.inf
+        drive_s, drive_v = drive.decimated_curve(seconds)
+        self._samples = [moved.decimated_curve(seconds), (drive_s, drive_v)]
         for (_, unit), trace in zip((self._channels or ())[1:], self._feed.channel_traces(self.span), strict=False):
-            time_s, values = trace.decimated_curve()
+            time_s, values = trace.decimated_curve(seconds)
             self._samples.append((time_s, shown_unit(unit).factor * values))
         if not drive_s.size:
             return
@@ -280,7 +302,8 @@ class TimePlot(Chart):
         spans = (INITIAL_RANGE_UM, self._amplifier.high_v - self._amplifier.low_v)
         shown = zip(self.values, self._samples, (self._feed.moved[1], "V"), (1, 3), spans, strict=False)
         for value, (time_s, samples), unit, places, span in shown:
-            value.show_values(samples[time_s > self._streamed_s - VALUES_S], unit, places, STILL * span)
+            begin = np.searchsorted(time_s, self._streamed_s - VALUES_S, "right")
+            value.show_values(samples[begin:], unit, places, STILL * span)
 
     def _show_age(self, held_s: int) -> None:
         """Draw held traces in grey and state their age; live ones in their colours."""

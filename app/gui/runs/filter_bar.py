@@ -1,13 +1,24 @@
 """Filter bar above the list of runs: search, choices, count and scan progress."""
 
 from collections.abc import Sequence
+from functools import partial
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
-from app.archive import FIELDS, RunFilter, RunSummary, ScanResult, read_since
-from app.gui.widgets import configure, fill_combo, make_button, make_combo, make_label, row
+from app.archive import FIELDS, RunFilter, RunSummary, ScanResult, Term, read_query, read_since
+from app.gui.widgets import (
+    clear_layout,
+    column,
+    configure,
+    fill_combo,
+    make_button,
+    make_combo,
+    make_label,
+    make_pane,
+    row,
+)
 from app.session import protocol_title
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
@@ -60,7 +71,13 @@ class RunFilterBar(QWidget):
             "Stop reading", self.stop_pressed.emit, "choice", name="runs.stop-reading", visible=False
         )
         shown = (*self._combos, self.count_label, self.stop_button)
-        row((self.search_edit, 1), *shown, parent=self, margins=(0, 2, 0, 0), spacing=6)
+        self._chip_row = row(None, spacing=6)
+        self.chips = make_pane(self._chip_row)
+        """The fields of the search, each with a button that takes it away."""
+        self.chips.hide()
+        self._chip_terms: list[Term] = []
+        column(row((self.search_edit, 1), *shown, spacing=6), self.chips, parent=self, margins=(0, 2, 0, 0), spacing=6)
+        self.search_edit.textChanged.connect(self._show_chips)
         self.search_edit.textChanged.connect(lambda _: self.changed.emit())
         self.search_edit.focus_list_requested.connect(self.list_requested)
         for combo in self._combos:
@@ -79,6 +96,31 @@ class RunFilterBar(QWidget):
             since=read_since(since) if since else "",
             verdict=self.verdict.currentData(),
         )
+
+    def _show_chips(self, text: str) -> None:
+        try:
+            terms = read_query(text)
+        except ValueError:  # told by `show_mistake`
+            return
+        fields = [term for term in terms if term.field]
+        if fields == self._chip_terms:
+            return
+        self._chip_terms = fields
+        clear_layout(self._chip_row)
+        for at, term in enumerate(fields):
+            button = make_button(
+                f"{term.field}: {term.value} ×", partial(self._drop, term), "choice", name=f"runs.chip.{at}"
+            )
+            button.setToolTip("Take this field out of the search")
+            self._chip_row.addWidget(button)
+        self._chip_row.addStretch(1)
+        self.chips.setVisible(bool(fields))
+
+    def _drop(self, dropped: Term) -> None:
+        terms = read_query(self.search_edit.text())
+        terms.remove(dropped)
+        self.search_edit.setText(" ".join(map(str, terms)))
+        self.search_edit.setFocus()
 
     def show_mistake(self, text: str) -> None:
         """Show what is wrong with the search; the list stays as it was."""

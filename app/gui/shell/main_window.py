@@ -1,7 +1,8 @@
 """Main window: menu line, strip, rail, pages and status line of one session, refreshed by a timer."""
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -121,13 +122,10 @@ class MainWindow(QMainWindow):
         """Another window with another bench takes the place of this one, which stays visible until then."""
         self._force_close = self._session_closed = self._connect_started = False
         self._grid: SizeClass | None = None
-        self.controller = SessionController(
-            adapter,
-            initial_window_state(
-                config.amplifier.amplifier_map, config.name, config.simulated, _instrument_names(config)
-            ),
-            self,
+        state = initial_window_state(
+            config.amplifier.amplifier_map, config.name, config.simulated, _instrument_names(config)
         )
+        self.controller = SessionController(adapter, replace(state, connecting_since_s=time.monotonic()), self)
         self.look = WindowLook(self, settings)
         self.ribbon = BenchRibbon(config.name, config.simulated, adapter.simulation)
         self.strip = BenchStrip(self.controller)

@@ -46,6 +46,7 @@ class PageHost(QStackedWidget):
         self._settings = settings
         self._worker = BackgroundWorker("pages", self)
         self._state: WindowState | None = None
+        self._active_file: object = None
         self._factories: list[Callable[[], Page]] = []
         self._layouts: list[QVBoxLayout] = []
         self._created: dict[int, Page] = {}
@@ -88,6 +89,7 @@ class PageHost(QStackedWidget):
                     splitter.restoreState(sizes)
             if self._state is not None:
                 page.set_state(self._state)
+            self._tell_active_file(page)
             self.page_created.emit(page)
             clear_layout(self._layouts[index])  # of its placeholder
             # A page keeps its smallest size, and scrolls in a window that is too small for it. It is put into an area that has
@@ -123,8 +125,14 @@ class PageHost(QStackedWidget):
 
     def set_active_file(self, path: object) -> None:
         """Inform the pages about the run file that this program is writing."""
-        for page in self._pages_with("set_active_file"):
-            page.set_active_file(path)
+        if path != self._active_file:
+            self._active_file = path
+            for page in self._created.values():
+                self._tell_active_file(page)
+
+    def _tell_active_file(self, page: Page) -> None:
+        if callable(tell_file := getattr(page, "set_active_file", None)):
+            tell_file(self._active_file)
 
     def tick(self) -> None:
         """Refresh the visible page."""

@@ -290,6 +290,7 @@ class BenchStrip(QWidget):
         run, narrow = self.view.run, width < px(NARROW_RUN)
         in_run = bool(run.fraction) and run.outcome is None and not self.view.danger
         titles, notes = _shortened(sentence_case(run.title)), _shortened(sentence_case(run.note))
+        titles += (run.title.partition(" · ")[0], run.title.partition(" of ")[0])
         if self.view.danger:
             act, _, why = self.view.act.partition("; ")
             key = "Then F4; " if self.view.state == "unsafe" else ""  # which answers the card of that state only

@@ -86,8 +86,12 @@ class Notices(QObject):
         adapter, prompt = self._controller.adapter, view.prompt
         # The operator's prompt id is set only after the event was emitted.
         shown = prompt if prompt is not None and adapter.mailbox.pending_id == prompt.ask_id else None
-        note = "" if view.progress is None else view.progress.label
-        if self.prompt.show_prompt(shown, note, view.simulated):
+        note, then, progress = "", "", view.progress
+        if progress is not None and progress.entries:
+            point = f"Point {min(progress.done + 1, progress.entries)} of {progress.entries}"
+            note = ", ".join(filter(None, (point, progress.label)))
+            then = progress.then
+        if self.prompt.show_prompt(shown, note, view.simulated, then):
             self._update_answer()
         self.prompt.show_laser(adapter.feed.latest_um)
 

@@ -68,12 +68,13 @@ class PromptCard(OverlayCard):
         self.detail_label = make_label(kind="large", name="notices.prompt.detail")
         self.laser_label = make_label(kind="present", wrap=False, name="prompt.laser")
         self.laser_note = make_label(kind="note", wrap=False, name="prompt.laser-note")
+        self.then_label = make_label(kind="note", wrap=False, name="prompt.then")
         self.again_label = make_label(kind="caution", name="prompt.again", visible=False)
         content = QWidget()
         super().__init__("notices.prompt", content, edge="amber_text", closable=False)
         laser = row(self.laser_label, self.laser_note, None, spacing=12)
         texts = column(self.message_label, self.detail_label, None, laser, self.again_label, spacing=8)
-        self._answer_row = row(None, spacing=12)
+        self._answer_row = row(None, self.then_label, spacing=12)
         column(
             self.head,
             row((self.drawing, 0, Qt.AlignmentFlag.AlignTop), (texts, 1), margins=(20, 16, 20, 12), spacing=24),
@@ -91,7 +92,7 @@ class PromptCard(OverlayCard):
         """Whether the prompt has been visible long enough to be read."""
         return time.monotonic() - self._shown_at_s >= INPUT_GUARD_S
 
-    def show_prompt(self, event: PromptShown | None, note: str = "", simulated: bool = False) -> bool:
+    def show_prompt(self, event: PromptShown | None, note: str = "", simulated: bool = False, then: str = "") -> bool:
         """Show a prompt or none, and return whether it changed."""
         if event == self._prompt and self.isHidden() == (event is None):
             return False
@@ -114,6 +115,7 @@ class PromptCard(OverlayCard):
         set_style_kind(self.message_label, "act" if len(act) <= ACT_LENGTH else "heading")
         show_text(self.detail_label, detail)
         self.note_label.setText(note)
+        self.then_label.setText(f"Then: {then}" if then else "")
         moved_um = _moved_um(prompt)
         self.laser_note.setText("laser now" + f"; moves by about {moved_um:g} µm" * bool(moved_um))
         for at, choice in enumerate(prompt.choices):
@@ -168,7 +170,7 @@ class PromptCard(OverlayCard):
         is_first = key == "Enter"
         kind, act = "go" if is_first else "main", partial(self._answer, choice)
         button = make_button(sentence_case(choice), act, kind, name=f"answer.{choice}", key=key)
-        self._answer_row.insertWidget(self._answer_row.count() - 1, button)
+        self._answer_row.insertWidget(len(self.buttons), button)
         button.show()  # in a card that is seen already it would only be shown later, and Enter be off until then
         self.buttons.append(button)
         if not is_first:

@@ -6,12 +6,16 @@ A worker that collects a cycle disconnects its signals under a lock of Qt, and t
 import gc
 import threading
 
+import pytest
 from PySide6.QtCore import QCoreApplication
 
 from app.gui.shell import collect_garbage_here
-from app.live.session_link import PromptMailbox
+from app.live.session_link import PromptMailbox, SessionAdapter
+from app.session import BlockMonitored, Observation
+from drivers import CardReading
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from tests.helpers.main_window import until
+from tests.helpers.main_window import ListeningSession, until
+from tests.helpers.session_events import sine_block
 
 
 def test_an_answer_reaches_the_one_who_asked_and_is_gone() -> None:
@@ -77,3 +81,16 @@ def test_cycles_are_collected_in_the_gui_thread(qt: QCoreApplication) -> None:
         until(lambda: collected, "for the collection")
     assert set(collected) == {threading.main_thread()}
     assert gc.isenabled()
+
+
+def test_a_window_at_rest_is_woken_by_another_reading_of_the_card_only() -> None:
+    card = CardReading((2.5, 2.5), (2.5, 2.5), 0.0)
+    session = ListeningSession()
+    link = SessionAdapter(lambda: pytest.fail("nobody connects here"), lambda *_: session)
+    woken: list[CardReading] = []
+    link.on_event = lambda: woken.append(card)
+    for volts in (2.5, 2.51, 2.49, 0.0, 0.01, 2.5):
+        card = CardReading((volts, volts), (volts, volts), 0.0)
+        session.observation = Observation(card)
+        link.observe(BlockMonitored(sine_block(0, 10, 5000.0)))
+    assert [each.drive_v[0] for each in woken] == [2.5, 0.0, 2.5]

@@ -17,6 +17,7 @@ from app.gui.plots.picture import ON_AXIS
 from app.gui.plots.time_plot import TimePlot, rising_edges
 from app.live import feed as live_feed
 from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
+from drivers.interfaces import Block
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from tests.helpers.session_events import SCALES, sine_block
@@ -72,6 +73,37 @@ def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -
         plot.tick()
     plot.deleteLater()
     assert plot.frames == 1
+
+
+def test_at_rest_a_horizontal_trace_is_drawn_once_and_a_moving_one_with_every_block(
+    qt: QApplication, clock: list[float]
+) -> None:
+    feed = fed(seconds=0.5)
+    plot = TimePlot(feed, AmplifierMap())
+    plot.resize(800, 400)
+    plot.show()
+    plot.is_calm = True
+    scans = 2500
+
+    def next_drawn(seconds: float, amplitude_v: float = 0.0) -> list[bool]:
+        """Let seconds of one drive pass, and return which traces are drawn anew by the last block: displacement, drive."""
+        nonlocal scans
+        for _ in range(round(seconds / 0.1)):
+            moving = sine_block(scans, 500, 5000.0)
+            drive = moving.raw[0] if amplitude_v else np.full_like(moving.raw[0], 8192)
+            feed.add_block(Block(scans, np.stack((drive, moving.raw[1]))))
+            scans += 500
+            clock[0] += 0.2
+            before = [curve.pos().x() for curve in plot.curves]
+            plot.tick()
+        return [bool(curve.pos().x() != x) for curve, x in zip(plot.curves, before, strict=True)]
+
+    assert next_drawn(1.0) == [True, False]
+    assert next_drawn(0.1, amplitude_v=2.5) == [True, True]
+    assert next_drawn(1.0) == [True, False]
+    plot.select_span(1)  # the line does not reach from edge to edge yet
+    assert next_drawn(0.1) == [True, True]
+    plot.deleteLater()
 
 
 def test_traces_without_new_samples_turn_grey_and_state_their_age(qt: QApplication, clock: list[float]) -> None:

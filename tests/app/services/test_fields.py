@@ -22,7 +22,7 @@ def test_fields_carry_name_unit_meaning_and_limits() -> None:
     expected = {
         "frequencies_hz": ("frequencies", "Hz", "1 to 2000 Hz"),
         "peak_to_peak_v": ("peak to peak", "V", "over 0 to 5 V"),
-        "min_cycles": ("min cycles", "", "3 to 100000"),
+        "min_cycles": ("min cycles", "", "3 … 100000"),
     }
     assert {name: (fields[name].label, fields[name].unit, fields[name].limits) for name in expected} == expected
     assert "settled" in fields["settle_tolerance"].description
@@ -66,7 +66,7 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
         ("peak_to_peak_v", "four", "not a number"),
         ("peak_to_peak_v", "  ", "give a value"),
         ("peak_to_peak_v", "nan", "not a number"),
-        ("frequencies_hz", "25, 3 kHz", "3000 Hz is outside the range: 1 to 2000 Hz"),
+        ("frequencies_hz", "25, 3 kHz", "3000 Hz is outside the range: 1 … 2000 Hz"),
         ("frequencies_hz", ",", "at least 1"),
         ("min_cycles", "20.5", "not a whole number"),
         ("sample_rate_hz", "800", "at least 5000 Hz is needed"),

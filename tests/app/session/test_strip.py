@@ -393,18 +393,31 @@ def test_a_card_that_could_not_be_read_is_suspect_at_once() -> None:
 @pytest.mark.parametrize(
     ("events", "title", "note"),
     [
-        ((), "bench", ""),
+        ((), "bench", "opens its instruments"),
         ((OPENED,), "bench", "no run yet"),
         ((RunRequested("Sine dwell"),), "Sine dwell", "begins when the bench is connected"),
         ((OPENED, RunRequested("Sine dwell")), "Sine dwell", "begins"),
         ((OPENED, RunRequested("Sine dwell"), STARTED), "Sine dwell", "0 of 18 points, 27 s left"),
         ((*LIVE, ProgressUpdated(1, 18, 25.5, "50 Hz")), "Sine dwell · 50 Hz", "1 of 18 points, 26 s left"),
+        ((OPENED, replace(STARTED, specimen="T7")), "Sine dwell of T7", "0 of 18 points, 27 s left"),
+        ((OPENED, replace(STARTED, specimen="unnamed")), "Sine dwell", "0 of 18 points, 27 s left"),
         ((*LIVE, AT_REST, COMPLETED), "Sine dwell", "– not judged, 0 of 18 points"),
     ],
 )
 def test_the_run_is_told_in_two_lines(events: tuple[WindowEvent, ...], title: str, note: str) -> None:
     run = strip_view(view_after(*events)).run
     assert (run.title[-len(title) :], run.note) == (title, note)
+
+
+def test_a_bench_that_is_being_connected_tells_for_how_long() -> None:
+    for events, note in (
+        ((), "opens its instruments"),
+        ((RunRequested("Sine dwell"),), "begins when the bench is connected"),
+    ):
+        view = replace(view_after(*events), connecting_since_s=100.0)
+        assert [strip_view(view, now_s=at_s).run.note for at_s in (100.9, 103.0)] == [note, f"{note}, 3 s"]
+    opened = replace(view_after(OPENED), connecting_since_s=100.0)
+    assert strip_view(opened, now_s=103.0).run.note == "no run yet"
 
 
 def test_the_last_answer_of_an_instrument_is_told_with_its_age() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QPushButton
 
 from app.archive import RunState
 from app.archive.catalogue import Catalogue
@@ -117,6 +117,16 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
     page.open_selected()
     assert "half" in find(page, "runs.message").text()
     assert page.currentIndex() == 0
+
+
+def test_a_field_of_the_search_is_a_chip_that_takes_it_away(page: RunsPage) -> None:
+    bar, search = page.list.filter_bar, find(page, "runs.search")
+    everything = names(page)
+    search.setText("specimen:T8 tag:")
+    assert [button.text() for button in bar.chips.findChildren(QPushButton)] == ["specimen: T8 ×"]
+    assert names(page) == ["T8"]
+    find(page, "runs.chip.0").click()
+    assert (search.text(), names(page), bar.chips.isHidden()) == ("", everything, True)
 
 
 @pytest.mark.deep
