@@ -11,7 +11,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
-from app.gui.campaign.decision import DecisionPane
+from app.gui.campaign.decision import OF_ITEM, DecisionPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.campaign.result_pane import ResultPane
 from app.gui.face import CLASS_L, CLASS_S, class_of, px, set_length
@@ -253,8 +253,7 @@ class CampaignBoard(QWidget):
 
     def _request_action(self, action: str) -> None:
         """Request an action of the decision: on the selected item, or on the next one."""
-        of_item = action in ("accept", "reject", "repeat")
-        self.action_requested.emit(action, self.item_list.selected_item if of_item else "")
+        self.action_requested.emit(action, self.item_list.selected_item if action in OF_ITEM else "")
 
     def _request_of_item(self, action: str) -> None:
         """Request an action on the selected item."""

@@ -24,6 +24,7 @@ from app.gui.widgets import (
     set_style_kind,
     set_tone,
     show_text,
+    tooltip,
 )
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ BUTTONS = {
     "repeat": ("Repeat", ACTIONS["campaign.item.repeat"].shortcut),
 }
 """Text and key of the buttons, by action of the step (`CampaignAction`) or on the selected item."""
+
+OF_ITEM = ("accept", "reject", "repeat")
+"""Those on the selected item."""
 
 COMPARED = {
     "before": "Before, and the change",
@@ -69,6 +73,8 @@ class DecisionPane(QFrame):
             action: make_button(text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", key=key)
             for action, (text, key) in BUTTONS.items()
         }
+        for action in OF_ITEM:
+            self.buttons[action].setToolTip(tooltip(f"campaign.item.{action}"))
         for action in ("accept", "run"):
             set_style_kind(self.buttons[action], "go")
             set_length(self.buttons[action], height=44)
@@ -108,11 +114,12 @@ class DecisionPane(QFrame):
             part.setVisible(has_result and bool(part is self.card or part.property("text")))
         accepts = "accept" in allowed and not busy
         for action, button in self.buttons.items():
-            on_item = action in ("accept", "reject", "repeat")
+            on_item = action in OF_ITEM
             is_offered = (action in allowed and not busy) if on_item else action in step.actions and not accepts
             button.setVisible(is_offered)
             button.setEnabled(is_offered and (on_item or not (blocked and action.startswith("run"))))
-            button.setToolTip(f"Cannot run: {blocked}" if blocked and action.startswith("run") else "")
+            if action.startswith("run"):
+                button.setToolTip(f"Cannot run: {blocked}" if blocked else "")
 
     def show_reading(self) -> None:
         """Show that a run is being read, and hide the result of the run before."""
