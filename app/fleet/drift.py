@@ -17,6 +17,9 @@ from app.fleet.catalogue_values import Fleet, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import BASELINE, ControlChart, TooFewValuesError, control_chart
 from model import LENGTH_UNITS, format_with_uncertainty
 
+NOTHING_ELSE = (
+    "nothing else was measured before and after; measure another specimen here, or this one on another sensor"
+)
 SIGNIFICANT = 3.0
 """Standard errors above which a change is not attributed to chance."""
 
@@ -46,8 +49,13 @@ class Change:
     error: float
 
     @property
+    def figure(self) -> str:
+        """The change in per cent with its standard error."""
+        return format_with_uncertainty(100 * self.relative, 100 * self.error, "%", signed=True)
+
+    @property
     def text(self) -> str:
-        return f"{self.subject} {format_with_uncertainty(100 * self.relative, 100 * self.error, '%', signed=True)}"
+        return f"{self.subject} {self.figure}"
 
     def differs(self, other: float = 0.0, error: float = 0.0) -> bool:
         """Whether it differs from another change by more than three standard errors."""
@@ -61,15 +69,23 @@ class GoldenChart:
     Attributes:
         values: of the chart, oldest first.
         cause: cause of the first signal.
-        evidence: the changes that determine the cause, as text.
+        change: of the chart; None without a lasting one.
+        compared: changes at the same time of other specimens on the sensor, and of the golden one on other sensors.
     """
 
     sensor: str
     values: tuple[FleetValue, ...]
     chart: ControlChart
     cause: DriftCause
-    evidence: tuple[str, ...]
-    change: Change | None
+    change: Change | None = None
+    compared: tuple[Change, ...] = ()
+
+    @property
+    def evidence(self) -> tuple[str, ...]:
+        """The changes that determine the cause, as text; what to measure where there is nothing to compare with."""
+        if self.change is None:
+            return ()
+        return (self.change.text, *([each.text for each in self.compared] or [NOTHING_ELSE]))
 
     @property
     def first_signal(self) -> int | None:
@@ -111,10 +127,10 @@ def _judge(
     every: Sequence[FleetValue], golden: str, sensor: str, values: tuple[FleetValue, ...], chart: ControlChart
 ) -> GoldenChart:
     if chart.in_control:
-        return GoldenChart(sensor, values, chart, DriftCause.NOTHING, (), None)
+        return GoldenChart(sensor, values, chart, DriftCause.NOTHING)
     first = chart.onset
     if not first:
-        return GoldenChart(sensor, values, chart, DriftCause.NO_LASTING_CHANGE, (), None)
+        return GoldenChart(sensor, values, chart, DriftCause.NO_LASTING_CHANGE)
     until, since = values[first - 1].time_s, values[first].time_s
     change = Change(f"{golden} on {sensor}", *chart.change(first))
     sigma = chart.sigma / abs(chart.centre)
@@ -127,19 +143,15 @@ def _judge(
         )
         for name in sorted({v.sensor for v in every if v.specimen == golden} - {sensor})
     )
-    votes, evidence = set[DriftCause](), [change.text]
+    votes, compared = set[DriftCause](), list[Change]()
     if other_specimens is not None:
-        evidence.append(other_specimens.text)
+        compared.append(other_specimens)
         votes |= _vote(change, other_specimens, alike=DriftCause.BENCH, apart=DriftCause.SPECIMEN)
     for other in filter(None, other_sensors):
-        evidence.append(other.text)
+        compared.append(other)
         votes |= _vote(change, other, alike=DriftCause.SPECIMEN, apart=DriftCause.BENCH)
-    if len(evidence) == 1:
-        evidence.append(
-            "nothing else was measured before and after; measure another specimen here, or this one on another sensor"
-        )
     cause = votes.pop() if len(votes) == 1 else DriftCause.UNDECIDED
-    return GoldenChart(sensor, values, chart, cause, tuple(evidence), change)
+    return GoldenChart(sensor, values, chart, cause, change, tuple(compared))
 
 
 def _vote(change: Change, other: Change, alike: DriftCause, apart: DriftCause) -> set[DriftCause]:

@@ -78,6 +78,7 @@ def main() -> int:
 def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
     """Yield the faults of every page in every state, size and theme."""
     from PySide6.QtCore import QSettings
+    from PySide6.QtGui import QAction
     from PySide6.QtWidgets import QApplication
 
     from app.campaign.campaign import Campaign
@@ -114,10 +115,10 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
                 until(lambda: window.state.busy, "for the run")
                 until(lambda: not window.state.busy, "for the end of the run")
                 _select_newest(window)
-                until(lambda: campaign.board.details.review_pane.review is not None, "for the result")
+                until(lambda: campaign.board.details.review is not None, "for the result")
             if state == "adding":
                 window.tabs.setCurrentIndex(1)
-                campaign.board.header.action_requested.emit("add")
+                campaign.findChild(QAction, "campaign.add").trigger()
             else:
                 campaign.go_back()
             shown = {"prompt": (*LIVE, PromptShown(1, weight)), "live": (PromptAnswered(1, "done"),), "unsafe": LOST}

@@ -1,12 +1,11 @@
-"""Live view of the Bench page: traces, the laser's place in its range, and a level or a tone played by hand."""
+"""Live view of the Bench page: traces, and a level or a tone played by hand."""
 
 from collections.abc import Callable
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QWidget
 
-from app.common import UsageError, typeset
-from app.config import SensorTable
+from app.common import UsageError
 from app.gui.plots import TimePlot
 from app.gui.widgets import (
     StatusLine,
@@ -16,15 +15,13 @@ from app.gui.widgets import (
     make_label,
     make_line_edit,
     make_panel,
-    make_progress_bar,
     row,
 )
-from app.live import LiveFeed, LiveValues
+from app.live import LiveFeed
 from app.session import build_protocol
 from model import AmplifierMap
 from protocols import HELD_LEVELS, PROTOCOLS, TONES
 
-BAR_STEPS = 1000
 ABOUT_TEXT = (
     "A level or a tone by hand is a run like any other: it is armed with the prompts for high voltage, kept within the drive limits, stored, "
     "and ramped to rest at its end, by Stop (Esc, F12) and by every failure."
@@ -47,9 +44,6 @@ class LivePanel(QWidget):
         self._simulated = simulated
         self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier)
         self.plot: TimePlot | None = None
-        self.range_bar = make_progress_bar(BAR_STEPS, 16, "bench.align.bar")
-        self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")
-        self.range_label = make_label("no live volts", "value", wrap=False, name="bench.align.text")
         self.level_edit, self.level_s_edit, self.frequency_edit, self.swing_edit, self.tone_s_edit = (
             make_line_edit(f"bench.hand.{name}", label, text=text, toolTip=label, minimumWidth=60, maximumWidth=90)
             for name, label, text in (
@@ -68,7 +62,6 @@ class LivePanel(QWidget):
         self._place.setMinimumHeight(240)
         panel = make_panel(
             make_label("Live view", "heading", wrap=False),
-            row(self.range_label, (self.range_bar, 1)),
             self._place,
             make_label(ABOUT_TEXT),
             _sentence("Level", self.level_edit, "V for", self.level_s_edit, "s", self.level_button),
@@ -90,18 +83,6 @@ class LivePanel(QWidget):
         """Allow a run by hand, or not."""
         self.level_button.setEnabled(enabled)
         self.tone_button.setEnabled(enabled)
-
-    def show_reading(self, reading: LiveValues | None, sensor: SensorTable) -> None:
-        """Show where in its range the sensor sees the target."""
-        if reading is None:
-            self.range_label.setText("no live volts")
-            self.range_bar.setValue(0)
-            return
-        low, high = sensor.valid_low_v, sensor.valid_high_v
-        share = (reading.sensor_v - low) / (high - low)
-        self.range_bar.setValue(round(BAR_STEPS * min(max(share, 0.0), 1.0)))
-        where = f"{100 * share:.0f} % of its range: aim at 50 %" if 0 <= share <= 1 else "OUT OF RANGE: move the sensor"
-        self.range_label.setText(typeset(f"{reading.sensor_v:z.3f} V, {where}"))
 
     def tick(self) -> None:
         """Redraw the traces."""

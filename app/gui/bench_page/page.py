@@ -182,7 +182,6 @@ class BenchPage(QWidget):
             tile.show_reading(reading)
         self.calibration.show_reading(reading)
         if self.live.isVisible():
-            self.live.show_reading(reading, self._config.sensor)
             self.live.tick()
         self.commissioning.tick()
 

@@ -17,7 +17,7 @@ from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
 from app.gui.face import CENTRE, draw_text, painting, px, set_length, tokens
 from app.gui.status import LAMP_SIGNS
-from app.gui.widgets import IconView, Item, column, configure, make_combo, make_label, row
+from app.gui.widgets import IconView, Item, column, configure, make_combo, make_label, make_progress_bar, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp, format_measured_volts
 
@@ -36,6 +36,8 @@ WIRES, WIRE_PX = ("drive", "HV", "signal"), 44
 
 TRACE_LENGTH, LEAST_SPAN = 100, 0.01
 """Values of the trace of a tile; and its least height in their unit, so that noise of no account looks like none."""
+
+RANGE_STEPS = 1000
 
 NOT_CONNECTED = "Save and connect to see its identity and live values"
 
@@ -77,13 +79,17 @@ class Tile(QFrame):
         number: in the order of the wires.
         tables: names of the tables of the bench file, each with its permanently visible fields.
         items: shown below them.
+        picture: shown below the live value, above its trace.
     """
 
     changed = Signal()
     remedy_requested = Signal(str)
     """The operator asks for the remedy of a problem: a key of `REMEDIES`."""
 
-    def __init__(self, role: str, title: str, number: int, tables: Mapping[str, Sequence[str]], *items: Item) -> None:
+    def __init__(
+        self, role: str, title: str, number: int, tables: Mapping[str, Sequence[str]], *items: Item,
+        picture: QWidget | None = None,
+    ) -> None:  # fmt: skip
         super().__init__()
         configure(self, f"bench.tile.{role}", kind="panel", accessibleName=title)
         self.role = role
@@ -121,6 +127,7 @@ class Tile(QFrame):
             self.identity_label,
             self.live_label,
             self.live_note,
+            *(() if picture is None else (picture,)),
             self.trace,
             self.problem_label,
             self.instrument_box,
@@ -285,7 +292,7 @@ class AmplifierTile(Tile):
     def __init__(self) -> None:
         self.plot = AmplifierPlot()  # in the place of the trace
         shown = ("rest_v", "low_v", "high_v", "slope_below", "slope_above")
-        super().__init__("amplifier", "Amplifier", 2, {"amplifier": shown}, self.plot)
+        super().__init__("amplifier", "Amplifier", 2, {"amplifier": shown}, picture=self.plot)
         self.trace.hide()
 
     def show_reading(self, reading: LiveValues | None) -> None:
@@ -336,11 +343,26 @@ class SensorTile(Tile):
             "valid_high_v",
             "expires",
         )
-        super().__init__("sensor", "Sensor", 3, {"sensor": shown}, *items)
+        self.range_bar = make_progress_bar(RANGE_STEPS, 8, "bench.sensor.range")
+        self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")
+        super().__init__("sensor", "Sensor", 3, {"sensor": shown}, *items, picture=self.range_bar)
+
+    def show_reading(self, reading: LiveValues | None) -> None:
+        super().show_reading(reading)
+        share = 0.0 if reading is None else self._range_share(reading)
+        self.range_bar.setValue(round(RANGE_STEPS * min(max(share, 0.0), 1.0)))
+
+    def _range_share(self, reading: LiveValues) -> float:
+        """Return the place of the spot in the sensor's range; 0.5 is its middle."""
+        low, high = self.form.record.valid_low_v, self.form.record.valid_high_v
+        return float((reading.sensor_v - low) / (high - low)) if high > low else 0.0
 
     def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
-        if self.form.record.quantity == "velocity":
-            return f"{reading.sensor_v:z.3f} V", "velocity, mean of a second", reading.sensor_v
-        if math.isnan(reading.displacement_um):
-            return "out of range", "move the sensor", math.nan
-        return f"{reading.displacement_um:+z.2f} µm", "displacement, mean of a second", reading.displacement_um
+        share = self._range_share(reading)
+        is_velocity = self.form.record.quantity == "velocity"
+        if not 0 <= share <= 1 or (math.isnan(reading.displacement_um) and not is_velocity):
+            return "out of range", f"move the sensor: it gives {reading.sensor_v:z.3f} V", math.nan
+        where = f"at {100 * share:.0f} % of its range, aim at 50 %"
+        if is_velocity:
+            return f"{reading.sensor_v:z.3f} V", where, reading.sensor_v
+        return f"{reading.displacement_um:+z.2f} µm", where, reading.displacement_um

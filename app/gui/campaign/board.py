@@ -1,143 +1,92 @@
-"""Open campaign: header with progress, next step with its actions, list of items, details."""
+"""Open campaign: header with progress, list of the items, result of the selected one, and the decision about it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
-from app.gui.campaign.details import ItemDetailsPane
+from app.gui.campaign.decision import OF_ITEM, DecisionPane
 from app.gui.campaign.item_list import CampaignList
+from app.gui.campaign.result_pane import ResultPane
+from app.gui.face import CLASS_L, CLASS_S, class_of, px, set_length
 from app.gui.plots import LivePane
 from app.gui.widgets import (
-    ACTIONS,
     ElidedLabel,
+    Menu,
     SheetButton,
     StatusLine,
     add_actions,
     column,
     configure,
-    make_button,
     make_choice,
     make_label,
+    make_panel,
     make_progress_bar,
-    make_splitter,
     row,
-    set_style_kind,
-    tooltip,
     update_actions,
 )
 from app.session import WindowState
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
-    from app.campaign import CampaignEstimates, CampaignSummary, ItemSummary, NextStep
+    from app.campaign import CampaignEstimates, CampaignSummary, ItemSummary, NextStep, ResultReview
 
 
-ACTION_BUTTON_LABELS = {
-    "accept": ("Accept", "Enter"),
-    "reject": ("Reject", ACTIONS["campaign.item.reject"].shortcut),
-    "run": ("Run", ACTIONS["run"].shortcut),
-    "run without hands": ("Run all measurements without manual steps", ACTIONS["campaign.queue"].shortcut),
-    "halt the queue": ("Only this one", ACTIONS["campaign.queue"].shortcut),
-}
-"""Text and key of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
+BAR_WIDTH, MAX_NAME_WIDTH = 200, 220
+"""Widths of the bar, and of the campaign's name that is never elided; the text of the finished items is elided first."""
 
-
-STEP_HEIGHT_LINES = 9
-MIN_LIVE_WIDTH = 460
-MAX_NAME_WIDTH = 220
-"""Width of the campaign's name that is never elided; the text of the finished items is elided first."""
+WIDTHS = {CLASS_S.name: (208, 248), CLASS_L.name: (304, 400)}
+"""Widths of the list and of the decision by the class of the window; `USUAL_WIDTHS` in the others."""
+USUAL_WIDTHS = 232, 296
 
 DETAILS_DELAY_MS = 30
 """After which the details of another item are made: the list shows first which one was chosen."""
 
-
-class NextStepPane(QFrame):
-    """Shows one step."""
-
-    pressed = Signal(str)
-
-    def __init__(self) -> None:
-        super().__init__()
-        configure(self, "campaign.step", kind="panel")
-        self.heading, self.reason, self.detail = (
-            make_label(kind=kind, name=f"campaign.{kind}") for kind in ("step", "step-why", "step-detail")
-        )
-        self.buttons = {
-            action: make_button(
-                text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", key=key, visible=False
-            )
-            for action, (text, key) in ACTION_BUTTON_LABELS.items()
-        }
-        text = column(self.heading, self.reason, self.detail, None, spacing=4)
-        self.setFixedHeight(STEP_HEIGHT_LINES * self.fontMetrics().lineSpacing())  # the list below never moves
-        buttons = column(*self.buttons.values(), None, spacing=6)
-        row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
-
-    def show_step(self, step: NextStep, blocked_reason: str) -> None:
-        """Show a step; `blocked_reason` is why no run can begin now, empty if one can."""
-        self.heading.setText(step.heading)
-        self.reason.setText(step.reason)
-        self.detail.setText(step.detail)
-        for label in (self.reason, self.detail):
-            label.setVisible(bool(label.text()))
-            label.setToolTip(label.text())
-        for action, button in self.buttons.items():
-            button.setVisible(action in step.actions)
-            first = bool(step.actions) and action == step.actions[0]
-            set_style_kind(button, "go" if first else "")
-            runs = action.startswith("run")
-            if action == "run":
-                button.setText("Run" if first else "Run the next")
-            button.setEnabled(not (runs and blocked_reason))
-            button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
+ITEM_ACTIONS = ("run", "skip", "repeat", "accept", "reject", "open", "explore")
+CAMPAIGN_ACTIONS = (
+    "campaign.add",
+    "campaign.new",
+    "campaign.open",
+    "",
+    "campaign.undo",
+    "campaign.redo",
+    "",
+    "identification",
+)
 
 
 class CampaignHeader(QWidget):
-    """Specimen, progress bar and error message of the open campaign."""
+    """Name, progress and error message of the open campaign, the sheet of its specimen, and a menu of its actions."""
 
-    action_requested = Signal(str)
-    """`add`, `new` or `open`."""
-
-    def __init__(self) -> None:
+    def __init__(self, fill_menu: Callable[[Menu], object]) -> None:
         super().__init__()
         self.name_label = configure(ElidedLabel(), "campaign.name", kind="heading")
-        self.progress_label = configure(ElidedLabel(), "campaign.progress")
+        self.progress_label = configure(ElidedLabel(), "campaign.progress", kind="note")
         self.message_label = configure(StatusLine(), "campaign.message")
-        self.bar = make_progress_bar(1000, 10, "campaign.progress-bar")
-        buttons = (
-            make_button(
-                text,
-                partial(self.action_requested.emit, action),
-                "choice",
-                tooltip(f"campaign.{action}"),
-                name=f"campaign.{action}",
-            )
-            for action, text in (("add", "Add …"), ("new", "New …"), ("open", "Open …"))
-        )
+        self.bar = make_progress_bar(1000, 8, "campaign.progress-bar")
+        set_length(self.bar, width=BAR_WIDTH)
         self.simulated_label = make_label(
-            "SIMULATED",
-            "simulated-mark",
-            wrap=False,
-            name="campaign.simulated",
-            toolTip="The results of this campaign come from a simulated bench, independent of the open bench",
-        )
+            "SIMULATED", "simulated-mark", wrap=False, name="campaign.simulated",
+            toolTip="The results of this campaign come from a simulated bench; the open bench is real",
+        )  # fmt: skip
         self.sheet_button = SheetButton("campaign")
-        self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "campaign.identify")
-        line = row(
-            self.name_label,
-            self.sheet_button,
-            self.identify_button,
-            self.simulated_label,
-            self.progress_label,
-            (self.bar, 1),
-            *buttons,
-            spacing=8,
+        self.menu_button = configure(
+            make_choice("…", "Actions of the campaign and of the selected item"), "campaign.menu"
         )
+        self.menu_button.setAccessibleName("actions of the campaign")
+        self.menu = Menu(self.menu_button)
+        self.menu.aboutToShow.connect(lambda: fill_menu(self.menu))
+        self.menu_button.setMenu(self.menu)
+        line = row(
+            self.name_label, self.bar, (self.progress_label, 1), self.simulated_label, self.sheet_button, self.menu_button,
+            spacing=12,
+        )  # fmt: skip
         column(line, self.message_label, parent=self, spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
@@ -146,7 +95,7 @@ class CampaignHeader(QWidget):
         self.name_label.setText(name)
         self.name_label.setMinimumWidth(min(self.name_label.fontMetrics().horizontalAdvance(name) + 2, MAX_NAME_WIDTH))
         self.name_label.setToolTip(str(summary.path))
-        self.simulated_label.setVisible(summary.simulated)
+        self.simulated_label.setVisible(summary.simulated and not state.simulated)  # else the ribbon has it
         progress = state.progress if running and state.busy else None
         left_s, answered = (0.0, 0) if progress is None else (progress.remaining_at(streamed_s), state.answered)
         self.progress_label.setText(campaigns.format_progress(summary, running, left_s, answered))
@@ -167,18 +116,18 @@ class CampaignBoard(QWidget):
     """Shows an open campaign; emits the operator's actions as signals."""
 
     action_requested = Signal(str, str)
-    """Action (a `CampaignAction` or a key of `details.BUTTONS`) and name of the item ("": none)."""
+    """Action (a `CampaignAction` or one of `ITEM_ACTIONS`) and name of the item ("": none)."""
     review_requested = Signal()
-    """The details show another run, which is to be read."""
+    """Another run is to be shown, and read for that."""
 
     def __init__(self, live: LivePane) -> None:
         super().__init__()
         self.summary: CampaignSummary | None = None
         self.step: NextStep | None = None
         self._estimates: CampaignEstimates | None = None
-        self._busy = False
-        self.header, self.step_pane = CampaignHeader(), NextStepPane()
-        self.item_list, self._details, self.live_pane = CampaignList(), ItemDetailsPane(), live
+        self._busy, self._blocked = False, ""
+        self.header, self.decision = CampaignHeader(self._fill_menu), DecisionPane()
+        self.item_list, self._details, self.live_pane = CampaignList(), ResultPane(), live
         self.setFocusProxy(self.item_list)
         self._details_outdated = False
         self._details_timer = QTimer(self, singleShot=True, interval=DETAILS_DELAY_MS)
@@ -186,30 +135,36 @@ class CampaignBoard(QWidget):
         self.side_stack = QStackedWidget()
         self.side_stack.addWidget(self._details)
         self.side_stack.addWidget(self.live_pane)
-        columns = make_splitter("campaign/columns", (self.item_list, 0), (self.side_stack, 1), sizes=[320, 800])
         self.live_pane.setObjectName("campaign/rows")
-        self.live_pane.setMinimumWidth(MIN_LIVE_WIDTH)
-        column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
+        shown = make_panel(self.side_stack, margins=(1, 1, 1, 1))
+        columns = row(self.item_list, (shown, 1), self.decision, spacing=8)
+        column(self.header, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.selected_item_changed.connect(self._show_details_later)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
-        self._details.pressed.connect(self._request_action)
-        self._details.run_selected.connect(lambda _: self.review_requested.emit())
-        self.step_pane.pressed.connect(self._on_step_action)
+        self._details.run_selected.connect(lambda _: self._show_details())
+        self.decision.pressed.connect(self._request_action)
+        moves = {"campaign.item.up": -1, "campaign.item.down": 1}
         add_actions(
             self,
-            {
-                f"campaign.item.{action}": partial(self._request_action, action)
-                for action in ("run", "skip", "repeat", "accept", "reject", "open", "explore")
-            }
-            | {
-                "campaign.item.up": partial(self.item_list.move_selected, -1),
-                "campaign.item.down": partial(self.item_list.move_selected, 1),
-            },
+            {f"campaign.item.{action}": partial(self._request_of_item, action) for action in ITEM_ACTIONS}
+            | {name: partial(self.item_list.move_selected, by) for name, by in moves.items()},
         )
 
     def hasHeightForWidth(self) -> bool:
-        """Return False: the texts have a fixed height, and the page scrolls only where its least size has no room."""
+        """Return False: the page scrolls only where its least size has no room."""
         return False
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Give the columns the widths of the window's class; the smallest has no room for the decision beside live plots."""
+        grid = class_of(self)
+        items, decision = WIDTHS.get(grid.name, USUAL_WIDTHS)
+        self.item_list.setFixedWidth(px(items))
+        self.decision.setFixedWidth(px(decision))
+        self.decision.setVisible(not (self._busy and grid is CLASS_S))
 
     def show_summary(
         self,
@@ -223,7 +178,7 @@ class CampaignBoard(QWidget):
         about = self.step.item_name if self.step is not None else ""
         self.summary, self._estimates, self._busy = summary, estimates, state.busy
         self.step = campaigns.next_step(summary, running, state.busy, queue)
-        self.step_pane.show_step(self.step, "" if state.busy else state.blocked_reason or _other_kind(summary, state))
+        self._blocked = "" if state.busy else state.blocked_reason or _other_kind(summary, state)
         self.item_list.show_summary(summary, running)
         follows = about in ("", self.item_list.selected_item)  # another item that was chosen stays chosen
         if self.step.item_name and self.step.item_name != about and follows:
@@ -233,7 +188,9 @@ class CampaignBoard(QWidget):
             state, PROTOCOLS.get("" if row is None else row.state.item.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         )
         self.side_stack.setCurrentWidget(self.live_pane if state.busy else self._details)
+        self._fit()
         update_actions(self, state)
+        self._show_decision()
         self._show_details_later()
 
     @property
@@ -250,11 +207,18 @@ class CampaignBoard(QWidget):
         return reviewed.name if state.awaits_acceptance and reviewed is not None else ""
 
     @property
-    def details(self) -> ItemDetailsPane:
-        """The details of the selected item, brought up to date."""
+    def details(self) -> ResultPane:
+        """The result of the selected item, brought up to date."""
         if self._details_outdated:
             self._show_details()
         return self._details
+
+    def show_review(self, review: ResultReview) -> None:
+        """Show a run that was read, unless another one has been chosen meanwhile."""
+        if review.run.path == self.details.reviewed_path:
+            self.details.show_review(review)
+            self.decision.show_review(review)
+            self._show_decision()
 
     def _show_details_later(self) -> None:
         """Show the details once the list is painted; during a run, when the live plots no longer cover them."""
@@ -266,16 +230,31 @@ class CampaignBoard(QWidget):
         self._details_outdated = False
         self._details_timer.stop()
         if self.summary is not None:
-            asked = self.step.actions if self.step and self.step.item_name == self.item_list.selected_item else ()
-            for action in ("accept", "reject"):  # once in the window: above, where the step asks for it
-                self._details.buttons[action].setVisible(action not in asked)
-            self._details.show_item(self.selected_item, self._estimates, self.summary.specimen, self._busy)
+            self._details.show_item(self.selected_item, self._estimates, self.summary.specimen)
+            if not self._details.is_read:
+                self.decision.show_reading()
+            self._show_decision()
             self.review_requested.emit()
 
-    def _request_action(self, action: str) -> None:
-        self.action_requested.emit(action, self.item_list.selected_item)
+    def _show_decision(self) -> None:
+        if self.step is not None:
+            shown, has_result = self._details, self._details.reviewed_path is not None
+            self.decision.show_step(
+                self.step, self.selected_item, shown.allowed_actions, has_result, self._blocked, self._busy
+            )
 
-    def _on_step_action(self, action: str) -> None:
-        """Request an action of the step: accept and reject concern its item, run the next one."""
-        about = self.step.item_name if self.step is not None and action in ("accept", "reject") else ""
-        self.action_requested.emit(action, about)
+    def _fill_menu(self, menu: Menu) -> None:
+        """List the actions that the selected item allows, and those of the campaign."""
+        allowed = () if self._busy else self.details.allowed_actions
+        menu.clear()
+        menu.add_named(self, [f"campaign.item.{each}" for each in ITEM_ACTIONS if each in allowed])
+        menu.addSeparator()
+        menu.add_named(self.window(), CAMPAIGN_ACTIONS)
+
+    def _request_action(self, action: str) -> None:
+        """Request an action of the decision: on the selected item, or on the next one."""
+        self.action_requested.emit(action, self.item_list.selected_item if action in OF_ITEM else "")
+
+    def _request_of_item(self, action: str) -> None:
+        """Request an action on the selected item."""
+        self.action_requested.emit(action, self.item_list.selected_item)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QDropEvent, QFontMetrics, QKeyEvent, QPainter
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPointF, QRectF, QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QDropEvent, QFontMetricsF, QKeyEvent, QPainter
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QListWidget,
@@ -15,14 +15,16 @@ from PySide6.QtWidgets import (
     QStyleOptionViewItem,
 )
 
-from app.common import format_duration
-from app.gui.face import draw_icon, draw_text, px, tokens
+from app.common import format_duration, round_figure, typeset
+from app.gui.face import draw_icon, draw_text, px, text_font, text_width, tokens
 from app.gui.widgets import configure
+from model import shown_unit
 
 if TYPE_CHECKING:
     from app.campaign import CampaignSummary, ItemSummary
 
 ITEM_ROLE = Qt.ItemDataRole.UserRole
+RIGHT = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight
 STATUS_SYMBOLS = {
     "done": ("good", "green_text"),
     "doubtful": ("warning", "amber_text"),
@@ -54,7 +56,6 @@ class CampaignList(QListWidget):
             "campaign.items",
             accessibleName="measurements of the campaign",
             toolTip="Drag to another place, or Alt+Up and Alt+Down",
-            minimumWidth=300,
             dragDropMode=QAbstractItemView.DragDropMode.InternalMove,
             defaultDropAction=Qt.DropAction.MoveAction,
             selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
@@ -126,14 +127,14 @@ class CampaignList(QListWidget):
 
 
 class CampaignItemDelegate(QStyledItemDelegate):
-    """Draws one item: symbol, name and title; below them status and reason; at the right the duration."""
+    """Draws one item: symbol and title; below them the status or its reason; at the right the figure found, or the duration."""
 
     def __init__(self) -> None:
         super().__init__()
         self.next_item = self.running_item = ""
 
-    def sizeHint(self, option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
-        return QSize(200, round(2.7 * option.fontMetrics.height()))
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
+        return QSize(px(200), px(48))
 
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
@@ -141,51 +142,50 @@ class CampaignItemDelegate(QStyledItemDelegate):
         row: ItemSummary | None = index.data(ITEM_ROLE)
         if row is None:
             return
-        theme, area = tokens(), option.rect
+        theme, area = tokens(), QRectF(option.rect)
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        chosen = bool(option.state & QStyle.StateFlag.State_Selected)
-        if chosen:
+        if option.state & QStyle.StateFlag.State_Selected:
             painter.fillRect(area, QColor(theme.accent_tint))
-        if row.name in (self.next_item, self.running_item):  # a bar at the edge marks the next or running item
-            painter.fillRect(QRect(area.left(), area.top(), 5, area.height()), QColor(theme.accent))
         running = row.name == self.running_item
+        if running or row.name == self.next_item:  # a bar at the edge marks the next or running item
+            painter.fillRect(QRectF(area.left(), area.top(), px(3), area.height()), QColor(theme.accent_text))
         doubtful = row.is_doubtful and row.state.status == "done"
         status = "running" if running else "doubtful" if doubtful else str(row.state.status)
-        side = 0.4 * area.height()
-        box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
         symbol, color_name = STATUS_SYMBOLS[status]
-        color = str(getattr(theme, color_name))
+        color, side = str(getattr(theme, color_name)), px(14)
+        box = QRectF(area.left() + px(12), area.center().y() - side / 2, side, side)
         draw_icon(painter, symbol, box, color, theme.surface)
-        left, right, middle = round(box.right()) + 16, area.right() - 10, area.center().y()
-        top = QRect(QPoint(left, area.top() + 2), QPoint(right, middle + 1))
-        bottom = QRect(QPoint(left, middle), QPoint(right, area.bottom()))
-        duration = "" if row.duration_s is None else format_duration(row.duration_s)
-        self._draw_line(
-            painter, option.fontMetrics, top, (row.name, theme.text), (row.state.title, theme.text), duration
-        )
-        head = ("running" if running else row.status_text, color)
-        reason = "" if status in ("done", "doubtful", "running") else row.state.reason
-        by_hand = "by hand" if row.needs_operator else ""
-        self._draw_line(painter, option.fontMetrics, bottom, head, (reason, theme.text2), by_hand)
+        area = area.adjusted(px(36), px(4), -px(10), -px(4))
+        middle = area.center().y()
+        right = _figure_text(row)
+        # A result says itself that it is there.
+        head = "running" if running else row.status_text.removeprefix("done, ")
+        waits = status in ("missing", "waiting", "unfinished", "failed", "stale")
+        text = row.state.reason if waits and row.state.reason else head
+        upper, lower = QRectF(area.topLeft(), QPointF(area.right(), middle)), area.adjusted(0, area.height() / 2, 0, 0)
+        free = upper.width() - text_width(right, "caption") - px(8) * bool(right)
+        ink = theme.text2 if waits else color
+        for line, left, kind, tone, width in (
+            (upper, row.state.title, "large", theme.text, free), (lower, text, "", ink, lower.width()),
+        ):  # fmt: skip
+            elided = QFontMetricsF(text_font(kind)).elidedText(left, Qt.TextElideMode.ElideRight, width)
+            draw_text(painter, line, elided, tone, kind)
+        draw_text(painter, upper, right, theme.text, "caption", RIGHT)
         painter.setPen(QColor(theme.line))
-        painter.drawLine(area.bottomLeft(), area.bottomRight())
+        painter.drawLine(option.rect.bottomLeft(), option.rect.bottomRight())
         painter.restore()
 
-    def _draw_line(
-        self,
-        painter: QPainter,
-        metrics: QFontMetrics,
-        area: QRect,
-        head: tuple[str, str],
-        rest: tuple[str, str],
-        right: str,
-    ) -> None:
-        """Draw a bold text, elided text after it, each with its colour, and text at the right end."""
-        used = draw_text(painter, area, head[0], head[1], "caption") + px(8)
-        available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
-        elided = metrics.elidedText(rest[0], Qt.TextElideMode.ElideRight, max(available, 0))
-        draw_text(painter, area.adjusted(used, 0, 0, 0), elided, rest[1])
-        draw_text(
-            painter, area, right, tokens().text2, align=Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight
-        )
+
+def _figure_text(row: ItemSummary) -> str:
+    """Return the first figure of an accepted result, without its uncertainty; else the time that the measurement takes."""
+    figures = row.state.estimates if row.state.accepted else ()
+    if figures:
+        first = figures[0]
+        factor, unit = shown_unit(first.unit, first.name)
+        rounded = round_figure(factor * first.value, factor * first.standard_error)
+        return typeset(f"{rounded} {unit}")
+    if row.duration_s is None:
+        return ""
+    whole = 60 * round(row.duration_s / 60)  # from a minute on in minutes
+    return format_duration(whole).removesuffix(" 00 s") if row.duration_s > 60 else format_duration(row.duration_s)

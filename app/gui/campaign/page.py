@@ -93,7 +93,7 @@ class CampaignPage(QStackedWidget):
             return
         self._overlay.submit(request)
         if (curve := self._overlay.result()) is not None:
-            (self.board.live_pane if self._busy else self.board.details.review_pane.plots).show_model_curve(curve)
+            (self.board.live_pane if self._busy else self.board.details.plots).show_model_curve(curve)
 
     def shutdown(self) -> None:
         self.controller.shutdown()
@@ -180,7 +180,7 @@ class CampaignPage(QStackedWidget):
         self.controller.review(path, before)
 
     def _show_review(self, review: ResultReview) -> None:
-        self.board.details.show_review(review)
+        self.board.show_review(review)
         run = review.run
         amplitude_v, elongations = (
             float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2,
@@ -280,7 +280,6 @@ class CampaignPage(QStackedWidget):
                 self._show_part(self.start_pane)
 
         header_actions = {"add": self._show_add, "new": show_start, "open": self._choose_campaign_file}
-        self.board.header.action_requested.connect(lambda action: header_actions[action]())
         self.board.action_requested.connect(self.perform_action)
         self.board.item_list.item_moved.connect(
             lambda name, before: self.controller.modify(

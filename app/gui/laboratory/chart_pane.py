@@ -4,13 +4,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QSpinBox
 
-from app.common import Table, typeset
-from app.fleet import BASELINE, MIN_BASELINE, ChartView, DriftCause, Fleet, golden_candidates, view_charts
+from app.common import Severity, Table, round_figure, sentence_case, typeset
+from app.fleet import BASELINE, MIN_BASELINE, ChartView, DriftCause, Fleet, GoldenChart, golden_candidates, view_charts
+from app.gui.face import CLASS_L, CLASS_S, class_of, px
 from app.gui.laboratory.chart_plot import ControlChartPlot
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
+from app.gui.results import rich_table
 from app.gui.widgets import (
     BackgroundWorker,
     WrappedRow,
@@ -18,17 +21,30 @@ from app.gui.widgets import (
     configure,
     fill_combo,
     make_label,
-    make_splitter,
-    set_style_kind,
+    make_pane,
+    make_panel,
+    make_scroll_area,
+    row,
+    set_tone,
+    show_text,
 )
 from model import quantity_label
 
 VERDICTS = {
-    DriftCause.NOTHING: ("✓ In control: no value breaks a rule", "caption"),
-    DriftCause.NO_LASTING_CHANGE: ("A rule is broken, but nothing changed to stay", "caution"),
-    DriftCause.UNDECIDED: ("✕ Something changed to stay, bench or specimen is not decided", "danger"),
+    DriftCause.NOTHING: ("✓ In control", Severity.SUCCESS, "No value breaks a rule"),
+    DriftCause.NO_LASTING_CHANGE: ("! Signal", Severity.WARNING, "A rule is broken, but nothing changed to stay"),
+    DriftCause.UNDECIDED: ("! Drift", Severity.WARNING, "Something changed to stay; bench or specimen is not decided"),
+    DriftCause.BENCH: ("! Drift of the bench", Severity.WARNING, "{sensor} reads too {little}, since {day}"),
+    DriftCause.SPECIMEN: ("! Drift of the specimen", Severity.WARNING, "{golden} gives too {little}, since {day}"),
 }
-"""Text and kind of style of a cause that is neither bench nor specimen."""
+"""Verdict, its severity and what was found, by cause."""
+WHY = {
+    DriftCause.BENCH: "Why the bench, not the specimen",
+    DriftCause.SPECIMEN: "Why the specimen, not the bench",
+}
+FINDING_WIDTHS = {CLASS_S.name: 248, CLASS_L.name: 400}
+USUAL_WIDTH = 296
+"""Width of the finding by the class of the window."""
 DEFAULT_QUANTITY = "amplitude_at_resonance"
 MAX_BASELINE = 1000
 BASELINE_TEXT = (
@@ -61,21 +77,35 @@ class ChartPane(ViewPane):
         )
         self.baseline.setRange(MIN_BASELINE, MAX_BASELINE)
         self.baseline.setValue(BASELINE)
-        self.verdict_label = make_label(kind="caption", name="laboratory.chart.verdict")
+        self.verdict_label = make_label(kind="pill", wrap=False, name="laboratory.chart.verdict")
+        self.count_label = make_label(kind="note", name="laboratory.chart.count")
+        self.finding_label = make_label(kind="large", name="laboratory.chart.finding")
+        self.figure_label = make_label(kind="answer", wrap=False, name="laboratory.chart.figure")
+        self.unit_label = make_label("%", "unit", wrap=False)
+        self.error_label = make_label(kind="note", name="laboratory.chart.error")
+        self.evidence_label = make_label(name="laboratory.chart.evidence")
+        self.evidence_label.setTextFormat(Qt.TextFormat.RichText)
         self.notes_label = make_label(kind="note", name="laboratory.chart.notes")
         self.plot = ControlChartPlot()
         self.broken = ValueTable("laboratory.chart.broken", "values that break a rule")
+        self.broken.setMinimumHeight(px(160))
         bar = WrappedRow(
-            make_label("Golden specimen", wrap=False),
-            self.golden,
-            self.quantity,
-            self.sensor,
-            self.baseline,
-            self.export_button,
-            spacing=6,
-        )
-        parts = make_splitter("laboratory/chart", (self.plot, 4), (self.broken, 1), orientation=Qt.Orientation.Vertical)
-        column(bar, self.verdict_label, self.notes_label, (parts, 1), parent=self, spacing=4)
+            make_label("Golden specimen", wrap=False), self.golden, self.quantity, self.sensor, self.baseline,
+            self.export_button, spacing=6,
+        )  # fmt: skip
+        bottom = Qt.AlignmentFlag.AlignBottom
+        finding = make_panel(
+            WrappedRow(self.verdict_label, self.count_label, spacing=8), self.finding_label,
+            row((self.figure_label, 0, bottom), (self.unit_label, 0, bottom), None, spacing=8), self.error_label,
+            self.evidence_label, spacing=8,
+        )  # fmt: skip
+        signals = make_panel(make_label("Signals", "heading"), (self.broken, 1), self.notes_label, spacing=8)
+        self._side = make_scroll_area(
+            finding, (signals, 1), spacing=8, focusPolicy=Qt.FocusPolicy.NoFocus,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+        )  # fmt: skip
+        self._shown = make_pane(row((make_panel(self.plot, margins=(1, 1, 1, 1)), 1), self._side, spacing=8))
+        column(bar, (self._shown, 1), parent=self, spacing=6)
         for combo in (self.golden, self.quantity):
             combo.currentIndexChanged.connect(lambda _: self.update_view())
         self.baseline.valueChanged.connect(lambda _: self.update_view())
@@ -116,7 +146,7 @@ class ChartPane(ViewPane):
         drifted = next((chart.sensor for chart in charts if chart.cause.is_drift), None)
         fill_combo(self.sensor, [(chart.sensor or "unknown sensor", chart.sensor) for chart in charts], drifted)
         self.export_button.setEnabled(view is not None)
-        for widget in (self.sensor, self.plot, self.broken):
+        for widget in (self.sensor, self._shown):
             widget.setVisible(view is not None)
         self._show_chart()
         if view is not None:
@@ -125,22 +155,40 @@ class ChartPane(ViewPane):
     def _show_chart(self) -> None:
         view, at = self.view, self.sensor.currentIndex()
         if view is None or at < 0:
-            self.verdict_label.setText("")
-            self.notes_label.setText("")
             return
         chart = view.charts[at]
-        first = chart.first_signal
-        since = "" if first is None else f", first signal on {chart.values[first].start_time[:10]}"
-        text, kind = VERDICTS.get(chart.cause, (f"✕ Drift of the {chart.cause}", "danger"))
-        self.verdict_label.setText(f"{text}{since if chart.cause.is_drift else ''}")
-        set_style_kind(self.verdict_label, kind)
+        self._show_finding(chart, view.golden)
         self.notes_label.setText(typeset("\n".join((*view.notes, BASELINE_TEXT))))
         name = typeset(view.selection.label)
         title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {name}, {view.selection.about}"
         self.plot.show_chart(chart, view.selection.unit, title, view.simulated)
         self.broken.set_table(view.broken[at])
 
-    def _open_run(self, row: int) -> None:
+    def _show_finding(self, chart: GoldenChart, golden: str) -> None:
+        """Show what was found, by how much, since when, and why."""
+        text, severity, finding = VERDICTS[chart.cause]
+        self.verdict_label.setText(text)
+        set_tone(self.verdict_label, severity)
+        self.count_label.setText(f"{len(chart.chart.rules)} of {len(chart.values)} values give a signal")
+        first, change = chart.first_signal, chart.change
+        day = "" if first is None else chart.values[first].start_time[:10]
+        little = "much" if change is not None and change.relative > 0 else "little"
+        sensor = sentence_case(chart.sensor or "the sensor")
+        self.finding_label.setText(finding.format(sensor=sensor, golden=golden, little=little, day=day))
+        for part in (self.figure_label, self.unit_label):
+            part.setVisible(change is not None)
+        figure = "" if change is None else round_figure(100 * change.relative, 100 * change.error)
+        self.figure_label.setText(typeset(figure))
+        show_text(self.error_label, "" if change is None else f"± {100 * change.error:.2g} % by the noise of the runs")
+        compared = [(sentence_case(each.subject), each.figure) for each in chart.compared]
+        told = rich_table(compared, (WHY.get(chart.cause, "At the same time"), "")) or "; ".join(chart.evidence[1:])
+        show_text(self.evidence_label, typeset(told))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._side.setFixedWidth(px(FINDING_WIDTHS.get(class_of(self).name, USUAL_WIDTH)))
+
+    def _open_run(self, at_row: int) -> None:
         if self.view is not None and (at := self.sensor.currentIndex()) >= 0:
-            number = self.view.broken[at].columns[0].values[row]
+            number = self.view.broken[at].columns[0].values[at_row]
             self.run_open_requested.emit(self.view.charts[at].values[number - 1].path)

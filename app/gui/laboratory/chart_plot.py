@@ -7,11 +7,26 @@ from typing import Any
 import numpy as np
 
 from app.fleet import GoldenChart
-from app.gui.plots import DASHED, DOTTED, SOLID, Chart, Layer, Panel, Picture, Region, Rule, axis_title, layer
+from app.gui.plots import (
+    DASHED,
+    DOTTED,
+    SOLID,
+    Chart,
+    Layer,
+    Panel,
+    Picture,
+    Region,
+    Rule,
+    axis_title,
+    layer,
+    number_text,
+)
 from model import Array, Mask, format_quantity, shown_unit
 
 LINE_NAMES = {-3: "−3 σ", -2: "", -1: "", 0: "Centre", 1: "", 2: "", 3: "+3 σ"}
 EWMA = "EWMA"
+SIZES = {"o": 9, "d": 12}
+"""Of the symbols, in lengths of the design."""
 
 
 class ControlChartPlot(Chart):
@@ -32,7 +47,13 @@ class ControlChartPlot(Chart):
 
         def marked(name: str, values: Array, mask: Mask, tone: str, symbol: str, panel: int = 0) -> Layer:
             there = [texts[at] for at in np.flatnonzero(mask)]
-            look: dict[str, Any] = {"tone": tone, "symbol": symbol, "panel": panel, "group": name if panel == 0 else ""}
+            look: dict[str, Any] = {
+                "tone": tone,
+                "symbol": symbol,
+                "size": SIZES[symbol],
+                "panel": panel,
+                "group": name if panel == 0 else "",
+            }
             return layer(name=name, x=x[mask], y=values[mask], texts=there, copied=False, **look)
 
         limit = factor * one.average_limit
@@ -47,7 +68,7 @@ class ControlChartPlot(Chart):
             marked("beyond the limits", average, ewma, "amber_text", "d", panel=1),
         )
         lines = tuple(
-            Rule(at=centre + k * sigma, label=name, tone="green_text" if name else "text2", along_y=True,
+            Rule(at=centre + k * sigma, label=f"{name} {number_text(centre + k * sigma)}" if name else "", tone="green_text" if name else "text2", along_y=True,
                  style=SOLID if k == 0 else DASHED if abs(k) == 3 else DOTTED)
             for k, name in LINE_NAMES.items()
         )  # fmt: skip

@@ -40,6 +40,10 @@ class Chart(QWidget):
     """Place of the cursor in the unit of the horizontal axis."""
     log_changed = Signal(bool)
     """Whether the vertical axis is logarithmic."""
+    has_title = True
+    """Whether the title of the picture stands in the head."""
+    few_tools = False
+    """Whether the menu alone has the tools."""
     _scale: float | None = None
     """Text scale at which the plot was last drawn; None before the first time."""
 
@@ -102,7 +106,7 @@ class Chart(QWidget):
             self.tools.clear_cursors()
         if new_chips:
             self._make_chips()
-        show_text(self.title_label, picture.title)
+        show_text(self.title_label, picture.title if self.has_title else "")
         self.note_label.setText(picture.note)
         self.note_label.hint = not picture.alarming
         for label in (self.title_label, self.note_label):
@@ -214,16 +218,19 @@ class Chart(QWidget):
         self._fit_head()
 
     def _fit_head(self) -> None:
-        """Show the chips where they have space, else one button for all layers."""
-        every: list[QWidget] = [self.title_label, *self.head.findChildren(QPushButton)]
-        others = [each for each in every if not each.isHidden() or each in self.chips.values()]
-        needed = sum(each.sizeHint().width() + px(8) for each in others if each is not self.layers_button)
-        fits = needed + px(40) <= self.width()
-        for each in self.chips.values():
-            each.setVisible(fits)
-        self.layers_button.setVisible(not fits and bool(self.chips))
+        """Show the chips where they have space, else one button for all layers; the menu has the tools that have none."""
+        chips, tools = [*self.chips.values()], [] if self.few_tools else self.tools.buttons[:-1]
         self.layers_button.setText(LAYERS_TEXT.format(sum(g not in self.hidden for g in self.chips), len(self.chips)))
         self.layers_button.setMinimumWidth(self.layers_button.sizeHint().width())
+        every: list[QWidget] = [self.title_label, *self.head.findChildren(QPushButton)]
+        fitted = {*chips, *self.tools.buttons[:-1], self.layers_button}
+        room = self.width() - px(40) - _width_of(each for each in every if not each.isHidden() and each not in fitted)
+        fits = _width_of([*chips, *tools]) <= room
+        for each in chips:
+            each.setVisible(fits)
+        self.layers_button.setVisible(not fits and bool(chips))
+        for each in self.tools.buttons[:-1]:
+            each.setVisible(each in tools and (fits or _width_of([self.layers_button, *tools]) <= room))
 
     def _choose_layers(self) -> None:
         menu = Menu(self.layers_button)
@@ -269,6 +276,10 @@ class Chart(QWidget):
     def table(self) -> str:
         """Return the visible data as a tab-separated table."""
         return series_as_text(self.series(), self.picture.x_title, self.picture.panels[0].title, self.picture.simulated)
+
+
+def _width_of(widgets: Iterable[QWidget]) -> int:
+    return sum(each.sizeHint().width() + px(8) for each in widgets)
 
 
 def layer_icon(layer: Layer, ratio: float) -> QIcon:

@@ -92,6 +92,8 @@ class TimePlot(Chart):
     two blocks of samples, about a block behind the newest (docs/decisions/0006-live-plot.md).
     """
 
+    few_tools = True
+
     def __init__(self, feed: LiveFeed, amplifier: AmplifierMap) -> None:
         self._trace_ranges: list[tuple[float, float] | None] = []
         super().__init__("live traces")
@@ -130,8 +132,6 @@ class TimePlot(Chart):
             button.setToolTip(f"Show the last {span.shown_s:g} s{lined_up}")
         self.head_layout.insertWidget(1, self.held_label)
         self.head_layout.addWidget(self._spans)
-        for button in self.tools.buttons[:-1]:
-            button.hide()
         aside = configure(QFrame(), "traces.values")
         set_length(aside, width=VALUE_WIDTH)
         column(*self.values, None, parent=aside, spacing=12)

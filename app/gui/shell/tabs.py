@@ -167,7 +167,7 @@ class MainTabs(PageHost):
         controller.setParent(page)
         controller.run_requested.connect(self._start_campaign_run)
         page.run_open_requested.connect(self.results.open_run)
-        page.board.details.review_pane.card.requested.connect(self.results.perform)
+        page.board.decision.card.requested.connect(self.results.perform)
         page.explore_requested.connect(lambda path: self.results.overlay_runs([path]))
         page.restore_state(self._settings)
         self.sheets.add(page.board.header.sheet_button, lambda: self.subject.specimen_of(controller))
@@ -181,7 +181,6 @@ class MainTabs(PageHost):
             card.offer_next("" if following is None else following.state.title)
 
         controller.changed.connect(show_on_card)
-        page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
 
     def _make_explore(self) -> explore_pages.ExplorePage:

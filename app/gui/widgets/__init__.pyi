@@ -3,7 +3,6 @@ from .actions import ActionInfo as ActionInfo
 from .actions import actions_of as actions_of
 from .actions import add_action as add_action
 from .actions import add_actions as add_actions
-from .actions import name_button as name_button
 from .actions import shortcuts_by_group as shortcuts_by_group
 from .actions import tooltip as tooltip
 from .actions import update_actions as update_actions

@@ -10,10 +10,9 @@ from importlib.resources import files
 
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QAction, QKeySequence, QShortcutEvent
-from PySide6.QtWidgets import QAbstractButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.gui.widgets.barcode_scanner import KeyBurstFilter
-from app.gui.widgets.key_caps import show_key
 from app.session import WindowState
 
 GLOBAL_GROUP = "Everywhere"
@@ -131,13 +130,6 @@ def tooltip(action_id: str, text: str = "") -> str:
     """Return a tooltip that ends with the shortcuts of an action."""
     info = ACTIONS[action_id]
     return f"{text or info.tip or info.text}: {' or '.join(info.shortcuts)}"
-
-
-def name_button(button: QAbstractButton, action_id: str, text: str) -> None:
-    """Show the shortcut of an action on a button and in its tooltip."""
-    button.setText(text)
-    show_key(button, ACTIONS[action_id].shortcut)
-    button.setToolTip(tooltip(action_id))
 
 
 def share_action(dialog: QWidget, action_id: str) -> None:

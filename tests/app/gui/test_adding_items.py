@@ -62,7 +62,7 @@ def test_a_series_is_added_measured_and_drawn(window: MainWindow, tmp_path: Path
 
     press(window, Qt.Key.Key_F5, Qt.KeyboardModifier.ShiftModifier)  # one key measures all values
     until(lambda: len(list(tmp_path.glob("*.h5"))) == 3 and not window.state.busy, "for the runs")
-    pane = page.board.details.review_pane
+    pane = page.board.details
     until(
         lambda: bool(drawn := pane.plots.chart.picture.layers) and any(each.x.size == 3 for each in drawn),
         "for the curve",

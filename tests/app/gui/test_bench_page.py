@@ -468,13 +468,13 @@ interlock = {{line = "{INTERLOCK.line}", state_line = "{INTERLOCK.state_line}"}}
 # -- live view and drives by hand ---------------------------------------------------------------------------------------
 
 
-def test_the_live_view_shows_the_lasers_place_in_its_range(window: MainWindow) -> None:
+def test_the_sensors_tile_shows_the_lasers_place_in_its_range(window: MainWindow) -> None:
+    until(lambda: "aim at 50 %" in find(window, "bench.sensor.live-note").text(), "for live volts")
+    assert abs(find(window, "bench.sensor.range").value() - 500) < 20
     find(window, "bench.live").click()
-    until(lambda: "aim at 50 %" in find(window, "bench.align.text").text(), "for live volts")
-    assert abs(find(window, "bench.align.bar").value() - 500) < 20
     until(lambda: window.tabs.bench.live.plot.frames > 0, "for the traces")
     window.adapter.faults.inject("sensor-out-of-range")
-    until(lambda: "OUT OF RANGE" in find(window, "bench.align.text").text(), "for the fault")
+    until(lambda: find(window, "bench.sensor.live").text() == "out of range", "for the fault")
     window.adapter.faults.clear()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QMimeData, QPoint, QPointF, QSettings, Qt
-from PySide6.QtGui import QDragMoveEvent, QDropEvent
+from PySide6.QtGui import QDragMoveEvent, QDropEvent, QTextDocument
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
@@ -108,8 +108,8 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
     page = window.tabs.campaign
     settle(page)
     board = page.board
-    assert board.step_pane.heading.text() == "Measure wiring: Wiring check"
-    assert "−20 … +60 V" in board.step_pane.detail.text()
+    assert board.decision.heading.text() == "Measure wiring: Wiring check"
+    assert "−20 … +60 V" in board.decision.detail.text()
     assert "0 of 3 done" in board.header.progress_label.text()
 
     def carry_out(key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
@@ -121,19 +121,19 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
 
     carry_out(Qt.Key.Key_F5)
     assert states(page)[0] == "done, to be accepted"
-    assert board.step_pane.heading.text() == "Accept the result of wiring?"
-    assert "µm/V" in board.step_pane.detail.text()
+    assert board.decision.heading.text() == "Accept the result of wiring?"
+    assert "µm/V" in board.decision.detail.text()
     assert " ± " in details_text(board)
     QTest.keyClick(board.item_list, Qt.Key.Key_Return)
     settle(page)
     (accepted,) = on_disk(tmp_path)["wiring"]["accepted"]
     assert (tmp_path / accepted).exists()
-    assert board.step_pane.heading.text() == "Measure dwell: Sine dwell"
+    assert board.decision.heading.text() == "Measure dwell: Sine dwell"
 
     bench.at_a_point = lambda _: bench.session.stop()
     carry_out(Qt.Key.Key_F5)
     assert states(page)[1] == "unfinished"
-    assert board.step_pane.heading.text() == "Go on with dwell: Sine dwell"
+    assert board.decision.heading.text() == "Go on with dwell: Sine dwell"
     bench.at_a_point = lambda _: None
     carry_out(Qt.Key.Key_F5)
     dwell = page.controller.summary.item("dwell").state
@@ -326,8 +326,8 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
     press(window, Qt.Key.Key_2, CTRL)
     page = window.tabs.campaign
     settle(page)
-    details, pane = page.board.details, page.board.details.review_pane
-    assert not details.tabs.isTabEnabled(0), "nothing is measured yet"
+    details, decision = page.board.details, page.board.decision
+    assert details.stack.currentWidget() is details.details_area, "nothing is measured yet"
 
     def measure() -> None:
         press(window, Qt.Key.Key_F5)
@@ -335,24 +335,28 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
         until(lambda: not window.state.busy, "for its end")
         settle(page)
 
-    def names() -> list[str]:
-        return [pane.table.item(at, 1).text() for at in range(pane.table.rowCount())]
+    def compared() -> str:
+        document = QTextDocument()
+        document.setHtml(decision.compared_label.text())
+        return document.toPlainText()
 
     measure()
-    until(names, "for the review")
+    until(compared, "for the review")
     first = details.reviewed_path
-    at = names().index("static gain above rest")
-    assert pane.table.item(at, 0).text() == "✓"
-    assert "1 … 1000 µm/V" in pane.table.item(at, 3).text()
-    assert pane.table.item(at, 5).text().startswith("142.73 µm/V (")
-    assert "4 of 4 points usable" in find(pane, "review.indicator-0").text()
-    assert pane.plots.chart.layer(pane.plots.kind.title).x.size == 4
-    assert "Good" in find(pane, "review.verdict").text(), "the same card as on the other pages"
-    assert find(pane, "review.simulated").isVisibleTo(pane)
+    assert details.stack.currentWidget() is details.plots
+    assert "Static gain above rest\n142.73 µm/V (" in compared()
+    assert "✓ 4 of 4 points usable, ✓ 13 of 13 checks passed" in decision.quality_label.text()
+    assert "Rest, read back" in decision.card.checks_label.text()
+    assert details.plots.chart.layer(details.plots.kind.title).x.size == 4
+    assert "Good" in find(decision, "review.verdict").text(), "the same card as on the other pages"
+    assert find(decision, "review.simulated").isVisibleTo(decision)
+    accept = decision.buttons["accept"]
+    assert accept.isVisible()
+    assert not decision.buttons["run"].isVisible(), "one decision at a time"
     asked: list[str] = []
-    pane.card.requested.connect(lambda action, _: asked.append(action))
+    decision.card.requested.connect(lambda action, _: asked.append(action))
     window.tabs.results._report_job.start = lambda *_: None  # type: ignore[method-assign]
-    find(pane, "review.report").click()
+    find(decision, "review.report").click()
     assert asked == ["report"]
     QTest.keyClick(page.board.item_list, Qt.Key.Key_A)
     settle(page)
@@ -370,21 +374,20 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
     until(lambda: not window.state.busy, "for its end")
     settle(page)
     assert states(page)[0] == "new result, to be accepted"
-    until(lambda: details.reviewed_path != first and names(), "for the review of the new run")
+    until(lambda: details.reviewed_path != first and "Before" in compared(), "for the review of the new run")
     settle(page)
     assert page.board.item_list.y() == height, "the layout does not move"
-    assert pane.table.item(names().index("static gain above rest"), 4).text().endswith("%)"), (
-        "the change since the result before"
-    )
-    assert pane.run_box.count() == 2
-    pane.run_box.setCurrentIndex(1)
-    pane.run_box.activated.emit(1)
+    change = compared().partition("Before, and the change")[2].partition("Static gain above rest\n")[2]
+    assert change.partition("\n")[0].endswith("%)"), "the change since the result before"
+    assert details.run_box.count() == 2
+    details.run_box.setCurrentIndex(1)
+    details.run_box.activated.emit(1)
     assert details.reviewed_path == first
-    assert not details.buttons["accept"].isEnabled(), "the first is accepted already"
-    pane.run_box.setCurrentIndex(0)
-    pane.run_box.activated.emit(0)
+    assert not accept.isEnabled(), "the first is accepted already"
+    details.run_box.setCurrentIndex(0)
+    details.run_box.activated.emit(0)
     settle(page)
-    details.buttons["accept"].click()
+    accept.click()
     settle(page)
     assert states(page)[0] == "done, accepted"
     assert page.controller.summary.item("wiring").state.run != first

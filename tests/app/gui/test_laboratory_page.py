@@ -120,7 +120,10 @@ def test_the_control_chart_shows_the_laser_that_drifts(page: LaboratoryPage, tmp
     assert page.chart.golden.currentText() == "G"
     assert page.chart.sensor.currentText() == "laser #L2"
     # The step lies within the baseline, and is found nevertheless.
-    assert page.chart.verdict_label.text().startswith("✕ Drift of the bench")
+    assert page.chart.verdict_label.text() == "! Drift of the bench"
+    assert page.chart.finding_label.text().startswith("Laser #L2 reads too little, since ")
+    assert page.chart.figure_label.text().startswith("−5")
+    assert "G on laser #L1" in page.chart.evidence_label.text()
 
     def drawn(name: str) -> Layer:
         layer = page.chart.plot.layer(name)
@@ -134,6 +137,8 @@ def test_the_control_chart_shows_the_laser_that_drifts(page: LaboratoryPage, tmp
     broken = {int(row[0]) for row in rows(page.chart.broken)}
     assert broken == {*drawn("signal").x.tolist(), *drawn("beyond the limits").x.tolist()}
     page.chart.sensor.setCurrentText("laser #L1")
+    assert page.chart.verdict_label.text() == "✓ In control"
+    assert page.chart.figure_label.isHidden()
     assert drawn("value").y == pytest.approx([1000.0] * GOLDEN_VALUES, rel=0.01)
     page.chart.export(tmp_path / "chart.csv")
     until(lambda: is_idle(page))
