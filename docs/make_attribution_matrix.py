@@ -28,11 +28,13 @@ Written by `python docs/make_attribution_matrix.py` from identifications of `ben
 `tests/helpers/model/laboratories.py`. These have finite elements for the beam, their own membrane, amplifier, plays for hysteresis and lags for creep; specimen, sheet and instruments are drawn for each,
 nonidealities from distributions that are not the fit's priors (uniform, exponential, lognormal, shifted, heavy-tailed).
 
-Without a departure and the two withheld sets: fits with 7 shape functions, whose deviation from the finite elements is the mean z of the delay of the laser, m_add, c0, mu, k2 and the mass fraction.
-With 20, as every fit has now (`docs/decisions/0071-shapes-of-a-fit.md`), in 78 of these laboratories that have a sweep: the delay holds in 93.6 %, mean z -0.07, rms 1.04; with 7 in 87.2 %, -0.75, 1.34.
-The rms z of `hysteresis` was the laboratory's own: its specimen came to rest from -500 V whatever its amplifier's lower end; mended since. Departures of the development: the rows up to "clamp turns, 15 %"
-and of drifts, of the laser's gain, of one elongation by -1 mm and of a membrane dwell's scale are of fits with 20, the others with 7. Of the laser's gain, which did not act in these laboratories before, 1 of 4 is detected; the
-other 3 are adequate with m_add, E_m and mass_fraction 6 to 14 errors off: a scale that all displacements share cannot be told.
+Without a departure: 500 laboratories, all fitted with 20 shape functions, as every fit is now (`docs/decisions/0071-shapes-of-a-fit.md`); with 7, the laser's delay held in 88.8 % with a mean z of -0.54. Two numbers miss their goals:
+26 alarms of 500 (goal: less than 5 %; 14 name no cause; the tests' own level is 3 %; not traced), and c0 holds in 98.4 % where the simultaneous 99 % band ends at 98.2 %. Its total has the 1 K that a
+temperature not stated may be off, 4 to 5 % of the total, and these laboratories have no temperature. Of adequate fits, one has parameters that are not assumed beyond 4 total errors: E_m and the gain of the laser, drawn 6 stated errors off.
+
+The withheld sets: fits with 7. Departures of the development: the rows up to "clamp turns, 15 %" and of drifts, of the laser's gain, of one elongation by -1 mm and of a membrane dwell's scale are of fits with 20, the others with 7.
+Of the laser's gain, 1 of 4 is detected; the other 3 are adequate with m_add, E_m and mass_fraction 6 to 14 errors off: a gain that all displacements share moves k2, the moving mass and the moment alike, frequencies stay, and
+the share of the added masses that acts is free to follow. With that share known to 0.5 %, 4 of 4 are detected and `sensor_gain` is named first: masses fixed at the centre decide it.
 """
 
 

@@ -39,6 +39,7 @@ def fit_runs(
         ValueError: the runs cannot be fitted (`ParameterError`, `IdentificationError`).
         FitCancelled: `cancelled` returned True.
     """
+    from app.identification import shape_count_of_file
     from model.identification import FitOptions, ObservationSet, elongation_parameter, joint_fit
 
     specimen = setting.specimen
@@ -59,6 +60,7 @@ def fit_runs(
         free=tuple(names),
         fixed=held,
         start=start,
+        n=max(shape_count_of_file(run.path) if run.simulated else FitOptions.n for run in runs),
     )
     fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled)
     values = dict(zip(fit.names, fit.theta, strict=True))

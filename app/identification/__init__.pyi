@@ -22,6 +22,7 @@ from .observations import ObservationError as ObservationError
 from .observations import amplifier_of as amplifier_of
 from .observations import points_of_run as points_of_run
 from .observations import run_observations as run_observations
+from .observations import shape_count_of_file as shape_count_of_file
 from .observations import shape_count_of_run as shape_count_of_run
 from .observations import short_run_name as short_run_name
 from .perception_threshold import chosen_threshold as chosen_threshold

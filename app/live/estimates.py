@@ -37,10 +37,15 @@ class EstimateUpdate:
 
 
 class LiveEstimator:
-    """One fit that grows with its run; restarted if the points do not continue the previous ones."""
+    """One fit that grows with its run; restarted if the points do not continue the previous ones.
 
-    def __init__(self, amplifier: AmplifierMap) -> None:
-        self._amplifier = amplifier
+    Args:
+        amplifier: characteristic of the bench.
+        shapes: of the specimen of a simulated bench; None: enough for a real tactor.
+    """
+
+    def __init__(self, amplifier: AmplifierMap, shapes: int | None = None) -> None:
+        self._amplifier, self._shapes = amplifier, shapes
         self._worker = LatestOnlyWorker(self.fit_new_points, self._store, "live estimates")
         self._fit: LiveFit | None = None
         self._fitted_points: tuple[Any, ...] = ()
@@ -86,7 +91,13 @@ class LiveEstimator:
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)
         # Usual sizes: without them the moment of an MFC has an error of a tenth.
         lag = {name: (0.0, USUAL_EFFECTS[name].standard_deviation) for name in LAG_NAMES}
-        setting = FitOptions(tactor=active_model.tactor, amplifier=self._amplifier, also=tuple(lag), priors=lag)
+        setting = FitOptions(
+            tactor=active_model.tactor,
+            amplifier=self._amplifier,
+            also=tuple(lag),
+            priors=lag,
+            n=self._shapes or FitOptions.n,
+        )
         if not points:  # the imports above are all the first point needs
             return LiveFit(setting)
         offset_v = float(points[0].drive_offset)

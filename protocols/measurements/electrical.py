@@ -130,7 +130,8 @@ class Electrical(Protocol):
     expected_f: ExpectedCapacitance = 0.0
     expected_bending: ExpectedBending = 0.0
     smallest_share: SmallestShare = 0.7
-    sample_rate_hz: SampleRate = 50_000.0
+    sample_rate_hz: SampleRate = 49_975.0
+    """No multiple of the frequencies: aliases of the current's jump, where the amplifier's slope changes, fall between its harmonics."""
 
     @model_validator(mode="after")
     def _check_sample_rate(self) -> Self:

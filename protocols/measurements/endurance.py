@@ -2,7 +2,8 @@
 
 Every block and every snapshot is an entry of the plan with a point of its own, so that a killed program loses the cycles of one
 block at most. A block's point has the statistics of the displacement, a snapshot's point the figures, whose changes against the
-first snapshot are judged with their statistical uncertainties: errors of gains and delays are common to all snapshots of a run.
+first snapshot are judged with their statistical uncertainties: errors of gains and delays, and the misfit of one mode by hysteresis,
+are common to all snapshots of a run.
 """
 
 import math
@@ -36,6 +37,7 @@ from protocols.base import (
     UnattendedRun,
     first_adapted,
 )
+from protocols.measurements.dwelt_response import check_response_present
 from protocols.measurements.fields import (
     DampingRatio,
     DampingRatioError,
@@ -45,11 +47,12 @@ from protocols.measurements.fields import (
     QualityFlags,
     SampleRate,
     check_sample_rate,
+    modal_columns,
     point_quality,
 )
 from protocols.measurements.result_checks import SIGNIFICANCE_SIGMAS
 from protocols.measurements.sine_dwell import sine_point
-from protocols.measurements.sweep import Sweep
+from protocols.measurements.sweep import Sweep, fit_one_mode
 from protocols.signals import sine_response
 
 CYCLES, SNAPSHOT = "cycles", "snapshot"
@@ -335,9 +338,9 @@ class Endurance(Protocol):
             columns |= {"low": seen.low_m, "high": seen.high_m, "mean": seen.mean_m, "rms": seen.rms_m}
             return EndurancePoint(**columns | {"quality": point_quality(recordings[-1:], simulated, {})})
         swept, slow = recordings[-2:]
-        mode = self._sweep.point((1.0,), (swept,), simulated)
-        for name in ("natural_frequency", "natural_frequency_errors", "damping", "damping_errors"):
-            columns[name] = getattr(mode, name)
+        response = self._sweep.response((swept,))
+        check_response_present(response)
+        columns |= modal_columns(fit_one_mode(response)[1], by_noise=True)
         dwell = sine_point((slow,), simulated)
         relative = dwell.relative_uncertainty
         columns |= {
@@ -351,7 +354,8 @@ class Endurance(Protocol):
             for name in ("capacitance", "loss"):
                 value, error, _ = getattr(electrical, name)
                 columns |= {name: value, f"{name}_errors": error}
-        return EndurancePoint(**columns | {"quality": mode.quality | dwell.quality})
+        quality = point_quality((swept,), simulated, {}) | dwell.quality
+        return EndurancePoint(**columns | {"quality": quality})
 
     def drifts(self, points: Sequence[Any]) -> tuple[Series, ...]:
         snapshots = _snapshots_of(points)

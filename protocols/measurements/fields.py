@@ -36,9 +36,10 @@ def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Ma
     return int(quality)
 
 
-def modal_columns(mode: "ModalFit | DecayFit | None") -> dict[str, float]:
-    """Return the columns of a fitted mode in a point; NaN without one."""
-    fields = ("natural_hz", "natural_error_hz", "damping_ratio", "damping_error")
+def modal_columns(mode: "ModalFit | DecayFit | None", by_noise: bool = False) -> dict[str, float]:
+    """Return the columns of a fitted mode in a point, its errors of a `ModalFit` by noise alone if so wished; NaN without one."""
+    errors = ("natural_noise_hz", "damping_noise") if by_noise else ("natural_error_hz", "damping_error")
+    fields = ("natural_hz", errors[0], "damping_ratio", errors[1])
     columns = ("natural_frequency", "natural_frequency_errors", "damping", "damping_errors")
     return {column: getattr(mode, field, math.nan) for column, field in zip(columns, fields, strict=True)}
 

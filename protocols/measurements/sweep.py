@@ -237,7 +237,7 @@ class Sweep(Protocol):
                 yield Record(sum(self._played_periods(drive.sweep_s)) * drive.period_s, drive)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
-        response = self._response(recordings)
+        response = self.response(recordings)
         check_response_present(response)
         commanded_v = 0.5 * self.peak_to_peak_v
         amplitudes = [0.5 * float(np.ptp(recording.drive_v)) for recording in self._last(recordings)]
@@ -245,7 +245,7 @@ class Sweep(Protocol):
         return sweep_point(float(key[0]), response, amplitude_v, point_quality(self._last(recordings), simulated, {}))
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
-        response = self._response(recordings)
+        response = self.response(recordings)
         label = f"of sweep {key[0]:g}" if self.repeats > 1 else ""
         return (with_fitted_mode(response, *fit_one_mode(response), label),)
 
@@ -305,7 +305,8 @@ class Sweep(Protocol):
         """Return the recordings of the last sweep, one per piece."""
         return recordings[-self.pieces :]
 
-    def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
+    def response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
+        """Return the frequency response of the last sweep."""
         parts = [self._piece_response(recording) for recording in self._last(recordings)]
         return parts[0] if self.pieces == 1 else merge_pieces(parts)
 

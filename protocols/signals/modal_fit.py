@@ -23,6 +23,8 @@ class ModalFit:
         amplitude: a + i b, in the unit of the response.
         constant: compliance of the higher modes, in the unit of the response.
         degrees_of_freedom: of the standard errors.
+        natural_noise_hz, damping_noise: standard errors by the noise of the lines alone, without the misfit of the mode, which is the
+            same whenever the same specimen is measured alike; NaN without errors of the lines.
         fitted: (F,), the fit at the given lines.
     """
 
@@ -33,6 +35,8 @@ class ModalFit:
     amplitude: complex
     constant: float
     degrees_of_freedom: int
+    natural_noise_hz: float = np.nan
+    damping_noise: float = np.nan
     fitted: Complex = field(default_factory=lambda: np.zeros(0, complex), compare=False, repr=False)
 
     @property
@@ -70,16 +74,18 @@ def fit_sdof(
         )
     scale, peak = float(np.abs(H).max()), float(f[np.abs(H).argmax()])
     weight = np.ones(f.size) if standard_error is None else 1 / np.asarray(standard_error, float)
+    noise = np.nan if standard_error is None else 1 / (weight.max() * scale)
     weight = weight / weight.max()
 
     none = f"no resonance between {f.min():g} and {f.max():g} Hz: measure a band that encloses it"
     fitted, simpler = (_fit_poles(f / peak, np.asarray(H / scale, complex), weight, unknowns) for unknowns in (7, 6))
     if fitted is None or simpler is None:
         raise ValueError(none)
-    values, errors, freedom, terms, line = fitted
+    values, errors, per_noise, freedom, terms, line = fitted
     # Neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance.
     if f.size < MIN_PATTERN_LINES:
         errors = errors * np.sqrt(1 + 2 * correlation)
+    noise_errors = noise * np.sqrt(1 + 2 * correlation) * per_noise
     errors = np.hypot(errors, values - simpler[0])
     natural = float(values[0]) * peak
     if not f.min() < natural < f.max():
@@ -92,12 +98,16 @@ def fit_sdof(
         amplitude=scale * complex(terms[0], terms[1]),
         constant=scale * float(terms[2]),
         degrees_of_freedom=freedom,
+        natural_noise_hz=float(noise_errors[0]) * peak,
+        damping_noise=float(noise_errors[1]),
         fitted=scale * line,
     )
 
 
-def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Array, Array, int, Array, Complex] | None:
-    """Return f0 and zeta, their standard errors, the degrees of freedom, the linear terms a, b, c ... of 6 or 7 unknowns, and the fit.
+def _fit_poles(
+    g: Array, H: Complex, weight: Array, unknowns: int
+) -> tuple[Array, Array, Array, int, Array, Complex] | None:
+    """Return f0 and zeta, their standard errors, and those per noise of 1, the degrees of freedom, the linear terms a, b, c ..., and the fit.
 
     The linear terms are eliminated (variable projection), so that only f0 and zeta are searched. None without a minimum, or with
     fewer values than unknowns.
@@ -127,14 +137,22 @@ def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Arra
         return None
     jacobian = np.asarray(fit.jac)  # with the linear terms projected out: its Gram matrix is that of f0 and zeta alone
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    errors = np.sqrt(np.diag(inverse) * 2 * fit.cost / freedom)
+    per_noise = np.sqrt(np.diag(inverse))
+    errors = per_noise * np.sqrt(2 * fit.cost / freedom)
     if g.size >= MIN_PATTERN_LINES:
         scale = _pattern_scale(np.argsort(g), columns(*fit.x), jacobian, np.asarray(fit.fun))
-        errors = np.sqrt(np.diag(inverse)) * scale
+        errors = per_noise * scale
     basis = columns(*fit.x)
     linear = np.linalg.lstsq(basis, target, rcond=None)[0]
     real, imaginary = np.split(basis @ linear, 2)
-    return np.asarray(fit.x), errors, freedom, np.asarray(linear), np.asarray((real + 1j * imaginary) / weight)
+    return (
+        np.asarray(fit.x),
+        errors,
+        per_noise,
+        freedom,
+        np.asarray(linear),
+        np.asarray((real + 1j * imaginary) / weight),
+    )
 
 
 def _pattern_scale(order: NDArray[np.intp], basis: Array, jacobian: Array, misfit: Array) -> Array:

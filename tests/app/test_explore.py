@@ -21,6 +21,7 @@ from app.explore.engine import ExploreRequest, ResponseEngine
 from app.explore.fit import fit_runs
 from app.explore.sliders import GROUPS, SLIDERS
 from app.explore.state import PRESET_TITLES, ExploreSetting, describe_difference, make_preset, make_study
+from app.identification import shape_count_of_file
 from app.live.latest_only import LatestOnlyWorker
 from model.identification.fit_options import FitCancelled, FitOptions
 from model.parameter_spec import ParameterError
@@ -140,20 +141,22 @@ def test_measured_points_come_in_order_with_their_drive(tmp_path: Path) -> None:
         read_measured_response(tmp_path / "x.h5")
 
 
+@pytest.mark.parametrize("simulated", [False, True], ids=["real", "simulated with 7 shapes"])
 @pytest.mark.parametrize(("truth", "begin"), [
     (ExploreSetting({"m_add": 6.5e-3, "c0": 210.0, "mu": -1.1e-5}), ExploreSetting()),
     (ExploreSetting({"delta": 0.01, "k_s": 9e3, "c_s": 420.0}, on_skin=True), ExploreSetting({"delta": 0.01}, on_skin=True)),
 ])  # fmt: skip
 def test_a_fit_finds_the_parameters_the_points_were_made_with(
-    truth: ExploreSetting, begin: ExploreSetting, tmp_path: Path
+    truth: ExploreSetting, begin: ExploreSetting, simulated: bool, tmp_path: Path
 ) -> None:
-    specimen = truth.specimen
+    specimen, path = truth.specimen, finished_run(tmp_path)
     f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
-    made = amplifier_response(specimen.tactor, f, skin=specimen.skin, n=FitOptions.n)
+    n = shape_count_of_file(path) if simulated else FitOptions.n
+    made = amplifier_response(specimen.tactor, f, skin=specimen.skin, n=n)
     run = MeasuredResponse(
-        tmp_path,
+        path,
         "made",
-        True,
+        simulated,
         5.000001,
         Series(f, made.peak_to_peak, 0 * f + 1e-6),
         Series(f, made.fundamental, 0 * f + 1e-7),
@@ -173,7 +176,7 @@ def test_the_errors_of_a_fit_contain_those_of_ruler_and_caliper(tmp_path: Path) 
     run = MeasuredResponse(
         tmp_path,
         "made",
-        True,
+        False,
         5.000001,
         Series(f, made.peak_to_peak, 0 * f + 1e-6),
         Series(f, made.fundamental, 0 * f + 1e-8),

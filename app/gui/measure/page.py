@@ -48,9 +48,10 @@ class MeasurePage(QWidget):
         amplifier: AmplifierMap,
         bench: BenchGetter,
         presets: PresetStore,
+        shapes: int | None = None,
     ) -> None:
         super().__init__()
-        self._overlay, self._estimator = overlay, LiveEstimator(amplifier)
+        self._overlay, self._estimator = overlay, LiveEstimator(amplifier, shapes)
         self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
         self._state: WindowState | None = None
         self._request: CurveRequest | None = None

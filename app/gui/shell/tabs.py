@@ -76,6 +76,7 @@ class MainTabs(PageHost):
             config.amplifier.amplifier_map,
             lambda: self._adapter.session.bench,
             PresetStore(presets_path()),
+            config.simulation_parameters.modes if config.simulated else None,
         )
         self.results, self.subject = ResultActions(self, self.show_message), VisibleSubject(self)
         panel = self.measure.run_panel

@@ -16,7 +16,7 @@ MIN_MOVE = 0.2
 CHECKS = {
     "sensor_gain": (
         "the scale of the displacements",
-        "moving the sensor by a micrometer or a gauge block, or loads and added masses together,",
+        "moving the sensor by a micrometer or a gauge block, or loads together with masses fixed at the centre,",
     ),
     "load_gain": ("the scale of the loads", "weighing one of the weights on another balance"),
     "mass_fraction": (

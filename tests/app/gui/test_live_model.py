@@ -37,9 +37,9 @@ TRUTH = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
 FREQUENCIES = (25.0, 75.0, 125.0, 150.0, 160.0, 175.0, 200.0, 250.0)
 
 
-def measured(noise: float = 0.0) -> list[SinePoint]:
-    """Points as the true tactor gives them, each with a stated error of a thousandth, and relative noise of its sizes."""
-    driven = amplifier_response(TRUTH, np.array(FREQUENCIES), n=FitOptions.n)
+def measured(noise: float = 0.0, n: int = FitOptions.n) -> list[SinePoint]:
+    """Points as a tactor of `n` shapes gives them, each with a stated error of a thousandth, and relative noise of its sizes."""
+    driven = amplifier_response(TRUTH, np.array(FREQUENCIES), n=n)
     scatter = 1.0 + noise * np.random.default_rng(3).standard_normal(len(FREQUENCIES))
     flags = int(Quality.GOOD | Quality.SIMULATED)
     return [
@@ -131,7 +131,9 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     panel = stage.window.measure_page.run_panel
     card = panel.result_card
     assert not find(panel, "measure.rehearsal").isVisible()
-    points = measured(noise=1e-3)  # without it, their fit has an error of no size, and its value as many digits
+    points = measured(
+        1e-3, n=7
+    )  # as the window's bench; without noise their fit has an error of no size, and its value as many digits
     for at, point in enumerate(points):
         stage.happen(PointMeasured(at, point, at))
     natural, *others = SineDwell().estimates(points)

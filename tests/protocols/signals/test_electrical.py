@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from model import Tactor
 from model.response import frequency_response
+from protocols.measurements.electrical import Electrical
 from protocols.signals.electrical import InputErrors, electrical_response, leakage_current
 
 RATE_HZ, F = 50e3, 40.0
@@ -69,6 +71,22 @@ def test_the_energy_is_the_area_of_the_loop() -> None:
     assert x == pytest.approx(100 * np.sin(w * at) + 30 * np.cos(2 * w * at), abs=1e-6)
     assert area == pytest.approx(seen.energy.value, rel=5e-3)
     assert np.ptp(q) == pytest.approx(FARADS * np.ptp(x), rel=0.01)
+
+
+@pytest.mark.parametrize("f", Electrical().frequencies_hz[-2:])
+def test_the_jump_of_the_current_does_not_alias_into_the_loss(f: float) -> None:
+    """A capacitor behind an amplifier of two slopes, seen by a monitor of 20 kHz, a fifth of a sample after the jump."""
+    rate_hz, corner_s, fine_s = Electrical().sample_rate_hz, 1 / (2 * np.pi * 20e3), 2e-7
+    t = np.arange(int(0.5 / fine_s)) * fine_s
+    wave = np.sin(2 * np.pi * f * t)
+    v = np.where(wave > 0, 600, 200) * wave
+    current = lfilter([1 - np.exp(-fine_s / corner_s)], [1, -np.exp(-fine_s / corner_s)], np.gradient(v, fine_s))
+    at = 0.1 + (np.arange(int(0.3 * rate_hz)) + 0.2) / rate_hz
+    delay = InputErrors(flow_delay_s=corner_s - 0.5 * fine_s)
+    seen = electrical_response(np.interp(at, t, v), np.interp(at, t, current), rate_hz, f, delay)
+    power = 0.5 * float(np.sum(np.abs(seen.voltage * seen.current)))
+    assert abs(seen.loss.value) < 5e-5
+    assert abs(seen.energy.value * f) < 1e-4 * power
 
 
 @pytest.mark.deep

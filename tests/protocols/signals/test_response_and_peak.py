@@ -399,6 +399,19 @@ def test_a_peak_between_the_points_of_a_dwell_is_as_uncertain_as_it_is_wrong() -
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
 
+def test_errors_by_noise_alone_are_the_scatter_of_a_mode_whose_misfit_is_always_the_same() -> None:
+    f, rng = np.arange(80.0, 290.0, 2.0), np.random.default_rng(6)
+    waved = frequency_response(Tactor(), f) * (1 + 1e-3 * np.exp(0.2j * np.pi * f))
+    noise = 1e-5 * abs(waved).max() * np.ones(f.size)
+    modes = [
+        fit_sdof(f, waved + noise * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)), noise)
+        for _ in range(60)
+    ]
+    scatter = np.std([m.natural_hz for m in modes]), np.std([m.damping_ratio for m in modes])
+    assert np.divide(scatter, (modes[0].natural_noise_hz, modes[0].damping_noise)) == pytest.approx(1.0, abs=0.3)
+    assert modes[0].natural_error_hz > 5 * scatter[0]
+
+
 @pytest.mark.deep
 def test_a_distortion_that_waves_over_the_lines_is_averaged_out_in_the_error_of_a_mode(
     monkeypatch: pytest.MonkeyPatch,
