@@ -78,6 +78,7 @@ class ConsoleObserver:
             TextColumn("{task.fields[left]}", markup=False),
             VoltsColumn(self._follower),
             console=console,
+            auto_refresh=console.is_terminal,  # elsewhere only the end is shown
             transient=False,
             expand=True,
         )
