@@ -74,7 +74,9 @@ def test_two_samples_of_rest_and_four_of_level_are_the_fewest_of_a_ramp() -> Non
 def test_scatter_widens_the_errors_of_a_weighted_line_and_never_narrows_them(scatter: float, widened: float) -> None:
     x, error = np.arange(6.0), 0.1
     bend = np.array([1, -2, 1, 1, -2, 1]) * np.sqrt(4 / 12)  # beside every line, and with 4 degrees of freedom
-    (offset, slope), covariance = weighted_fit((np.ones(6), x), 2 + 3 * x + scatter * error * bend, np.full(6, 1 / error))
+    (offset, slope), covariance = weighted_fit(
+        (np.ones(6), x), 2 + 3 * x + scatter * error * bend, np.full(6, 1 / error)
+    )
     assert (offset, slope) == pytest.approx((2, 3))
     assert np.sqrt(covariance[1, 1]) == pytest.approx(widened * error / np.sqrt(17.5))
 
