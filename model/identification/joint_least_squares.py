@@ -257,13 +257,6 @@ class _FitMonitor:
             weights = np.ones(r.size)
             weights[: r.size - p.prior_count] = loss_weights(r[: r.size - p.prior_count], p.options.loss)
             J = J * np.sqrt(weights)[:, None]
-        at_limit = [
-            n
-            for n, v, lo in zip(p.names, theta, p.lower_bounds, strict=True)
-            if lo == 0 and v < 1e-6 * fit_parameters.typical_size(n, v)
-        ]
-        if at_limit:
-            message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error is not meaningful"
         return JointFit(p.observations, p.options, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
 
     def count_residuals(self) -> None:

@@ -154,7 +154,7 @@ class FreeDecay(Protocol):
         time, moved = self._decay_after_edge(recording, edge)
         band_hz = self.low_hz, self.high_hz
         released_s = float(time[:1].sum()) - recording.sensor_delay_s
-        return fit_decay(moved, recording.rate_hz, band_hz, 0.0, recording.interference, released_s)
+        return fit_decay(moved, recording.rate_hz, band_hz, recording.interference, released_s)
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:

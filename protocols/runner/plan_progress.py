@@ -152,7 +152,7 @@ class PlanProgress:
         """Return the progress as an event to publish."""
         left = [self.plan[i] for i in self._queue]
         left_s = sum(entry.expected_s for entry in left)
-        label, then = [*(entry.label for entry in left[:2]), *("done", "")[len(left) :], ""][:2]
+        label, then = left[0].label if left else "done", left[1].label if len(left) > 1 else ""
         return ProgressUpdated(len(self.plan) - len(left), len(self.plan), left_s, label, then)
 
     def outcome_message(self) -> str:

@@ -140,8 +140,6 @@ class DriveReadback:
         if beyond > self.level_limit_v:
             return self._deviation(low, high, beyond)
         match self.drive:
-            case Hold(level_v):
-                return self._deviation(low, high, max(level_v - low, high - level_v))
             case Sine():
                 return self._check_sine(self.drive, start, raw, to_volts)
             case LinearSweep() | PeriodicSweep():

@@ -63,7 +63,6 @@ def fit_decay(
     samples: ArrayLike,
     rate_hz: float,
     band_hz: tuple[float, float],
-    skip_s: float = 0.0,
     interference: Sequence[InterferenceLine] = (),
     released_s: float = 0.0,
 ) -> DecayFit:
@@ -73,10 +72,9 @@ def fit_decay(
     search. Without creep the damping would be 4 % too small at a creep of 1.5 % per decade.
 
     Args:
-        samples: (N,), from the release.
+        samples: (N,), from a time at which the drive is constant and higher modes have decayed.
         rate_hz: samples per second.
         band_hz: search band of the natural frequency.
-        skip_s: omitted time at the start, until the drive is constant and higher modes have decayed.
         interference: lines measured at rest; lines that the record resolves are fitted with the decay.
         released_s: time from the release to the first sample.
 
@@ -86,8 +84,7 @@ def fit_decay(
     check_positive(rate_hz=rate_hz, **{"lowest frequency": band_hz[0]})
     if not band_hz[0] < band_hz[1] <= 0.45 * rate_hz:
         raise ValueError(f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz must rise and end below {0.45 * rate_hz:g} Hz")
-    skipped = round(skip_s * rate_hz)
-    x = check_samples("the decay", np.asarray(samples, float)[skipped:], MIN_SAMPLES)
+    x = check_samples("the decay", samples, MIN_SAMPLES)
     t = np.arange(x.size) / rate_hz
     lines_hz, _ = resolved_lines(interference, x.size / rate_hz, rate_hz)
     angles = 2 * np.pi * np.outer(t, lines_hz[: x.size // MIN_SAMPLES])
@@ -95,7 +92,7 @@ def fit_decay(
     q, _ = np.linalg.qr(lines)
     w, zeta = _coarse_search(x - q @ (q.T @ x), t, band_hz)
     for _ in range(2):  # creep acts later by the delay of the vibration, which follows from the first fit
-        first_s = max(released_s + skipped / rate_hz - 2 * zeta / w, 1 / rate_hz)
+        first_s = max(released_s - 2 * zeta / w, 1 / rate_hz)
         fit = _fit_from(w, zeta, x, t, band_hz, lines, (first_s, first_s + float(t[-1])))
         w, zeta = 2 * np.pi * fit.natural_hz, fit.damping_ratio
     return fit

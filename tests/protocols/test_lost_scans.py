@@ -3,13 +3,19 @@
 import contextlib
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from nidaqmx.stream_readers import AnalogUnscaledReader
 
+from drivers.bench.bench import LevelSettings
+from drivers.bench.watchdog_interface import NoWatchdog
+from drivers.interfaces import Block
 from drivers.nidaq.analog_input import NiStream
+from drivers.sensors import LaserSensor
+from model.amplifier_map import AmplifierMap
 from protocols.base import (
     ChannelCalibration,
     EntryStarted,
@@ -24,10 +30,11 @@ from protocols.base import (
 )
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from protocols.runner.acquisition import RecordingBuffer
+from protocols.runner.acquisition import RecordingBuffer, RunAcquisition
 from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import Trigger, laboratory, run
+from tests.helpers.waiting import wait_until
 from tests.helpers.wired_bench import wired
 
 DWELL = SineDwell(frequencies_hz=(100, 200, 150), record_s=0.1, min_cycles=5)
@@ -37,6 +44,28 @@ LATE_S = 15.0
 
 def messages(events: list[object]) -> list[str]:
     return [event.text for event in events if isinstance(event, LogMessage) and "measured again" in event.text]
+
+
+def test_during_an_analysis_the_card_is_read_up_to_the_present_and_no_further() -> None:
+    blocks: list[Block] = []
+
+    def read() -> Block:
+        assert len(blocks) < 100
+        blocks.append(Block(50 * len(blocks), np.zeros((2, 50), np.int16)))
+        return blocks[-1]
+
+    armed: Any = SimpleNamespace(discard_block=read, stream=SimpleNamespace(start_time_s=0.0), rate_hz=1000.0)
+    bench: Any = SimpleNamespace(
+        clock=SimpleNamespace(now=lambda: 1.0), block_s=0.05, watchdog=NoWatchdog(), levels=LevelSettings(),
+        sensor=LaserSensor("laser", 1e-4), amplifier=SimpleNamespace(map=AmplifierMap()), channels=(),
+    )  # fmt: skip
+    recorder: Any = SimpleNamespace(notify=lambda _: None)
+    acquisition = RunAcquisition(bench, recorder, lambda: None)
+    try:
+        assert acquisition.run_analysis(armed, lambda: wait_until(lambda: len(blocks) >= 20))
+    finally:
+        acquisition.close()
+    assert blocks[-1].stop == 1000
 
 
 @pytest.mark.deep

@@ -105,7 +105,8 @@ class Loop:
         self._to = os.fdopen(self._commands, "w", buffering=1)
         self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._stdin = os.fdopen(program_end)
-        fake_sys = SimpleNamespace(stdin=self._stdin, stdout=Output(self.lines), stderr=self.stderr)
+        self._said = self._taken = 0
+        fake_sys = SimpleNamespace(stdin=self._said_lines(), stdout=Output(self.lines), stderr=self.stderr)
         for name in ("POLL_PERIOD_S", "REST_PERIOD_S"):
             monkeypatch.setattr(process, name, 0.002)
         monkeypatch.setattr(process, "sys", fake_sys)
@@ -162,16 +163,26 @@ class Loop:
                 self.ended = True
                 self.turns.notify_all()
 
+    def _said_lines(self) -> Iterator[str]:
+        """Yield the lines of the program, and count those that the loop's reader has passed on."""
+        for line in self._stdin:
+            yield line
+            with self.turns:
+                self._taken += 1
+                self.turns.notify_all()
+
     # what the test does
 
     def say(self, *lines: str) -> None:
         for line in lines:
+            self._said += 1
             self._to.write(line + "\n")
         self.settle()
 
     def settle(self) -> None:
         """Wait until the loop has read what was said and has then looked at its clock."""
         with self.turns:
+            assert self.turns.wait_for(lambda: self._taken >= self._said or self.ended, LONG_S)
             until = self.turn + 8
             assert self.turns.wait_for(lambda: self.turn >= until or self.ended, LONG_S)
 

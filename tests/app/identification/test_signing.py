@@ -321,3 +321,6 @@ def test_another_instrument_corrects_nothing(made: Made, tmp_path: Path, capsys:
     output = capsys.readouterr().err
     assert "was measured with the sensor of serial number SIM-1, and" in output
     assert "has serial number 7: give the bench file of that instrument" in output
+    without = Correction.from_bench_file(bench(tmp_path / "without.toml", 1e-4, serial=""))
+    with pytest.raises(RunReadError, match="has no serial number"):
+        without.open(made()[0])

@@ -138,3 +138,37 @@ def test_the_watchdog_has_the_programs_locks_and_a_connection_of_its_own_where_t
         (pytest.approx(silence_s), connects, resource, ("/locks/a", "/locks/b"))
     ]
     assert (told[0].map, told[0].limits) == (config.amplifier.amplifier_map, config.amplifier.drive_limits)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("kind", "external_power", "simulated_bench", "measured_s", "measures", "refused"),
+    [
+        ("labjack-output", False, False, 0.0, False, True),
+        ("labjack-output", False, False, 0.4, False, False),
+        ("labjack-output", False, False, 0.0, True, False),
+        ("labjack-output", False, True, 0.0, False, False),
+        ("labjack-output", True, False, 0.0, False, False),
+        ("generator", False, False, 0.0, False, False),
+    ],
+)
+def test_a_source_that_relies_on_its_interlock_gets_no_high_voltage_before_that_is_measured(
+    kind: str,
+    external_power: bool,
+    simulated_bench: bool,
+    measured_s: float,
+    measures: bool,
+    refused: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where a reason was given to do without a commissioning."""
+    state = SimpleNamespace(
+        level_stop_s=0.0, stop_s=0.1, interlock_s=measured_s, holds_by_offset=False, byte_order="", refusal="", note="", stored={}
+    )  # fmt: skip
+    monkeypatch.setattr(module, "commissioning_state", lambda *_: state)
+    source = SimpleNamespace(kind=kind, external_power=external_power)
+    config: Any = SimpleNamespace(simulated=simulated_bench, source=source, interlock=SimpleNamespace(line=""))
+    amplifier = SimpleNamespace(identity="T7", plays_to_the_end=False, byte_order=lambda _: "")
+    bench: Any = SimpleNamespace(amplifier=amplifier, interlock=SimpleNamespace(), simulated=False, configuration={})
+    module._gate(config, bench, "the laboratory knows why", measures)
+    assert ("interlock" in bench.high_voltage_refusal) == refused

@@ -280,6 +280,7 @@ def test_cancel_progress_and_bound() -> None:
     assert joint_fit(PERFECT, FitOptions(start={"k2": 2e-2}), max_evaluations=0).evaluations == 1
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("call", "message"),
     [

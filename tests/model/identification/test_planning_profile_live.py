@@ -125,6 +125,17 @@ def test_the_profile_of_one_nonlinear_parameter_is_known() -> None:
     assert got.high - 7e-3 > 1.2 * (7e-3 - got.low)
 
 
+def test_scatter_beyond_the_errors_given_widens_a_profile_as_it_widens_the_standard_error() -> None:
+    w = load_compliance(Tactor()) * (1 + 0.005 * np.array([1, -1, 1, -1]))
+    fit = joint_fit(ObservationSet((StaticLoadingObservation("scattered", np.ones(4), w, 1e-3 * w),)))
+    wide = float(np.sqrt(fit.enlarged_covariance[0, 0]))
+    assert wide > 4 * float(np.sqrt(fit.covariance[0, 0]))
+    got = profile_interval(fit, "k2")
+    assert got.low is not None
+    assert got.high is not None
+    assert got.high - got.low == pytest.approx(2 * 1.96 * wide, rel=0.02)
+
+
 def test_what_is_known_beforehand_counts_in_a_profile() -> None:
     """Data and a caliper of equal weight: half the variance."""
     w = load_compliance(Tactor())

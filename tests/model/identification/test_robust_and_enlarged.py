@@ -71,6 +71,14 @@ def test_a_prior_counts_for_more_where_the_errors_of_the_runs_are_enlarged() -> 
     data = dwells(1, 0, 2)
     near, nearer = (joint_fit(data, options, enlarged=times).values["c0"] for times in (1.0, 30.0))
     assert abs(nearer - 1.2 * T.c0) < 0.5 * abs(near - 1.2 * T.c0)
+    larger = ObservationSet(
+        tuple(
+            replace(run, errors_m=30 * run.errors_m)
+            for run in data.of_type(FrequencyResponseObservation)
+            if run.errors_m is not None
+        )
+    )
+    assert nearer == pytest.approx(joint_fit(larger, options).values["c0"], rel=1e-6)
 
 
 @pytest.mark.deep

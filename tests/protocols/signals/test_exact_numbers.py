@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from protocols.signals import peak, sine
-from protocols.signals.held_level import MIN_SAMPLES, estimate_level, estimate_step, find_ramp
+from protocols.signals.held_level import MIN_SAMPLES, estimate_level, estimate_step, find_ramp, weighted_fit
 from protocols.signals.sine import fit_sine
 
 
@@ -68,6 +68,17 @@ def test_two_samples_of_rest_and_four_of_level_are_the_fewest_of_a_ramp() -> Non
     for hold_s, rest_s in ((3.0, 2.0), (4.0, 1.0), (7.0, 2.0)):
         with pytest.raises(ValueError, match="a record of 8 s holds no"):
             find_ramp(drive_v, 1.0, hold_s, rest_s)
+
+
+@pytest.mark.parametrize(("scatter", "widened"), [(0.0, 1.0), (0.5, 1.0), (3.0, 3.0)])
+def test_scatter_widens_the_errors_of_a_weighted_line_and_never_narrows_them(scatter: float, widened: float) -> None:
+    x, error = np.arange(6.0), 0.1
+    bend = np.array([1, -2, 1, 1, -2, 1]) * np.sqrt(4 / 12)  # beside every line, and with 4 degrees of freedom
+    (offset, slope), covariance = weighted_fit(
+        (np.ones(6), x), 2 + 3 * x + scatter * error * bend, np.full(6, 1 / error)
+    )
+    assert (offset, slope) == pytest.approx((2, 3))
+    assert np.sqrt(covariance[1, 1]) == pytest.approx(widened * error / np.sqrt(17.5))
 
 
 @pytest.mark.parametrize("samples", [700, sine.CHUNK_SAMPLES + 700])
