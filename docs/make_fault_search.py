@@ -4,16 +4,18 @@
 
 Seed N is one run, and gives the same run again; `--runs M` plays the seeds from N on, `--minutes M` as many as the time allows: a night is
 `--minutes 600 --log LOG`, without `--seed` from the first seed that LOG does not have. A run that violates a requirement prints one line with the command that replays
-it. `--again` plays those of LOG again, after they were mended. `--page` writes the page from LOG. The exit code is 1 if a run violates a requirement.
+it. `--again` plays those of LOG again, after they were mended. `--page` adds the runs of LOG after the page's last seed to the page's counts. The exit code is 1 if a run violates a requirement.
 """
 
 import argparse
 import json
+import re
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,8 @@ sys.path.insert(0, str(HERE.parent))
 from tests.helpers.fault_search.searched import STOPPED_S, TOO_LONG_S, Search  # noqa: E402
 from tests.helpers.fault_search.trial import HAZARDS, OPERATORS, SOURCES, drawn  # noqa: E402
 from tests.helpers.fault_search.world import TOUCHED_DRIVE_SHARE, TOUCHED_SHARE, WARNED_S  # noqa: E402
+
+ALL = "all runs"
 
 HEAD = f"""# Faults drawn at random
 
@@ -58,7 +62,8 @@ def main() -> int:
     log = options.log.resolve() if options.log else None
     found = [json.loads(line) for line in log.read_text().splitlines()] if log and log.exists() else []
     if options.page:
-        (HERE / "fault-search.md").write_text(page(found), "utf-8")
+        written = HERE / "fault-search.md"
+        written.write_text(page(found, written.read_text("utf-8") if written.exists() else ""), "utf-8")
         return 0
     if options.again:
         last_of = {each["seed"]: each for each in found}
@@ -100,33 +105,85 @@ def play(seeds: Iterable[int], until_s: float, log: Path | None) -> int:
     return bad
 
 
-def page(found: list[dict[str, Any]]) -> str:
-    """Return the page: counts of the runs by what happened in them, and by how they ended."""
-    last = {each["seed"]: each for each in found}
-    bad = [each for each in last.values() if each["wrong"]]
-    dates = sorted({each["date"] for each in last.values()})
+@dataclass
+class Counts:
+    """Counts of a page's runs."""
+
+    seeds: tuple[int, int] = (sys.maxsize, 0)
+    dates: tuple[str, str] = ("9", "")
+    runs: int = 0
+    happened: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    """Runs by how they ended, of each hazard and of `all runs`."""
+    operators: Counter[str] = field(default_factory=Counter)
+    bad: dict[int, str] = field(default_factory=dict)
+    """What the run of a seed violates."""
+
+    @classmethod
+    def of_page(cls, text: str) -> "Counts":
+        """Return the counts of a written page."""
+        counts = cls()
+        if not (head := re.search(r"^(\d+) runs, seeds (\d+) to (\d+), (\S+) to (\S+);", text, re.MULTILINE)):
+            return counts
+        counts.runs, counts.seeds, counts.dates = int(head[1]), (int(head[2]), int(head[3])), (head[4], head[5])
+        statuses: list[str] = []
+        for row in re.findall(r"^\| (.+) \|$", text, re.MULTILINE):
+            name, *cells = (cell.strip() for cell in row.split(" | "))
+            if name == "hazard":
+                statuses = cells[2:]
+            elif name in (*HAZARDS, ALL):
+                numbers = zip(statuses, cells[-len(statuses) :], strict=True)
+                counts.happened[name].update({status: int(n) for status, n in numbers if n != "-"})
+            elif name in OPERATORS:
+                counts.operators[name] = int(cells[-1])
+        violations = text.partition("## Violations")[2].partition("## ")[0]
+        counts.bad = {
+            int(seed): words for seed, words in re.findall(r"^\| (\d+) \| (.*) \|$", violations, re.MULTILINE)
+        }
+        return counts
+
+    def add(self, run: dict[str, Any]) -> None:
+        """Count a run."""
+        seed = run["seed"]
+        if run["wrong"]:
+            self.bad[seed] = "; ".join(run["wrong"])[:300]
+        self.runs += 1
+        self.seeds = min(self.seeds[0], seed), max(self.seeds[1], seed)
+        self.dates = min(self.dates[0], run["date"]), max(self.dates[1], run["date"])
+        for kind in {*run["happened"], ALL}:
+            self.happened[kind][run["status"]] += 1
+        self.operators[run["operator"]] += 1
+
+
+def page(found: list[dict[str, Any]], before: str) -> str:
+    """Return the page: the counts of the page before, and of the runs of later seeds, by what happened in them and how they ended."""
+    counts = Counts.of_page(before)
+    counted = counts.seeds[1]
+    for seed, run in sorted({each["seed"]: each for each in found}.items()):
+        if seed > counted:
+            counts.add(run)
+        elif not run["wrong"]:  # it was counted, and mended since then
+            counts.bad.pop(seed, None)
     lines = [
         HEAD,
-        f"{len(last)} runs, seeds {min(last)} to {max(last)}, {dates[0]} to {dates[-1]}; {len(bad)} violate a requirement.",
+        f"{counts.runs} runs, seeds {counts.seeds[0]} to {counts.seeds[1]}, {counts.dates[0]} to {counts.dates[1]}; "
+        f"{len(counts.bad)} violate a requirement.",
     ]
-    happened = Counter(kind for each in last.values() for kind in set(each["happened"]))
-    statuses = sorted({each["status"] for each in last.values()})
+    statuses = sorted(counts.happened[ALL])
     lines += [
         "",
         f"| hazard | what it is | runs in which it happened | {' | '.join(statuses)} |",
         "|---|---|" + "---|" * (len(statuses) + 1),
     ]
-    for kind, words in HAZARDS.items():
-        counts = Counter(each["status"] for each in last.values() if kind in each["happened"])
-        lines.append(f"| {kind} | {words} | {happened[kind]} | {' | '.join(str(counts[s] or '-') for s in statuses)} |")
-    counts = Counter(each["status"] for each in last.values())
-    lines.append(f"| all runs | | {len(last)} | {' | '.join(str(counts[s] or '-') for s in statuses)} |")
+    for kind, words in {**HAZARDS, ALL: ""}.items():
+        of_kind = counts.happened[kind]
+        lines.append(
+            f"| {kind} | {words} | {of_kind.total()} | {' | '.join(str(of_kind[s] or '-') for s in statuses)} |"
+        )
     lines += ["", "| operator | what it does | runs |", "|---|---|---|"]
-    operators = Counter(each["operator"] for each in last.values())
-    lines += [f"| {kind} | {words} | {operators[kind]} |" for kind, words in OPERATORS.items()]
-    if bad:
+    lines += [f"| {kind} | {words} | {counts.operators[kind]} |" for kind, words in OPERATORS.items()]
+    if counts.bad:
         lines += ["", "## Violations", "", "| seed | violated |", "|---|---|"]
-        lines += [f"| {each['seed']} | {'; '.join(each['wrong'])[:300]} |" for each in bad]
+        lines += [f"| {seed} | {words} |" for seed, words in sorted(counts.bad.items())]
     return "\n".join([*lines, "", FOUND])
 
 

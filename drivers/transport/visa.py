@@ -2,7 +2,7 @@
 
 pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises other exceptions:
 all become LinkError. After a missing reply the next one must not be mistaken for it: a socket is reopened, a serial line is read
-until it is quiet, and all other connections have a device clear.
+up to the identity, which the instrument sends after the replies that are due, and all other connections have a device clear.
 """
 
 import contextlib
@@ -33,6 +33,8 @@ PROGRAM_KEY = f"tactor-bench {secrets.token_hex(8)}"
 
 BITS_PER_BYTE = 11
 """Number of bits of a byte on a serial line: start, eight, parity, stop."""
+
+IDENTITY_QUERY = "*IDN?"
 
 MAX_DRAIN_S = 5.0
 """Longest wait for a serial line to become quiet; after that another device is connected, or the baud rate is wrong."""
@@ -74,6 +76,8 @@ class VisaLink:
         self.timeout_s = timeout_s
         self._manager = _open_manager(resource, backend)
         self._session: Any = None
+        self._asked = self._identity = ""  # the last message, and the reply to *IDN? once it is known
+        self._out_of_step = False
         self.calls = CallThread(f"VISA {resource}")
         _open_links.add(self)
         try:
@@ -105,6 +109,9 @@ class VisaLink:
         with self._translate_errors():
             session = self._open_session()
             self._raise_if_closed(0.0)
+            if self._out_of_step and "?" in message and IDENTITY_QUERY not in message:
+                self._read_until_identity()
+            self._asked = message
             if self._is_serial:  # time for a long waveform at this baud rate
                 session.timeout = 1000 * (self.timeout_s + self.bytes_s(message))
             try:
@@ -120,6 +127,11 @@ class VisaLink:
             session = self._open_session()
             self._raise_if_closed(self.timeout_s)
             answer: str = session.read()
+            if self._is_serial and IDENTITY_QUERY in self._asked:
+                self._identity = answer
+            elif self._identity:
+                while answer.endswith(self._identity):  # it came later than it was waited for
+                    answer = session.read()
             return answer
 
     @within_deadline(bytes_s=lambda link, count: link.bytes_s(range(count)))
@@ -160,6 +172,8 @@ class VisaLink:
         # and clear() never returns. A new connection also discards a late reply.
         if self.name.upper().endswith("::SOCKET"):
             self.reopen()
+        elif self._is_serial and self._identity:
+            self._read_until_identity()
         elif self._is_serial:
             self._read_until_quiet()
         else:
@@ -168,6 +182,17 @@ class VisaLink:
                     self._open_session().clear()
             except LinkError:  # pyvisa-py's HiSLIP fails on a late reply that has arrived
                 self.reopen()
+
+    def _read_until_identity(self) -> None:
+        """Discard input up to the identity; a query is sent only after it has arrived. Raises LinkError if it does not arrive in time."""
+        session, until_s, self._out_of_step = self._open_session(), time.monotonic() + self.timeout_s, True
+        with self._translate_errors():
+            session.write(IDENTITY_QUERY)
+            while self._out_of_step and time.monotonic() < until_s:
+                with contextlib.suppress(UnicodeDecodeError):  # half a reply
+                    self._out_of_step = not session.read().endswith(self._identity)
+        if self._out_of_step:
+            raise LinkError(f"{self.name} does not send its identity; check the cable and the baud rate")
 
     def _read_until_quiet(self) -> None:
         """Discard input until nothing arrives for the reply timeout."""
@@ -197,6 +222,7 @@ class VisaLink:
     @within_deadline(Deadline.SOURCE_OPENING)
     def _open(self) -> None:
         self._close_session()
+        self._identity, self._out_of_step = "", False
         with self._translate_errors():
             opened = self._manager.open_resource(
                 self.name,

@@ -184,7 +184,10 @@ class Electrical(Protocol):
 
     def _fault(self, recording: Recording, f: float) -> str:
         """Return what is wrong with the specimen's connection as a sentence; empty if nothing is."""
-        seen = sine_response(recording)[1]
+        try:
+            seen = sine_response(recording)[1]
+        except ValueError as error:
+            return str(error)
         is_first = isinstance(recording.drive, Sine) and 2 * recording.drive.amplitude_v <= self.check_v
         limits = ConnectionLimits.of(self)
         limits = limits if is_first else replace(limits, expected_f=0.0, expected_bending=0.0)

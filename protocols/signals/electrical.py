@@ -124,7 +124,9 @@ def electrical_response(
         charge_to_current = jw + (1 / errors.bleed_s if errors.bleed_s else 0.0)
         i, i_error = i * charge_to_current, i_error * abs(charge_to_current[0])
     if not abs(v[0]) > 5 * v_error:
-        raise ValueError(f"the voltage on the specimen has no sine of {frequency_hz:g} Hz")
+        raise ValueError(
+            f"the voltage on the specimen has no sine of {frequency_hz:g} Hz; check that high voltage is on"
+        )
     omega, y = float(jw[0].imag), complex(i[0] / v[0])
     noise = math.hypot(v_error / abs(v[0]), i_error / max(abs(i[0]), 1e-300))
     turned = omega * errors.delay_s

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -100,6 +101,27 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
         time.sleep(LATE_TIMEOUT_S)  # by now it has come
         assert scpi.query("*IDN?").startswith("Keysight")
         assert scpi.query("OUTP?") == "0"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_an_answer_later_than_a_serial_line_is_read_is_not_taken_for_the_next_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """However late it is: the instrument sends its identity after it."""
+    held, send = threading.Event(), ScpiPty.unsolicited_output
+    monkeypatch.setattr(ScpiPty, "unsolicited_output", lambda wire: b"" if held.is_set() else send(wire))
+    with wired(ScpiPty) as (_, link):
+        scpi = ScpiSession(link, "generator")
+        scpi.identify()
+        held.set()
+        link.timeout_s, link._session.timeout = 0.1, 100
+        for query in ("VOLT:OFFS?", "FREQ?"):
+            with pytest.raises(LinkError, match="no answer to"):
+                scpi.query(query)
+        link.timeout_s, link._session.timeout = TIMEOUT_S, 1000 * TIMEOUT_S
+        held.clear()
+        assert scpi.query("OUTP?") == "0"
+        assert scpi.query("*IDN?").startswith("Keysight")
 
 
 @pytest.mark.parametrize("kind", WIRES)

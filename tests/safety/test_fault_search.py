@@ -1,6 +1,7 @@
 """Random protocols, operators, faults, kills, delays and second hands; `docs/fault-search.md` has the counts."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ from tests.helpers.single_faults.system_calls import supported
 
 ROOT = Path(__file__).parents[2]
 
-FOUND = (47, 366, 905, 909, 914, 1276, 1898, 4188, 4473, 4511)
+FOUND = (47, 366, 905, 909, 914, 1276, 1898, 4188, 4473, 4511, 5527, 6065)
 """Seeds whose violation was mended, one of each kind."""
 
 OPEN: set[int] = set()
@@ -36,6 +37,25 @@ def test_runs_drawn_by_fixed_seeds_keep_what_is_required() -> None:
 @pytest.mark.parametrize("seed", FOUND)
 def test_a_run_that_was_found_keeps_what_is_required(seed: int) -> None:
     assert_searched("--seed", str(seed))
+
+
+def test_the_page_adds_later_seeds_to_its_counts_and_no_seed_twice() -> None:
+    script = runpy.run_path(str(ROOT / "docs" / "make_fault_search.py"))
+    before = (ROOT / "docs" / "fault-search.md").read_text("utf-8")
+    last = script["Counts"].of_page(before).seeds[1]
+    run = {"date": "2026-12-01", "protocol": "sweep", "operator": "slow", "status": "unsafe", "happened": ["kill"]}
+    bad = {**run, "seed": last + 1, "wrong": ["a jump"]}
+    assert script["page"]([], before) == before
+    later = script["page"]([{**bad, "seed": last}, bad], before)
+    counts, earlier = script["Counts"].of_page(later), script["Counts"].of_page(before)
+    assert counts.runs == earlier.runs + 1
+    assert counts.seeds[1] == last + 1
+    assert counts.happened["kill"]["unsafe"] == earlier.happened["kill"]["unsafe"] + 1
+    assert counts.happened["all runs"].total() == counts.runs == counts.operators.total()
+    assert counts.bad == {**earlier.bad, last + 1: "a jump"}
+    assert script["page"]([{**bad, "wrong": []}], later) == later.replace("; 1 violate", "; 0 violate").replace(
+        f"\n## Violations\n\n| seed | violated |\n|---|---|\n| {last + 1} | a jump |\n", ""
+    )
 
 
 def test_the_page_has_no_violation_beyond_the_open_ones() -> None:

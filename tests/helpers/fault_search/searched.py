@@ -26,7 +26,7 @@ from drivers import Deadline, LinkError
 from drivers.drive_shapes import Sine
 from protocols import complete_results
 from protocols.base import Event, Prompt, RunStatus, ShutdownStarted, SpecimenMounted
-from protocols.registry import PROTOCOLS
+from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.runfile import repair_folder
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest
@@ -35,7 +35,7 @@ from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.wires.in_process_link import InProcessLink
 from tests.helpers.fault_matrix import TAKES_THE_DRIVE, protocol
-from tests.helpers.fault_search.trial import LONGEST_S, NAMES, SOURCES, Hazard, Trial, bench_file, drawn
+from tests.helpers.fault_search.trial import LONGEST_S, SOURCES, Hazard, Trial, bench_file, drawn
 from tests.helpers.fault_search.world import ErrorLog, Watch, World
 from tests.helpers.front_panel import press
 from tests.helpers.generators import BOXES
@@ -230,7 +230,7 @@ def opened(world: World, trial: Trial, person: Person) -> Iterator[BenchConnecti
     with (
         mock.patch("sim_hardware.SimulatedBench", return_value=world.bench),
         mock.patch("sim_hardware.VirtualClock", return_value=world.bench.clock),
-        connect(bench_file(trial.source), None, BLOCK_S) as connection,
+        connect(bench_file(trial.source, trial.protocol), None, BLOCK_S) as connection,
     ):
         connection.bench.amplifier.holds_by_offset = trial.by_offset
         yield BenchConnection(connection.bench, person, connection.control)
@@ -293,7 +293,7 @@ class Played:
 
     def __init__(self, trial: Trial, ticks: int, folder: Path, tell: Any, beat: Callable[[], None]) -> None:
         self.trial, self.folder, self.tell = trial, folder, tell
-        config = bench_file(trial.source)
+        config = bench_file(trial.source, trial.protocol)
         self.world = World(SimulatedBench(config.simulation_parameters, VirtualClock()))
         self.world.bench.history.keeps_past = True
         self.hazards = Hazards(trial, self.world, ticks)
@@ -456,7 +456,7 @@ class Search:
         self._worked = 0.0, 0.0
         """When the process was last seen at work, and its processor time then."""
         with silent():
-            for name in NAMES:
+            for name in BUILT_IN_PROTOCOLS:
                 calm = Trial(0, SOURCES[0], False, name, protocol(name).model_dump(), "prompt", (), False)
                 facts: dict[str, Any] = {}
                 played = Played(calm, 1, self._place / "warm" / "new", facts.update, lambda: None)

@@ -40,6 +40,9 @@ SEEN_S = 0.6
 REPORT_RATE_HZ = 20_000.0
 """Grid of the judgement: jumps within one step of it are one jump."""
 
+SLOPE_V_PER_S = 10_000 + 2 * 5.0 / 2**14 * REPORT_RATE_HZ
+"""Steepest slope over a step of the grid: the drive limits', and one code of a 14-bit converter at either end."""
+
 TOUCHED_V, TOUCHED_SHARE, TOUCHED_DRIVE_SHARE = 0.02, 0.3, 0.1
 """A recording is touched if the input differs by so much from what the program commanded, or a fault is active, for this share of
 the recording; if the program began its drive after another hand had acted, for this share of the drive."""
@@ -138,7 +141,7 @@ class World:
             wrong.append(f"the input left its range: {report.lowest_v:.3f} to {report.highest_v:.3f} V")
         if report.largest_jump_v > STEP_V * (1 + self.lost) + 1e-6:
             wrong.append(f"a jump of {report.largest_jump_v:.3f} V")
-        if report.steepest_v_per_s > 10_000:
+        if report.steepest_v_per_s > SLOPE_V_PER_S:
             wrong.append(f"a slope of {report.steepest_v_per_s:.0f} V/s")
         if not report.switched_at_rest and not self._switched_at_rest():
             wrong.append("high voltage was switched while the input was not at rest")
