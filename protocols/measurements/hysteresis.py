@@ -89,6 +89,8 @@ class FoldedCycles:
     displacement_m: Array
     interference_m: float
     """Amplitude of interference at harmonics of the loop's rate, which repeats in every cycle; other interference is removed."""
+    odd_interference_m: float
+    """That at odd harmonics: even ones are equal at points half a cycle apart, of which width and stroke are differences."""
 
 
 class Hysteresis(Protocol):
@@ -162,7 +164,8 @@ class Hysteresis(Protocol):
             _unaveraged(fold(x[first:], rate, 1 / frequency, PHASES_PER_CYCLE, 0)[: self.cycles])
             for x in (volts, moved)
         )
-        return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
+        odd = (size for order, size in coincident.items() if order % 2)
+        return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()), math.hypot(*odd))
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> Series:
         """Return the closed mean loop; its errors refer to the shape alone, because its position drifts between cycles."""
@@ -182,10 +185,10 @@ class Hysteresis(Protocol):
     def _loop_point(self, recording: Recording, folded: FoldedCycles, simulated: bool) -> LoopPoint:
         loop = measure_loops(folded.drive_v, folded.displacement_m)
         # A difference of two points of the loop: the variances of a sine of unknown phase add.
-        width_error, max_width_error, stroke_error = (
-            math.hypot(error, folded.interference_m)
-            for error in (loop.width_error, loop.max_width_error, loop.stroke_error)
+        width_error, stroke_error = (
+            math.hypot(error, folded.odd_interference_m) for error in (loop.width_error, loop.stroke_error)
         )
+        max_width_error = math.hypot(loop.max_width_error, folded.interference_m)
         interfered = folded.interference_m > loop.width_error
         return LoopPoint(
             frequency=folded.frequency_hz,

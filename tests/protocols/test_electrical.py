@@ -161,7 +161,7 @@ def test_a_stated_value_takes_precedence_over_the_history(tmp_path: Path) -> Non
     short = Electrical(frequencies_hz=(20,), drives_v=(0.5,), levels_v=(), record_s=0.5, expected_f=3e-9)
     with laboratory(electrical_bench()) as lab:
         ran = run(short, tmp_path, lab)
-    assert_refused(ran, "capacitance / expected: 0.5995")
+    assert_refused(ran, "capacitance / expected: 0.599")
 
 
 def test_a_specimen_that_does_not_move_is_refused(tmp_path: Path) -> None:

@@ -7,11 +7,12 @@ import pytest
 from pydantic import ValidationError
 
 from app.common.formatting import format_series
+from drivers import Sine
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import voltage_gain
-from protocols.base import PointMeasured, Quality, RunStatus, SeriesReady
+from protocols.base import InterferenceLine, PointMeasured, Quality, Recording, RunStatus, SeriesReady
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.registry import PROTOCOLS
@@ -108,6 +109,28 @@ def test_what_is_damping_is_told_apart_from_hysteresis(plain, looped) -> None:
     without, with_it = (found(ran)["loop_width_per_frequency"].value for ran in (plain, looped))
     assert without == pytest.approx((truth_of_damping(5.0) - truth_of_damping(1.0)) / 4, rel=0.05)
     assert with_it == pytest.approx(without, rel=0.3)
+
+
+def test_hum_at_an_even_harmonic_is_the_same_half_a_cycle_later() -> None:
+    """Width and stroke lose it; hum at an odd harmonic, and any in the largest width, is in the errors."""
+    t, rng, hum_m = np.arange(6500) / 5000, np.random.default_rng(4), 1e-6
+    drive_v = 2.5 + 2.5 * np.sin(10 * np.pi * t)
+    moved = 1e-4 * np.sin(10 * np.pi * t - 0.05) + 1e-8 * rng.standard_normal(t.size)
+    points = {
+        hz: LOOPS.point(
+            (5.0,),
+            [
+                Recording(0, (0, t.size), 5000.0, Sine(5.0, 2.5, 2.5, 8), drive_v, moved + hum_m * np.sin(2 * np.pi * hz * t),
+                    Quality.GOOD, interference=(InterferenceLine(hz, hum_m, 1e-8),))
+            ],
+            True,
+        )
+        for hz in (45.0, 50.0)
+    }  # fmt: skip
+    assert points[45.0].width_errors > hum_m > 10 * points[50.0].width_errors
+    assert abs(points[50.0].width - 2e-4 * np.sin(0.05)) < hum_m / 20
+    assert points[50.0].largest_errors > hum_m
+    assert Quality.INTERFERENCE in Quality(points[50.0].quality)
 
 
 def test_the_file_gives_the_numbers_of_the_live_run(looped) -> None:
