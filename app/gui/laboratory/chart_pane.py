@@ -159,9 +159,9 @@ class ChartPane(ViewPane):
         chart = view.charts[at]
         self._show_finding(chart, view.golden)
         self.notes_label.setText(typeset("\n".join((*view.notes, BASELINE_TEXT))))
+        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}"
         name = typeset(view.selection.label)
-        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {name}, {view.selection.about}"
-        self.plot.show_chart(chart, view.selection.unit, title, view.simulated)
+        self.plot.show_chart(chart, view.selection.unit, title, name, view.selection.about, view.simulated)
         self.broken.set_table(view.broken[at])
 
     def _show_finding(self, chart: GoldenChart, golden: str) -> None:
