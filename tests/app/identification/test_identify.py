@@ -90,7 +90,7 @@ def test_points_that_a_continuation_measured_again_are_left_out(runs: list[Path]
         usable = {run.label: run.usable.tolist() for run in campaign.runs}
         assert usable[first.stem] == usable[later.stem] == [True, True, False, *[True] * 5]
         assert_names(next(note for note in notes if note.startswith(first.name)), later.name, 8)
-        assert not any(note.startswith(later.name) and "measured again" in note for note in notes)
+        assert all(note.count(later.name) == 1 for note in notes)
 
 
 def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
     found = identify([copy, runs[0]])
     mu = {e.name: e for e in found.estimates}["mu"]
     assert abs(mu.value - TRUTH.mu) < 4 * mu.standard_error
-    assert any(note.startswith(f"{runs[0].name} holds the same data as {copy.name}") for note in found.notes)
+    assert any(note.startswith(runs[0].name) and copy.name in note for note in found.notes)
 
 
 def test_what_cannot_be_identified_together_is_a_sentence(runs: list[Path], tmp_path: Path) -> None:

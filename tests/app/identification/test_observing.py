@@ -48,5 +48,5 @@ def test_runs_behind_differently_configured_amplifiers_are_not_identified_togeth
     monkeypatch.setattr(observations, "_head", lambda path: observations._Head(maps[path.name], 7, False))
     assert amplifier_of([]) == amplifier_of([Path("a.h5"), Path("b.h5")]) == maps["a.h5"]
     assert amplifier_of([Path("c.h5")]) == maps["c.h5"]
-    with pytest.raises(ObservationError, match="differently configured amplifiers"):
+    with pytest.raises(ObservationError):
         amplifier_of([Path("a.h5"), Path("c.h5")])
