@@ -199,6 +199,7 @@ FOUND = """## Found and mended
 | 366 | a program that was started after a membrane sag did not ask to put the tactor back under the sensor | the newest run of the folder tells what the next one has to ask for |
 | 4473 | the warning came 2.0 s after another model had answered in the place of a DG1032Z: the reply with the level was overdue, and the ramp was begun first | the first failure of a way to rest is told before the next message or wait, on every generator |
 | 6065 | an electrical measurement without high voltage ended with "an error of this program" | it ends by the sentence that the voltage on the specimen has no sine |
+| 6168 | on a bench with monitors at the card, rest was not measured to its end after lost scans: an IndexError of the abort levels | the stream that measures rest then has drive and sensor only, and the other channels are not judged |
 
 Not seen: an amplifier at its current limit on a bench without a voltage monitor (481, 2144, 2351, 3226). The drive at its input is right, and the
 specimen moves as one with another gain would; a voltage monitor at the amplifier's output shows it (abort levels, `[[channels]]` of the bench file).
