@@ -51,7 +51,7 @@ def test_the_page_adds_later_seeds_to_its_counts_and_no_seed_twice() -> None:
     assert counts.runs == earlier.runs + 1
     assert counts.seeds[1] == last + 1
     assert counts.happened["kill"]["unsafe"] == earlier.happened["kill"]["unsafe"] + 1
-    assert counts.happened["all runs"].total() == counts.runs == counts.operators.total()
+    assert counts.happened[script["ALL"]].total() == counts.runs == counts.operators.total()
     assert counts.bad == {**earlier.bad, last + 1: "a jump"}
     mended = script["Counts"].of_page(script["page"]([{**bad, "wrong": []}], later))
     assert (mended.runs, mended.bad) == (counts.runs, earlier.bad)
