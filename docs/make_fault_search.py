@@ -163,11 +163,8 @@ def page(found: list[dict[str, Any]], before: str) -> str:
             counts.add(run)
         elif not run["wrong"]:  # it was counted, and mended since then
             counts.bad.pop(seed, None)
-    lines = [
-        HEAD,
-        f"{counts.runs} runs, seeds {counts.seeds[0]} to {counts.seeds[1]}, {counts.dates[0]} to {counts.dates[1]}; "
-        f"{len(counts.bad)} violate a requirement.",
-    ]
+    seeds, dates = (" to ".join(map(str, span)) for span in (counts.seeds, counts.dates))
+    lines = [HEAD, f"{counts.runs} runs, seeds {seeds}, {dates}; {len(counts.bad)} violate a requirement."]
     statuses = sorted(counts.happened[ALL])
     lines += [
         "",
@@ -201,6 +198,8 @@ FOUND = """## Found and mended
 | 366 | the message of another program that a 33511B had refused failed the next run | the errors of the source are cleared when it is found at rest |
 | 366 | a program that was started after a membrane sag did not ask to put the tactor back under the sensor | the newest run of the folder tells what the next one has to ask for |
 | 4473 | the warning came 2.0 s after another model had answered in the place of a DG1032Z: the reply with the level was overdue, and the ramp was begun first | the first failure of a way to rest is told before the next message or wait, on every generator |
+| 6065 | an electrical measurement without high voltage ended with "an error of this program" | it ends by the sentence that the voltage on the specimen has no sine |
+| 6168 | on a bench with monitors at the card, rest was not measured to its end after lost scans: an IndexError of the abort levels | the stream that measures rest then has drive and sensor only, and the other channels are not judged |
 
 Not seen: an amplifier at its current limit on a bench without a voltage monitor (481, 2144, 2351, 3226). The drive at its input is right, and the
 specimen moves as one with another gain would; a voltage monitor at the amplifier's output shows it (abort levels, `[[channels]]` of the bench file).
@@ -209,7 +208,8 @@ Corrected in the requirements: a live source is timed from when it was live, not
 the program itself has flagged gives no good point (1352); a failure is seen when the reply is overdue, not when it was asked for (1637); a person
 does not set the sensor while the membrane is under it (4188, 4244, 4435, 4481); a point is of the last recording of a drive that is played
 twice (4511); a recording begins with a block, and a drive at its trigger (5012, 5068); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
-the ramp to a level is not part of it (2865).
+the ramp to a level is not part of it (2865); a slope is measured over 50 µs, to one code of the converter at either end (5527); a static loading that
+begins anew after its zero was lost has a point of the later recordings (6101).
 """
 
 

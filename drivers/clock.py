@@ -56,11 +56,14 @@ class SharedTime:
 
     def now(self) -> float:
         """Return the bench time, s."""
-        start, waited_s, limit_s, until = struct.unpack_from("4d", self._numbers)
+        # `wait_at` of another process writes the limit before its end: read the other way round, an earlier limit would hold anew.
+        until = self._read(3)
+        limit_s = self._read(2)
         real = time.monotonic()
-        present_s = (real - start) * self.speed - waited_s
+        passed_s = (real - self._read(0)) * self.speed
+        present_s = passed_s - self._read(1)
         if present_s > limit_s and real < until:
-            self._write(1, waited_s + present_s - limit_s)
+            self._write(1, max(passed_s - limit_s, self._read(1)))
             present_s = limit_s
         # Another process may have set the limit a moment too late; and two events never have the same time.
         self._latest_s = max(self._latest_s + SHORTEST_SLEEP_S, present_s)
@@ -70,6 +73,10 @@ class SharedTime:
         """Limit the bench time, as long as this is called every READER_GONE_S."""
         self._write(2, max(limit_s, self.now()))
         self._write(3, time.monotonic() + READER_GONE_S)
+
+    def _read(self, place: int) -> float:
+        number: float = _NUMBER.unpack_from(self._numbers, place * _NUMBER.size)[0]
+        return number
 
     def _write(self, place: int, number: float) -> None:
         _NUMBER.pack_into(self._numbers, place * _NUMBER.size, number)

@@ -103,7 +103,7 @@ def _factors(M: Array, K: Array) -> tuple[Array, Array]:
 def _eigenpairs(A: Array) -> tuple[Complex, Complex, Complex]:
     """Eigenvalues, the halves v of their unit vectors (y, v), and the product v v - y y of left and right vector.
 
-    Conjugates, or two real eigenvalues, are n apart. For one matrix without real ones only the first n are given.
+    Conjugates, or two real eigenvalues, are n apart. Without any real one only the first n are given.
     """
     n = A.shape[-1] // 2
     s, z = _upper_eigenpairs(A) if A.ndim == 2 else _all_eigenpairs(A)
@@ -126,11 +126,13 @@ def _upper_eigenpairs(A: Array) -> tuple[Complex, Complex]:
 
 def _all_eigenpairs(A: Array) -> tuple[Complex, Complex]:
     s, z = np.linalg.eig(A)
+    if s.imag.all():  # LAPACK has conjugates as neighbours
+        return np.asarray(s[..., ::2]), np.asarray(z[..., ::2])
     return _sort_real_last(s.astype(complex), z.astype(complex))
 
 
 def _sort_real_last(s: Complex, z: Complex) -> tuple[Complex, Complex]:
     """Move the real eigenvalues, an even number, to the end; then separate first and second of each pair."""
-    order = np.argsort(s.imag == 0, axis=-1, kind="stable")  # LAPACK has conjugates as neighbours
+    order = np.argsort(s.imag == 0, axis=-1, kind="stable")
     order = np.concatenate((order[..., ::2], order[..., 1::2]), axis=-1)
     return np.take_along_axis(s, order, -1), np.take_along_axis(z, order[..., None, :], -1)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from annotated_types import Unit
 
+from app.archive.run_differences import _setting_text
 from app.common.formatting import (
     format_bytes,
     format_duration,
@@ -39,6 +40,7 @@ def test_a_value_of_one_is_no_unit() -> None:
     for text, shown in {
         "1": "1",
         "7 N m^2": "7 N m²",
+        "23 degC": "23 °C",
         "skin stiffness k_s": "skin stiffness kₛ",
         "a_model": "a_model",
     }.items():
@@ -138,3 +140,11 @@ def test_a_response_has_all_columns_of_a_point_under_a_sine() -> None:
     assert not is_response(Held)
     part = {name: 1.0 for name in RESPONSE_COLUMNS if name != "drive_amplitude"}
     assert not is_response(SimpleNamespace(**part))
+
+
+def test_a_setting_of_minutes_is_in_seconds_like_its_field() -> None:
+    assert [_setting_text(300.0, "s"), _setting_text([0.5, 2.0], "s"), _setting_text(0.02, "kg")] == [
+        "300 s",
+        "0.5, 2 s",
+        "20 g",
+    ]

@@ -56,6 +56,26 @@ def test_time_waits_for_a_late_reader_and_runs_on_from_there(real: Real, tmp_pat
     assert [program.now(), bench.now()] == pytest.approx([5.0, 5.0], abs=1e-4)
 
 
+@pytest.mark.parametrize("moment", range(1, 5))
+@pytest.mark.one_in(1)
+def test_a_limit_that_another_process_sets_in_the_middle_of_a_reading_does_not_turn_time_back(
+    moment: int, real: Real, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, program = (SharedTime(tmp_path / "time", 10.0, new=new) for new in (True, False))
+    bench.wait_at(3.0)
+    real.pass_(20.0)  # the reader has gone
+    left, read = iter(range(moment, -10, -1)), SharedTime._read
+
+    def read_place(shared: SharedTime, place: int) -> float:
+        if shared is program and next(left) == 0:
+            bench.wait_at(201.0)  # the next reader begins
+        return read(shared, place)
+
+    monkeypatch.setattr(SharedTime, "_read", read_place)
+    assert program.now() == pytest.approx(200.0, abs=1e-3)
+    assert SharedTime(tmp_path / "time", 10.0).now() == pytest.approx(200.0, abs=1e-3)
+
+
 def test_time_runs_on_without_a_reader(real: Real, tmp_path: Path) -> None:
     bench = SharedTime(tmp_path / "time", 10.0, new=True)
     bench.wait_at(3.0)

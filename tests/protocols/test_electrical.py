@@ -14,6 +14,7 @@ from protocols.runfile.reader import Run
 from tests.helpers.electrical.bench import MONITORS, electrical_bench, with_inputs
 from tests.helpers.electrical.truth import true_capacitance, true_energy, true_loss
 from tests.helpers.fault_search.searched import Person
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import Ran, laboratory, run, simulated
 
 LOAD = {"capacitance_f": 1.41e-9, "loss_per_decade": 0.034, "leakage_ohm": 4e9}
@@ -119,7 +120,7 @@ def test_without_high_voltage_the_run_ends_by_a_sentence(tmp_path: Path) -> None
     with laboratory(electrical_bench()) as lab:
         ran = run(PROTOCOL, tmp_path, lab, operator=Person(lab.control, "forgetful", 0))
     assert ran.status is RunStatus.FAILED
-    assert "check that high voltage is on; no higher voltage is applied" in ran.reason
+    assert_names(ran.reason, "voltage", "high", f"{PROTOCOL.frequencies_hz[0]:g}")
 
 
 def assert_refused(ran: Ran, words: str) -> None:

@@ -159,9 +159,9 @@ class ChartPane(ViewPane):
         chart = view.charts[at]
         self._show_finding(chart, view.golden)
         self.notes_label.setText(typeset("\n".join((*view.notes, BASELINE_TEXT))))
+        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}"
         name = typeset(view.selection.label)
-        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {name}, {view.selection.about}"
-        self.plot.show_chart(chart, view.selection.unit, title, view.simulated)
+        self.plot.show_chart(chart, view.selection.unit, title, name, view.selection.about, view.simulated)
         self.broken.set_table(view.broken[at])
 
     def _show_finding(self, chart: GoldenChart, golden: str) -> None:
@@ -179,7 +179,7 @@ class ChartPane(ViewPane):
             part.setVisible(change is not None)
         figure = "" if change is None else round_figure(100 * change.relative, 100 * change.error)
         self.figure_label.setText(typeset(figure))
-        show_text(self.error_label, "" if change is None else f"± {100 * change.error:.2g} % by the noise of the runs")
+        show_text(self.error_label, "" if change is None else f"{typeset(change.figure)}, by the noise of the runs")
         compared = [(sentence_case(each.subject), each.figure) for each in chart.compared]
         told = rich_table(compared, (WHY.get(chart.cause, "At the same time"), "")) or "; ".join(chart.evidence[1:])
         show_text(self.evidence_label, typeset(told))

@@ -35,8 +35,8 @@ class ControlChartPlot(Chart):
     def __init__(self) -> None:
         super().__init__("control chart, single values above their weighted average")
 
-    def show_chart(self, chart: GoldenChart, unit: str, title: str, simulated: bool) -> None:
-        """Draw a chart of values in a unit."""
+    def show_chart(self, chart: GoldenChart, unit: str, title: str, quantity: str, about: str, simulated: bool) -> None:
+        """Draw a chart of the values of a quantity in a unit; `about`: which runs they are of."""
         factor, bench_unit = shown_unit(unit)
         one = chart.chart
         x, y, average = np.arange(1, one.values.size + 1, dtype=float), factor * one.values, factor * one.average
@@ -78,14 +78,13 @@ class ControlChartPlot(Chart):
             for at, text, tone in ends
             if 0 < at < one.values.size
         )
-        quantity = axis_title(str(chart.values[0].name).replace("_", " ") if chart.values else "value", bench_unit)
         self.show_picture(
             Picture(
-                title=title, x_title="Number of the value, oldest first", log=(False, False), simulated=simulated, layers=layers,
+                title=title, note=about, x_title="Number of the value, oldest first", log=(False, False), simulated=simulated, layers=layers,
                 rules=(*lines, Rule(at=centre, along_y=True, panel=1, style=SOLID)), x=(0.0, one.values.size + 1.0),
                 regions=(Region(low=centre - 3 * sigma, high=centre + 3 * sigma, tone="green_tint", along_y=True),),
                 panels=(
-                    Panel(title=quantity, share=3, x_labels=False, low=centre - 3.3 * sigma, high=centre + 3.3 * sigma),
+                    Panel(title=axis_title(quantity, bench_unit), share=3, x_labels=False, low=centre - 3.3 * sigma, high=centre + 3.3 * sigma),
                     Panel(title=axis_title("weighted moving average (EWMA)", bench_unit), share=2),
                 ),
             )

@@ -375,6 +375,10 @@ def _check_table(checks: Sequence[CheckResult]) -> str:
     return rich_table(rows) + (f"… and {pluralize(more, 'check')} more" if more else "")
 
 
+LONGEST_VALUE = 20
+"""Characters of a value that are kept in one line; the narrowest card has no place for more beside a name."""
+
+
 def rich_table(lines: Sequence[Sequence[str]], heads: Sequence[str] = (), wrap: bool = False) -> str:
     """Return rows as rich text, the last column at the right; empty without rows. An empty first column is left out.
 
@@ -390,7 +394,7 @@ def rich_table(lines: Sequence[Sequence[str]], heads: Sequence[str] = (), wrap: 
     for *names, value in lines:
         whole = "; white-space:nowrap" if wrap else ""
         cells = "".join(f"<td style='padding-right:6px{whole}'>{escape(each)}</td>" for each in names if each)
-        style = "" if wrap else " style='white-space:nowrap'"
+        style = "" if wrap or len(value) > LONGEST_VALUE else " style='white-space:nowrap'"
         rows.append(f"<tr>{cells}<td align='right'{style}><b>{escape(value)}</b></td></tr>")
     return f"<table width='100%'>{f'<tr>{head}</tr>' if heads else ''}{''.join(rows)}</table>"
 

@@ -87,9 +87,8 @@ class Notices(QObject):
         # The operator's prompt id is set only after the event was emitted.
         shown = prompt if prompt is not None and adapter.mailbox.pending_id == prompt.ask_id else None
         note, then, progress = "", "", view.progress
-        if progress is not None and progress.entries:
-            point = f"Point {min(progress.done + 1, progress.entries)} of {progress.entries}"
-            note = ", ".join(filter(None, (point, progress.label)))
+        if progress is not None and progress.label and progress.entries:  # not before the first entry
+            note = f"Point {min(progress.done + 1, progress.entries)} of {progress.entries}, {progress.label}"
             then = progress.then
         if self.prompt.show_prompt(shown, note, view.simulated, then):
             self._update_answer()

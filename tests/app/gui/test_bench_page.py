@@ -472,7 +472,8 @@ def test_the_sensors_tile_shows_the_lasers_place_in_its_range(window: MainWindow
     until(lambda: "aim at 50 %" in find(window, "bench.sensor.live-note").text(), "for live volts")
     assert abs(find(window, "bench.sensor.range").value() - 500) < 20
     find(window, "bench.live").click()
-    until(lambda: window.tabs.bench.live.plot.frames > 0, "for the traces")
+    live = window.tabs.bench.live
+    until(lambda: live.plot is not None and live.plot.frames > 0, "for the traces")
     window.adapter.faults.inject("sensor-out-of-range")
     until(lambda: find(window, "bench.sensor.live").text() == "out of range", "for the fault")
     window.adapter.faults.clear()

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import Qt, QUrl
 
 from app.common import sentence_case
-from app.gui.results.card import BUDGET
+from app.gui.results.card import BUDGET, rich_table
 from app.gui.results.report_job import ReportJob
 from app.gui.shell.page_host import RUNS
 from model import quantity_label
@@ -150,3 +150,8 @@ def test_the_report_of_the_specimen_is_written_by_another_process(tmp_path: Path
 def mass_point(index: int, mass: float, frequency: float) -> PointMeasured:
     values = (mass, frequency, 0.02, frequency, 0.02, frequency, 0.02, 0.2, 0.001, 1e-4, 0.999, 1.0)
     return PointMeasured(index, MassPoint(*values, int(Quality.SIMULATED)), index)
+
+
+def test_a_value_too_long_for_the_narrowest_card_is_broken_and_a_short_one_is_not() -> None:
+    long, short = (rich_table([("Moment", value)]) for value in ("−12.4852 ± 0.0052 N mm/kV", "155.92 ± 0.13 Hz"))
+    assert ("nowrap" in long, "nowrap" in short) == (False, True)

@@ -293,6 +293,16 @@ def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) ->
     assert stage.window.adapter.mailbox.answer(3) == "done"
 
 
+def test_a_prompt_names_its_point_and_what_comes_next_from_the_first_entry_on(stage: Stage) -> None:
+    prompted(stage)
+    assert [find(stage.window, f"prompt.{part}").text() for part in ("note", "then")] == ["", ""]
+    stage.window.adapter.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
+    progress = ProgressUpdated(6, 100, 900.0, "MFC up, 200 g, repeat 2", "MFC up, 50 g, repeat 2")
+    stage.happen(PromptAnswered(2, "done"), progress, PromptShown(3, DISABLE_HIGH_VOLTAGE))
+    assert find(stage.window, "prompt.note").text() == "Point 7 of 100, MFC up, 200 g, repeat 2"
+    assert find(stage.window, "prompt.then").text() == "Then: MFC up, 50 g, repeat 2"
+
+
 def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
     prompted(stage)
     QTest.mouseClick(find(stage.window, "status.stop"), Qt.MouseButton.LeftButton)

@@ -90,18 +90,21 @@ def test_points_that_a_continuation_measured_again_are_left_out(runs: list[Path]
         usable = {run.label: run.usable.tolist() for run in campaign.runs}
         assert usable[first.stem] == usable[later.stem] == [True, True, False, *[True] * 5]
         assert_names(next(note for note in notes if note.startswith(first.name)), later.name, 8)
+        assert all(note.count(later.name) == 1 for note in notes)
 
 
 def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
-    copy = Path(shutil.copy(runs[0], tmp_path))
+    copy = Path(shutil.copy(runs[0], tmp_path / "flagged.h5"))
     with h5py.File(copy, "r+") as file:
         file["entry/points/quality"][2] = int(Quality.CLIPPED)
         file["entry/points/fundamental"][2] *= 3
     _, campaign, _ = read_observations([copy])
     (response,) = campaign.of_type(FrequencyResponseObservation)
     assert response.usable.tolist() == [True, True, False, *[True] * 5]
-    mu = {e.name: e for e in identify([copy]).estimates}["mu"]
+    found = identify([copy, runs[0]])
+    mu = {e.name: e for e in found.estimates}["mu"]
     assert abs(mu.value - TRUTH.mu) < 4 * mu.standard_error
+    assert any(note.startswith(runs[0].name) and copy.name in note for note in found.notes)
 
 
 def test_what_cannot_be_identified_together_is_a_sentence(runs: list[Path], tmp_path: Path) -> None:

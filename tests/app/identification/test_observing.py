@@ -6,8 +6,10 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.identification.observations import ObservationError
+from app.identification import observations
+from app.identification.observations import ObservationError, amplifier_of
 from app.identification.specimen_identification import identify
+from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitOptions
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.runfile.reader import Run
@@ -37,3 +39,14 @@ def test_a_sag_of_another_version_is_a_sentence(tmp_path: Path) -> None:
         file["entry/parameters"] = json.dumps(parameters)
     with pytest.raises(ObservationError, match="has parameters that this version rejects"):
         identify([ran.path], "chain")
+
+
+def test_runs_behind_differently_configured_amplifiers_are_not_identified_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    maps = {"a.h5": AmplifierMap(), "b.h5": AmplifierMap(), "c.h5": AmplifierMap(slope_above=610.0)}
+    monkeypatch.setattr(observations, "_head", lambda path: observations._Head(maps[path.name], 7, False))
+    assert amplifier_of([]) == amplifier_of([Path("a.h5"), Path("b.h5")]) == maps["a.h5"]
+    assert amplifier_of([Path("c.h5")]) == maps["c.h5"]
+    with pytest.raises(ObservationError):
+        amplifier_of([Path("a.h5"), Path("c.h5")])

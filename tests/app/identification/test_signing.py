@@ -322,5 +322,17 @@ def test_another_instrument_corrects_nothing(made: Made, tmp_path: Path, capsys:
     assert "was measured with the sensor of serial number SIM-1, and" in output
     assert "has serial number 7: give the bench file of that instrument" in output
     without = Correction.from_bench_file(bench(tmp_path / "without.toml", 1e-4, serial=""))
-    with pytest.raises(RunReadError, match="has no serial number"):
+    with pytest.raises(RunReadError, match=r"without\.toml"):
         without.open(made()[0])
+
+
+def test_a_point_whose_raw_samples_are_missing_is_told_and_not_left_out(
+    made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = RecalibratedRun._latest_recordings
+    monkeypatch.setattr(RecalibratedRun, "_latest_recordings", lambda run: {**whole(run), 1: []})
+    with (
+        Correction.from_bench_file(bench(tmp_path / "same.toml", 1e-4)).open(made()[0]) as run,
+        pytest.raises(RunReadError, match=made()[0].name),
+    ):
+        run.points()

@@ -20,7 +20,7 @@ def test_fields_carry_name_unit_meaning_and_limits() -> None:
     assert list(fields)[-5:] == ["sample_rate_hz", *COMMON]
     assert fields["frequencies_hz"].is_list
     expected = {
-        "frequencies_hz": ("frequencies", "Hz", "1 to 2000 Hz"),
+        "frequencies_hz": ("frequencies", "Hz", "1 … 2000 Hz"),
         "peak_to_peak_v": ("peak to peak", "V", "over 0 to 5 V"),
         "min_cycles": ("min cycles", "", "3 … 100000"),
     }

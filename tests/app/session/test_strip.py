@@ -416,8 +416,10 @@ def test_a_bench_that_is_being_connected_tells_for_how_long() -> None:
     ):
         view = replace(view_after(*events), connecting_since_s=100.0)
         assert [strip_view(view, now_s=at_s).run.note for at_s in (100.9, 103.0)] == [note, f"{note}, 3 s"]
-    opened = replace(view_after(OPENED), connecting_since_s=100.0)
-    assert strip_view(opened, now_s=103.0).run.note == "no run yet"
+    opened = [replace(view_after(OPENED), connecting_since_s=since_s) for since_s in (100.0, math.nan)]
+    assert strip_view(opened[0], now_s=103.0) == strip_view(opened[1], now_s=103.0), (
+        "no time without a connection in progress"
+    )
 
 
 def test_the_last_answer_of_an_instrument_is_told_with_its_age() -> None:

@@ -206,7 +206,8 @@ class Watch:
         self._started_s = self._recorded_s = -math.inf
         self._recorded: Drive | None = None
         """The drive of the entry's last recording."""
-        self._touched: dict[int, bool] = {}
+        self._touched_s: dict[int, float] = {}
+        """End of the last touched recording of each entry; -inf without any."""
         self._good: dict[int, bool] = {}
         self._hv_seen = False
         self._live_since_s, self._found_live_s = math.inf, 0.0
@@ -233,7 +234,7 @@ class Watch:
             case BenchArmed():
                 self._armed = True
             case EntryStarted(index):
-                self._touched[index], self._recorded = False, None
+                self._touched_s[index], self._recorded = -math.inf, None
             case DriveStarted():
                 self._started_s = now_s
                 self._hv_seen |= self.world.bench.history.high_voltage_on
@@ -248,13 +249,18 @@ class Watch:
                 )
                 # A drive that is played again is recorded for the specimen's sake first: the point is of the last one.
                 again = drive == self._recorded and self._started_s > self._recorded_s
-                self._touched[entry] = touched or (self._touched.get(entry, False) and not again)
+                earlier_s = -math.inf if again else self._touched_s.get(entry, -math.inf)
+                self._touched_s[entry] = begin_s + seconds if touched else earlier_s
                 self._recorded, self._recorded_s = drive, now_s
             case PointMeasured(point=point, entry=entry):
                 values = {name: getattr(point, name) for name in point.__slots__ if name != "quality"}
                 numbers = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
                 self.acknowledged.append({**numbers, "entry": float(entry)})
                 self._good[entry] = Quality(int(point.quality)).usable
+                if self._touched_s.get(entry, -math.inf) < numbers.get(
+                    "zero_before_time", -math.inf
+                ):  # its zero was lost, and it began anew
+                    self._touched_s[entry] = -math.inf
             case SpecimenMayBeLive():
                 self._check_warning(event)
             case RestMeasured():
@@ -294,8 +300,8 @@ class Watch:
         if self._found_live_s > WARNED_S:
             wrong.append(f"a source that was left live was seen for {self._found_live_s:.1f} s without a warning")
         if ended.verdict.outcome is Outcome.GOOD:
-            for entry, touched in self._touched.items():
-                if touched and self._good.get(entry, False):
+            for entry, touched_s in self._touched_s.items():
+                if touched_s > -math.inf and self._good.get(entry, False):
                     wrong.append(f"the verdict is good on entry {entry}, which was touched")
             if high_voltage and not self._hv_seen:
                 wrong.append("the verdict is good although high voltage was never on")

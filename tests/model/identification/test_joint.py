@@ -362,6 +362,8 @@ def test_a_misfit_is_called_converged_only_where_two_starts_agree(monkeypatch: p
         )
         return joint_fit(data, FitOptions(n=5, free=("c0",)))
 
+    first = ends(4.0, 9.0, 8.0, 7.0, 6.0, 5.0)
+    assert first.weighted_residuals[0] == pytest.approx(4.0 * scale), "the best of all starts, whichever it was"
     alone = ends(9.0, 8.0, 7.0, 6.0, 5.0, 4.0)
     assert not alone.converged
     assert ends(9.0, 5.0, 5.0).converged

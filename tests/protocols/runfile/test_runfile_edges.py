@@ -5,7 +5,7 @@ import re
 import shutil
 import time
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import astuple, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 from drivers import Block
-from protocols.base import RunStatus, Series, SeriesAxis
+from protocols.base import Quality, RunStatus, Series, SeriesAxis
+from protocols.runfile.checksums import changed_names
 from protocols.runfile.errors import RunReadError, StorageError
 from protocols.runfile.open import translate_read_errors
-from protocols.runfile.reader import Run
+from protocols.runfile.reader import Run, _largest_point
 from protocols.runfile.repair import repair_folder, repair_run
 from protocols.runfile.schema import REPAIRED
 from protocols.runfile.transaction import has_journal, journal_path, replay_journal, transaction
@@ -267,3 +268,17 @@ def test_a_file_that_a_living_program_creates_is_left_and_that_of_a_dead_one_is_
         path.touch()
     assert list(repair_folder(tmp_path)) == []
     assert (mine.exists(), dead.exists()) == (True, False)
+
+
+def test_the_largest_point_has_the_middle_drive_of_the_usable_points() -> None:
+    points = {
+        "frequency": [100.0, 110.0, 120.0, 130.0, 140.0], "peak_to_peak": [1.0, 2.0, 4.0, 3.0, 9.0],
+        "peak_to_peak_errors": [0.1] * 5, "drive_amplitude": [1.0, 4.0, 2.0, 5.0, 9.0], "quality": [0, 0, 0, 0, int(Quality.CLIPPED)],
+    }  # fmt: skip
+    found = _largest_point({name: np.array(column) for name, column in points.items()})
+    assert found is not None
+    assert astuple(found) == (120.0, 4.0, 0.1, 3.0)
+
+
+def test_an_object_that_is_missing_or_new_is_a_change() -> None:
+    assert changed_names({"a": "1", "b": "2", "d": "4"}, {"a": "1", "c": "3", "d": "5"}) == ["b", "c", "d"]
