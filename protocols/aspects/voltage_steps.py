@@ -145,7 +145,8 @@ def _rising(points: RunPoints) -> Mask | None:
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
     """Return the history of levels and rests; None if the points do not have them all, as in most imported tables.
 
-    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp.
+    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp. The loop before the first
+    level ends `rest_s` before the first recording.
     """
     ramp, level = points.columns["ramp_time"], points.columns["drive"]
     if points.run.resumed_from is not None or not (np.isfinite(ramp) & np.isfinite(level)).all():
@@ -159,10 +160,20 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
     if reached is None or not np.isfinite(reached).all():
         return None
     begun, end = reached - ramp, reached + protocol.hold_s
-    rest = np.full(ramp.size, points.run.setup.amplifier_map.rest_v)
+    rest_v = points.run.setup.amplifier_map.rest_v
+    rest = np.full(ramp.size, rest_v)
+    time_s = np.stack((begun, reached, end, end + ramp), axis=1).ravel()
+    drive = np.stack((rest, level, level, rest), axis=1).ravel()
+    if (points.columns.get("conditioned", np.zeros(1)) == 1).any():
+        high_v, low_v = protocol.conditioning_levels_v(rest_v)
+        ways_s = np.array([high_v - rest_v, high_v - low_v, rest_v - low_v]) / measurements.RAMP_V_PER_S
+        lasts_s = np.insert(ways_s, (1, 2), measurements.CONDITIONING_S)
+        end_s = begun[0] - protocol.lead_s - protocol.rest_s
+        time_s = np.concatenate((end_s - np.append(np.cumsum(lasts_s[::-1])[::-1], 0.0), time_s))
+        drive = np.concatenate(([rest_v, high_v, high_v, low_v, low_v, rest_v], drive))
     return DriveHistory.of_points(
-        np.stack((begun, reached, end, end + ramp), axis=1),
-        np.stack((rest, level, level, rest), axis=1),
+        time_s,
+        drive,
         reached,
         reached + points.columns["read_time"],
         (begun - measurements.ZERO_GUARD_S - protocol.window_s / 2)[:, None],

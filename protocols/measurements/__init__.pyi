@@ -8,5 +8,7 @@ from .static_loading import StaticLoading as StaticLoading
 from .sweep import Sweep as Sweep
 from .sweep import sweep_point as sweep_point
 from .sweep_pieces import SETTLED_S as SETTLED_S
+from .voltage_steps import CONDITIONING_S as CONDITIONING_S
+from .voltage_steps import RAMP_V_PER_S as RAMP_V_PER_S
 from .voltage_steps import ZERO_GUARD_S as ZERO_GUARD_S
 from .voltage_steps import VoltageSteps as VoltageSteps

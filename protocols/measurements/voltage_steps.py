@@ -2,12 +2,15 @@
 
 Creep is logarithmic in time: the deflection under a held voltage has no final value, so the reading time is part of the
 result. It counts from the end of the guard's ramp to the level, as recorded by the card.
+
+A piezoelectric specimen at rest remembers the turning points of earlier drives, and a sweep that fades out leaves another state
+than a sine that ends. A loop through the highest and the lowest level before the first one replaces that memory by a known one.
 """
 
 import math
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -124,6 +127,9 @@ RAMP_V_PER_S = 5.0
 ZERO_GUARD_S = 0.01
 """Gap between the zero and the ramp: the ramp's begin is certain to a few milliseconds."""
 
+CONDITIONING_S = 1.0
+"""Duration of each end of the loop before the first level, after its ramp."""
+
 RINGDOWN_S = 0.1
 """Time after the ramp before the fit of creep, in which the first mode has decayed."""
 
@@ -146,6 +152,9 @@ class StepPoint:
     zero: Annotated[float, Unit("m"), "sensor reading at rest, just before the level"]
     drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest, just before the level"]
     reached: Annotated[float, Unit("s"), "time of the end of the ramp, since the first sample of the run"]
+    conditioned: Annotated[
+        float, Unit("1"), "1: highest and lowest level were held once before the first level; otherwise they were not"
+    ]
     quality: QualityFlags
 
     @property
@@ -198,22 +207,32 @@ class VoltageSteps(Protocol):
         return self
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
-        return tuple(
+        first, *others = (
             PlanEntry(
                 f"{level_v:g} V, repeat {repeat} {way}",
-                (Hold(rest_v, self.rest_s + self._lead_s + 1.0), Hold(level_v, self.hold_s)),
-                self.rest_s + self._lead_s + self.hold_s + 2 * abs(level_v - rest_v) / RAMP_V_PER_S + 0.1,
+                (Hold(rest_v, self.rest_s + self.lead_s + 1.0), Hold(level_v, self.hold_s)),
+                self.rest_s + self.lead_s + self.hold_s + 2 * abs(level_v - rest_v) / RAMP_V_PER_S + 0.1,
                 (level_v, float(repeat), way),
             )
             for repeat in range(1, self.repeats + 1)
             for way, levels in (self._level_order(repeat),)
             for level_v in levels
         )
+        high_v, low_v = self.conditioning_levels_v(rest_v)
+        loop = tuple(Hold(level_v, CONDITIONING_S + 1.0) for level_v in (high_v, low_v))
+        loop_s = 2 * CONDITIONING_S + 2 * (high_v - low_v) / RAMP_V_PER_S
+        return replace(first, drives=(*loop, *first.drives), expected_s=first.expected_s + loop_s), *others
+
+    def conditioning_levels_v(self, rest_v: float) -> tuple[float, float]:
+        """Return the levels, V, that are held before the first level, in order: the highest and the lowest of all, rest included."""
+        return max(*self.levels_v, rest_v), min(*self.levels_v, rest_v)
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
-        rest, level = entry.drives
+        *loop, rest, level = entry.drives
+        for drive in loop:
+            yield Play(drive, CONDITIONING_S)
         yield Play(rest, self.rest_s)
-        yield Record(self.hold_s, level, self._lead_s)
+        yield Record(self.hold_s, level, self.lead_s)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> StepPoint:
         recording = recordings[-1]
@@ -241,6 +260,7 @@ class VoltageSteps(Protocol):
             zero=seen.before.value,
             drift=seen.before.drift_per_s,
             reached=recording.start_s + moved.size / rate - self.hold_s,
+            conditioned=1.0,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
@@ -317,7 +337,7 @@ class VoltageSteps(Protocol):
         return (DOWN if falls else UP), tuple(sorted(self.levels_v, reverse=falls))
 
     @property
-    def _lead_s(self) -> float:
+    def lead_s(self) -> float:
         """Duration of the recording before the ramp: the window of the zero, and a margin."""
         return self.window_s + 0.05
 

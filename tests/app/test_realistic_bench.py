@@ -12,6 +12,7 @@ from app.session.request import choose_bench
 from model import Tactor, parameter_specs
 from model.identification import FitOptions
 from protocols.base import InterferenceMeasured, Quality
+from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.sweep import Sweep
@@ -133,3 +134,21 @@ def test_the_truth_is_identified_with_creep_and_hysteresis(tmp_path: Path) -> No
     for name, value in truth.items():
         assert abs(by_name[name].value - value) < 1.96 * by_name[name].standard_error, name
     assert by_name["creep"].standard_error < 0.01 * truth["creep"]
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("seed", [102, 103])
+def test_steps_after_a_mass_resonance_are_adequate(tmp_path: Path, seed: int) -> None:
+    """Without the loop before the first level chi square is over 1000 with 49 degrees of freedom."""
+    config, _ = choose_bench("sim", "max", seed=seed)
+    with laboratory(config) as lab:
+        for protocol in (MassResonance(masses_kg=(7.73e-3,), sweep_s=20.0), VoltageSteps()):
+            steps = run(protocol, tmp_path, lab, safe=False).path
+    with resources.as_file(resources.files("sim_hardware").joinpath("realistic.specimen.toml")) as sheet:
+        found = identify([steps], sheet=sheet)
+    assert found.adequacy is not None
+    assert found.adequacy.adequate is True, found.adequacy.message
+    by_name = {estimate.name: estimate for estimate in found.estimates}
+    beyond = config.simulation_parameters.beyond
+    for name, value in (("creep", beyond.creep_per_decade), ("hysteresis", 2 * beyond.hysteresis_width)):
+        assert abs(by_name[name].value - value) < 3 * by_name[name].standard_error, name

@@ -14,6 +14,7 @@ from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.statics import voltage_gain
 from protocols.base import Quality, Recording, RunStatus
+from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.voltage_steps import PAPER_LEVELS_V, VoltageSteps
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
@@ -77,6 +78,18 @@ def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
     above, below = found["static_gain_above_rest"], found["static_gain_below_rest"]
     assert above.value / below.value == pytest.approx(3, rel=0.01)
     assert above.value == pytest.approx(600 * voltage_gain(Tactor()), rel=3e-3)
+
+
+def test_a_sweep_that_faded_out_leaves_nothing_in_the_steps(tmp_path: Path) -> None:
+    """It leaves rest in the middle of the loop, a sine at its lower side: the first step would be up to 5 um larger."""
+    sweep = MassResonance(masses_kg=(7.73e-3,), sweep_s=5.0, piece_s=5.0)
+    deflections = []
+    for name, protocols in (("rested", (BRIEF,)), ("swept", (sweep, BRIEF))):
+        with laboratory(simulated(seed=11, beyond={"hysteresis_width": 0.05}, modes=7)) as lab:
+            *_, ran = [run(each, tmp_path / name, lab, safe=False) for each in protocols]
+        deflections.append([p.deflection for p in ran.points])
+        assert {p.conditioned for p in ran.points} == {1.0}
+    np.testing.assert_allclose(*deflections, rtol=0, atol=0.2e-6)
 
 
 def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
