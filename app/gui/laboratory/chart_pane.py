@@ -43,7 +43,7 @@ WHY = {
     DriftCause.SPECIMEN: "Why the specimen, not the bench",
 }
 FINDING_WIDTHS = {CLASS_S.name: 248, CLASS_L.name: 400}
-USUAL_WIDTH = 296
+USUAL_WIDTH = 336
 """Width of the finding by the class of the window."""
 DEFAULT_QUANTITY = "amplitude_at_resonance"
 MAX_BASELINE = 1000

@@ -18,8 +18,8 @@ AS_TEXT = " as text"
 
 CELL_MARGIN, BOLD_SHARE = 12, 1.06
 """Free width of a cell in pixels, and ratio of the widths of bold and plain text."""
-LAST_COLUMN, LEAST_COLUMN = 120, 24
-"""Least widths of the last column and of any column, in pixels."""
+LAST_COLUMN, CUT_LAST_COLUMN, LEAST_COLUMN = 120, 56, 24
+"""Least widths of the last column, while others have their widths and before they are cut, and of any column, in pixels."""
 
 
 class ValueTableModel(QAbstractTableModel):
@@ -167,9 +167,9 @@ class ValueTable(QTableView):
         width_of = self.fontMetrics().horizontalAdvance
         contents = [round(BOLD_SHARE * width_of(text)) + CELL_MARGIN for text in self._values.longest]
         needed = [max(contents[at], header.sectionSizeHint(at) + 6) for at in range(count)]
-        least_last = min(needed[-1], LAST_COLUMN) if needed else 0
-        free = self.viewport().width() - least_last
-        for at, width in enumerate(share_width(needed[:-1], free)):
+        left = self.viewport().width() - sum(needed[:-1])
+        least_last = min(needed[-1], max(CUT_LAST_COLUMN, min(left, LAST_COLUMN))) if needed else 0
+        for at, width in enumerate(share_width(needed[:-1], self.viewport().width() - least_last)):
             self.setColumnWidth(at, max(width, LEAST_COLUMN))
 
     def resizeEvent(self, event: Any) -> None:
