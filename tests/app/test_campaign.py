@@ -100,8 +100,8 @@ def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(me
     found = {e.name: e.value for e in campaign.item_state("wiring").estimates}
     assert campaign.protocol_for(dwell).decay_s == found["bench_latency"]
     # The dwell of two points has no peak between others, which must not take mu away.
-    # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels determine it to a percent.
-    assert identified_tactor(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)
+    # mu = -1.33e-5 N m/V is the truth of the simulated tactor; its stated error of 12 % is mostly that of k2.
+    assert identified_tactor(campaign).mu == pytest.approx(-1.33e-5, rel=0.02)
     assert "mu" in {e.name for e in identify_campaign_runs(campaign).identified}
     campaign.reject("steps")
     campaign.reject("dwell")

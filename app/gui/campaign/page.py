@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.gui.campaign.add_item import AddItemPane
@@ -72,6 +73,10 @@ class CampaignPage(QStackedWidget):
         elif view.connected and not connected:
             self.controller.refresh()  # now there is a bench to rehearse with
         self._show_campaign()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.board.fit()  # also behind another pane, for its least width is the page's
 
     def activate(self) -> None:
         self._show_part(self.currentWidget() or self.board)
