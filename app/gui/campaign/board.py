@@ -137,7 +137,7 @@ class CampaignBoard(QWidget):
         self.live_pane.setObjectName("campaign/rows")
         shown = make_panel(self.side_stack, margins=(1, 1, 1, 1))
         columns = row(self.item_list, (shown, 1), self.decision, spacing=8)
-        column(self.header, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
+        self._layout = column(self.header, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.selected_item_changed.connect(self._show_details_later)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
         self._details.run_selected.connect(lambda _: self._show_details())
@@ -160,7 +160,7 @@ class CampaignBoard(QWidget):
         self.item_list.setFixedWidth(px(items))
         self.decision.setFixedWidth(px(decision))
         self.decision.setVisible(not (self._busy and grid is CLASS_S))
-        self.layout().activate()  # a hidden widget does not compute its least size anew
+        self._layout.activate()  # a hidden widget does not compute its least size anew
 
     def show_summary(
         self,
