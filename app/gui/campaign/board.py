@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
@@ -137,7 +138,7 @@ class CampaignBoard(QWidget):
         self.live_pane.setObjectName("campaign/rows")
         shown = make_panel(self.side_stack, margins=(1, 1, 1, 1))
         columns = row(self.item_list, (shown, 1), self.decision, spacing=8)
-        self._layout = column(self.header, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
+        column(self.header, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.selected_item_changed.connect(self._show_details_later)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
         self._details.run_selected.connect(lambda _: self._show_details())
@@ -153,14 +154,17 @@ class CampaignBoard(QWidget):
         """Return False: the page scrolls only where its least size has no room."""
         return False
 
-    def fit(self) -> None:
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
         """Give the columns the widths of the window's class; the smallest has no room for the decision beside live plots."""
         grid = class_of(self)
         items, decision = WIDTHS.get(grid.name, USUAL_WIDTHS)
         self.item_list.setFixedWidth(px(items))
         self.decision.setFixedWidth(px(decision))
         self.decision.setVisible(not (self._busy and grid is CLASS_S))
-        self._layout.activate()  # a hidden widget does not compute its least size anew
 
     def show_summary(
         self,
@@ -184,7 +188,7 @@ class CampaignBoard(QWidget):
             state, PROTOCOLS.get("" if row is None else row.state.item.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         )
         self.side_stack.setCurrentWidget(self.live_pane if state.busy else self._details)
-        self.fit()
+        self._fit()
         update_actions(self, state)
         self._show_decision()
         self._show_details_later()

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Signal
-from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QStackedWidget, QWidget
+from PySide6.QtWidgets import QSizePolicy, QStackedWidget, QWidget
 
 from app.gui.campaign.add_item import AddItemPane
 from app.gui.campaign.board import CampaignBoard
@@ -73,10 +72,6 @@ class CampaignPage(QStackedWidget):
         elif view.connected and not connected:
             self.controller.refresh()  # now there is a bench to rehearse with
         self._show_campaign()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self.board.fit()  # also behind another pane, for its least width is the page's
 
     def activate(self) -> None:
         self._show_part(self.currentWidget() or self.board)
@@ -234,7 +229,10 @@ class CampaignPage(QStackedWidget):
             self._show_part(self.board)
 
     def _show_part(self, part: QWidget) -> None:
-        """Show one of the panes and give it the focus if this page is visible."""
+        """Show one of the panes, whose least size alone counts, and give it the focus if this page is visible."""
+        for pane in filter(None, (self.start_pane, self.board, self.add_pane)):
+            policy = QSizePolicy.Policy.Preferred if pane is part else QSizePolicy.Policy.Ignored
+            pane.setSizePolicy(policy, policy)
         self.setCurrentWidget(part)
         if self.isVisible():
             part.setFocus()
