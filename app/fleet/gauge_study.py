@@ -23,6 +23,9 @@ MAX_VALUES = 1000
 MIN_VALUES = 3
 SMALLEST_REPEAT = 1e-9
 """Smallest variance of repeats, as a share of the variance of all values: without any the likelihood has no maximum."""
+
+MOST_SCORINGS = 20
+"""Most scorings after the search."""
 CATEGORIES_FACTOR = 1.41
 """Distinct categories are this many times the specimens' standard deviation over the gauge's (AIAG)."""
 
@@ -148,11 +151,26 @@ def _restricted_likelihood(y: Array, groups: Sequence[Array]) -> tuple[Array, Ar
     start = np.full(len(alike), 1.0 / len(alike))
     limits = [(0.0, None)] * len(groups) + [(SMALLEST_REPEAT, None)]
     found = minimize(cost, start, jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-15, "gtol": 1e-9})
-    P, _ = projection(found.x)
-    products = [P @ each for each in alike]
-    information = 0.5 * np.array([[float(np.sum(a * b.T)) for b in products] for a in products])
-    size = np.sqrt(information.diagonal())  # variances of repeats may be a billionth of the others
-    return np.asarray(found.x), np.linalg.pinv(information / np.outer(size, size)) / np.outer(size, size)
+
+    def covariance(variances: Array, free: Array) -> Array:
+        """Return the covariance by the expected information, with zeros where a variance is not free."""
+        products = [projection(variances)[0] @ each for each in alike]
+        information = 0.5 * np.array([[float(np.sum(a * b.T)) for b in products] for a in products])
+        size = np.sqrt(information.diagonal())  # variances of repeats may be a billionth of the others
+        scaled = np.where(np.outer(free, free), information / np.outer(size, size), 0.0)
+        return np.linalg.pinv(scaled) / np.outer(size, size)
+
+    # L-BFGS-B stops a few percent from the smallest of very unequal variances; Fisher's scoring ends at it.
+    variances, lowest = np.asarray(found.x), np.array([low for low, _ in limits])
+    (value, slopes), all_free = cost(variances), np.ones(len(alike), bool)
+    for _ in range(MOST_SCORINGS):
+        step = covariance(variances, (variances > lowest) | (slopes < 0)) @ slopes
+        trial = np.maximum(variances - step, lowest)
+        next_value, slopes = cost(trial)
+        if not next_value < value:
+            break
+        variances, value = trial, next_value
+    return variances, covariance(variances, all_free)
 
 
 def study_of_runs(folder: Path, selection: FleetSelection) -> tuple[GaugeStudy, dict[str, tuple[str, ...]]]:
