@@ -26,6 +26,7 @@ SMALLEST_REPEAT = 1e-9
 
 MOST_SCORINGS = 20
 """Most scorings after the search."""
+
 CATEGORIES_FACTOR = 1.41
 """Distinct categories are this many times the specimens' standard deviation over the gauge's (AIAG)."""
 
@@ -152,25 +153,25 @@ def _restricted_likelihood(y: Array, groups: Sequence[Array]) -> tuple[Array, Ar
     limits = [(0.0, None)] * len(groups) + [(SMALLEST_REPEAT, None)]
     found = minimize(cost, start, jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-15, "gtol": 1e-9})
 
-    def covariance(variances: Array, free: Array) -> Array:
+    def covariance(variances: Array, free: Sequence[bool]) -> Array:
         """Return the covariance by the expected information, with zeros where a variance is not free."""
         products = [projection(variances)[0] @ each for each in alike]
         information = 0.5 * np.array([[float(np.sum(a * b.T)) for b in products] for a in products])
         size = np.sqrt(information.diagonal())  # variances of repeats may be a billionth of the others
         scaled = np.where(np.outer(free, free), information / np.outer(size, size), 0.0)
-        return np.linalg.pinv(scaled) / np.outer(size, size)
+        return np.asarray(np.linalg.pinv(scaled) / np.outer(size, size))
 
     # L-BFGS-B stops a few percent from the smallest of very unequal variances; Fisher's scoring ends at it.
     variances, lowest = np.asarray(found.x), np.array([low for low, _ in limits])
-    (value, slopes), all_free = cost(variances), np.ones(len(alike), bool)
+    value, slopes = cost(variances)
     for _ in range(MOST_SCORINGS):
-        step = covariance(variances, (variances > lowest) | (slopes < 0)) @ slopes
+        step = covariance(variances, ((variances > lowest) | (slopes < 0)).tolist()) @ slopes
         trial = np.maximum(variances - step, lowest)
         next_value, slopes = cost(trial)
         if not next_value < value:
             break
         variances, value = trial, next_value
-    return variances, covariance(variances, all_free)
+    return variances, covariance(variances, [True] * len(alike))
 
 
 def study_of_runs(folder: Path, selection: FleetSelection) -> tuple[GaugeStudy, dict[str, tuple[str, ...]]]:
