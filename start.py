@@ -2,7 +2,7 @@
 
     python3 start.py              sets up, then the main job: the window with the simulated bench running a sine dwell;
                                   where there is no screen the same job with a progress bar, leaving a file and a picture
-    python3 start.py test         sets up, then every check and the quick tests: two to three minutes
+    python3 start.py test         sets up, then every check and the quick tests: three to four minutes
     python3 start.py test --all   the same with the deep tests: less than half an hour
     python3 start.py docs         sets up, then makes the handbook for the browser in build/handbook; no network is needed for that
     python3 start.py desktop      sets up, then builds the program as one folder that needs no Python, in dist/tactor-bench
