@@ -9,7 +9,7 @@ from app.archive.exporting import Format, export_run, raw_left_out
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, record_audit
 from app.config import AmplifierTable
-from protocols.base import file_hash
+from protocols.base import UNNAMED, file_hash
 from protocols.runfile import Run, RunReadError, notes_path
 
 
@@ -89,7 +89,7 @@ def import_tables(
         import_files,
     )
 
-    options = ImportOptions(tuple(paths), folder, specimen=specimen or "unnamed")
+    options = ImportOptions(tuple(paths), folder, specimen=specimen or UNNAMED)
     taken, written = import_files(options, amplifier, progress)
     return len(written), [warning for each in taken for warning in each.warnings]
 

@@ -51,7 +51,7 @@ from app.common import (
 from app.identification import verdict_line
 from drivers import BenchError
 from model import Series, shown_unit
-from protocols.base import Protocol
+from protocols.base import UNNAMED, Protocol
 from protocols.runfile import RunReadError
 
 
@@ -64,7 +64,7 @@ class CampaignCommand(BenchOptions):
 
     @usage_errors(CampaignError, RunReadError)
     def execute(self) -> int:
-        folder, specimen = self.out or Path("runs"), self.specimen or "unnamed"
+        folder, specimen = self.out or Path("runs"), self.specimen or UNNAMED
         if self.verb == "new":
             return _print_campaign(Campaign.create(folder, specimen, select_bench(self).config.simulated), self.json)
         return self.apply(Campaign.open(folder, specimen))

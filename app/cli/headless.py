@@ -25,7 +25,7 @@ from app.identification import reference_model
 from app.services import operator_reachable, refuse_without_operator
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols import load_plug_ins
-from protocols.base import Prompt, Protocol
+from protocols.base import UNNAMED, Prompt, Protocol
 from protocols.runner import RunRequest
 
 
@@ -114,7 +114,7 @@ def load_all_protocols() -> None:
 
 def run_request(options: BenchOptions, protocol: Protocol) -> RunRequest:
     """Return the request to run a protocol with the folder and the specimen of the options."""
-    folder, specimen = options.out or Path("runs"), options.specimen or "unnamed"
+    folder, specimen = options.out or Path("runs"), options.specimen or UNNAMED
     return RunRequest(protocol, folder, specimen, reference=reference_model(folder, specimen))
 
 

@@ -143,19 +143,23 @@ def _restricted_likelihood(y: Array, groups: Sequence[Array]) -> tuple[Array, Ar
         size = float(ones.sum())
         return inverse - np.outer(ones, ones) / size, 2 * float(np.log(factor.diagonal()).sum()) + math.log(size)
 
-    def cost(variances: Array) -> tuple[float, Array]:
+    def cost(variances: Array) -> tuple[float, Array, Array]:
+        """Return minus the logarithm of the likelihood, its slopes (K + 1,), and P."""
         P, logarithm = projection(variances)
         r = P @ y
         slopes = np.array([float(np.sum(P * each)) - float(r @ each @ r) for each in alike])
-        return 0.5 * (logarithm + float(y @ r)), 0.5 * slopes
+        return 0.5 * (logarithm + float(y @ r)), 0.5 * slopes, P
+
+    def descent(variances: Array) -> tuple[float, Array]:
+        return cost(variances)[:2]
 
     start = np.full(len(alike), 1.0 / len(alike))
     limits = [(0.0, None)] * len(groups) + [(SMALLEST_REPEAT, None)]
-    found = minimize(cost, start, jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-15, "gtol": 1e-9})
+    found = minimize(descent, start, jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-15, "gtol": 1e-9})
 
-    def covariance(variances: Array, free: Sequence[bool]) -> Array:
+    def covariance(P: Array, free: Sequence[bool]) -> Array:
         """Return the covariance by the expected information, with zeros where a variance is not free."""
-        products = [projection(variances)[0] @ each for each in alike]
+        products = [P @ each for each in alike]
         information = 0.5 * np.array([[float(np.sum(a * b.T)) for b in products] for a in products])
         size = np.sqrt(information.diagonal())  # variances of repeats may be a billionth of the others
         scaled = np.where(np.outer(free, free), information / np.outer(size, size), 0.0)
@@ -163,15 +167,15 @@ def _restricted_likelihood(y: Array, groups: Sequence[Array]) -> tuple[Array, Ar
 
     # L-BFGS-B stops a few percent from the smallest of very unequal variances; Fisher's scoring ends at it.
     variances, lowest = np.asarray(found.x), np.array([low for low, _ in limits])
-    value, slopes = cost(variances)
+    value, slopes, P = cost(variances)
     for _ in range(MOST_SCORINGS):
-        step = covariance(variances, ((variances > lowest) | (slopes < 0)).tolist()) @ slopes
+        step = covariance(P, ((variances > lowest) | (slopes < 0)).tolist()) @ slopes
         trial = np.maximum(variances - step, lowest)
-        next_value, slopes = cost(trial)
-        if not next_value < value:
+        trial_value, *at_trial = cost(trial)
+        if not trial_value < value:
             break
-        variances, value = trial, next_value
-    return variances, covariance(variances, [True] * len(alike))
+        variances, value, (slopes, P) = trial, trial_value, at_trial
+    return variances, covariance(P, [True] * len(alike))
 
 
 def study_of_runs(folder: Path, selection: FleetSelection) -> tuple[GaugeStudy, dict[str, tuple[str, ...]]]:

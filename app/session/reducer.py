@@ -39,6 +39,7 @@ from protocols import PROTOCOLS
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
+    UNNAMED,
     BenchArmed,
     BlockDiscarded,
     BlockStored,
@@ -62,9 +63,6 @@ from protocols.base import (
 )
 
 MAX_LOG_LINES = 500
-
-UNNAMED = "unnamed"
-"""Specimen of a run that was started without one."""
 
 ACTION_MESSAGES = {
     OperatorAction.PAUSE: (Severity.INFO, "Pause was requested"),

@@ -10,6 +10,7 @@ from .events import MOUNTED as MOUNTED
 from .events import MOUNTED_PARTS as MOUNTED_PARTS
 from .events import MOUNTING_ACTIONS as MOUNTING_ACTIONS
 from .events import UNCHANGED as UNCHANGED
+from .events import UNNAMED as UNNAMED
 from .events import BenchArmed as BenchArmed
 from .events import BlockDiscarded as BlockDiscarded
 from .events import BlockStored as BlockStored

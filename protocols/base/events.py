@@ -29,6 +29,10 @@ class Event:
         EVENTS[cls.kind] = cls
 
 
+UNNAMED = "unnamed"
+"""Specimen of a run that was started without one."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunStarted(Event, kind="RunStarted"):
     """The run file exists; nothing has moved yet."""

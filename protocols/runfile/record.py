@@ -13,6 +13,7 @@ from typing import Any, Self
 from drivers import LaserSensor
 from model import AmplifierMap, current_parameter
 from protocols.base import (
+    UNNAMED,
     EstimatedQuantity,
     ReferenceModel,
     RunConditions,
@@ -52,7 +53,7 @@ class RunRecord:
     protocol: str = ""
     title: str = ""
     """Protocol and specimen."""
-    specimen: str = "unnamed"
+    specimen: str = UNNAMED
     start_time: str = ""
     """Start time, ISO 8601, UTC."""
     simulated: bool = False

@@ -26,7 +26,7 @@ from app.session import load_protocol_class
 from drivers import open_regular
 from model import current_parameter
 from protocols import PROTOCOLS
-from protocols.base import TableImportError
+from protocols.base import UNNAMED, TableImportError
 from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
 
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
@@ -210,7 +210,7 @@ def _import_options(
     start = about.get("start_time")
     return replace(
         options,
-        specimen=str(about.get("specimen", "unnamed")) if options.specimen == "unnamed" else options.specimen,
+        specimen=str(about.get("specimen", UNNAMED)) if options.specimen == UNNAMED else options.specimen,
         settings=settings,
         amplifier=amplifier,
         simulated=options.simulated or bool(int(about.get("simulated", 0))),

@@ -15,7 +15,7 @@ from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_nu
 from app.config import AmplifierTable
 from model import Array, Mask
 from protocols import PROTOCOLS
-from protocols.base import ImportColumn, TableImportError
+from protocols.base import UNNAMED, ImportColumn, TableImportError
 from protocols.runfile import ENTRY_COLUMN
 
 
@@ -44,7 +44,7 @@ class ImportOptions:
     files: tuple[Path, ...]
     folder: Path
     kind: str | None = None
-    specimen: str = "unnamed"
+    specimen: str = UNNAMED
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     uncertainties: Mapping[str, str] = field(default_factory=dict)

@@ -44,6 +44,7 @@ MEMBRANE_NAMES = {spec.name for spec in parameter_specs(Membrane)}
 WITHOUT_ERRORS = (
     "No --specimen with a calibration is given: the paper's values, or the values of --set, without uncertainties."
 )
+CALIBRATED = option("specimen with the calibration and uncertainties to use", metavar="NAME")
 
 
 class DesignTopic(Topic):
@@ -90,7 +91,7 @@ class AddedMassTopic(DesignTopic):
     """Compute the added mass for a resonance at a frequency, with the uncertainty of a calibration."""
 
     frequency: str = option("frequency of the resonance (default: %(default)s)", "160 Hz")
-    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
+    specimen: str | None = CALIBRATED
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
@@ -118,7 +119,7 @@ class DriveTopic(DesignTopic):
 
     amplitude: str = option("max - min of the displacement (default: %(default)s)", "100 um")
     frequency: str = option("frequency of the sine (default: %(default)s)", "200 Hz")
-    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
+    specimen: str | None = CALIBRATED
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
@@ -152,7 +153,7 @@ class PowerTopic(DesignTopic):
     battery: str | None = option("usable energy of a battery, e.g. '2 W h'", metavar="ENERGY")
     on_share: str = option("share of the time in which the driver drives (default: %(default)s)", "1")
     idle: str = option("power that the driver takes at all times (default: %(default)s)", "0 W")
-    specimen: str | None = option("specimen with the calibration and uncertainties to use", metavar="NAME")
+    specimen: str | None = CALIBRATED
     folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 

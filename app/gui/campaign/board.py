@@ -244,7 +244,7 @@ class CampaignBoard(QWidget):
             )
 
     def _fill_menu(self, menu: Menu) -> None:
-        """List the actions that the selected item allows, and those of the campaign."""
+        """Fill the menu with the actions allowed on the selected item and those of the campaign."""
         allowed = () if self._busy else self.details.allowed_actions
         menu.clear()
         menu.add_named(self, [f"campaign.item.{each}" for each in ITEM_ACTIONS if each in allowed])

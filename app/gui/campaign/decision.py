@@ -1,4 +1,4 @@
-"""Decision at the right of an open campaign: the next step, or the result under review with what it is compared with; and the buttons."""
+"""Right column of an open campaign: the next step, or the result under review with its comparisons, and the buttons."""
 
 from __future__ import annotations
 
@@ -105,13 +105,15 @@ class DecisionPane(QFrame):
         """
         has_result = has_result and not busy
         self.heading.setText(step.heading)
-        show_text(self.reason, step.reason)
-        show_text(self.detail, step.detail)
+        self.reason.setText(step.reason)
+        self.detail.setText(step.detail)
         is_told = not has_result or step.item_name not in ("", "" if item is None else item.name)
-        for label in (self.heading, self.reason, self.detail):
-            label.setVisible(bool(label.text()) and is_told and not (has_result and label is not self.heading))
-        for part in (self.card, self.quality_label, self.compared_label):
-            part.setVisible(has_result and bool(part is self.card or part.property("text")))
+        self.heading.setVisible(is_told and bool(step.heading))
+        for label in (self.reason, self.detail):
+            label.setVisible(is_told and not has_result and bool(label.text()))
+        self.card.setVisible(has_result)
+        for label in (self.quality_label, self.compared_label):
+            label.setVisible(has_result and bool(label.text()))
         accepts = "accept" in allowed and not busy
         for action, button in self.buttons.items():
             on_item = action in OF_ITEM

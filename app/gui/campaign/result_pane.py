@@ -143,7 +143,7 @@ class ResultPane(QWidget):
         self._show_part()
 
     def _show_part(self) -> None:
-        """Show the plot, the details where there is none or they are asked for, or nothing while a run is read."""
+        """Show the plot, or the details without a plot or on request; an empty page while a run is being read."""
         has_result = self.reviewed_path is not None
         self.details_button.setVisible(has_result)
         at = 1 if not has_result or self.details_button.isChecked() else 0 if self.is_read else 2

@@ -37,7 +37,7 @@ VERDICTS = {
     DriftCause.BENCH: ("! Drift of the bench", Severity.WARNING, "{sensor} reads too {little}, since {day}"),
     DriftCause.SPECIMEN: ("! Drift of the specimen", Severity.WARNING, "{golden} gives too {little}, since {day}"),
 }
-"""Verdict, its severity and what was found, by cause."""
+"""Verdict, severity and sentence of the finding, by cause."""
 WHY = {
     DriftCause.BENCH: "Why the bench, not the specimen",
     DriftCause.SPECIMEN: "Why the specimen, not the bench",
@@ -165,7 +165,7 @@ class ChartPane(ViewPane):
         self.broken.set_table(view.broken[at])
 
     def _show_finding(self, chart: GoldenChart, golden: str) -> None:
-        """Show what was found, by how much, since when, and why."""
+        """Show the finding: its size, its begin and the evidence for the cause."""
         text, severity, finding = VERDICTS[chart.cause]
         self.verdict_label.setText(text)
         set_tone(self.verdict_label, severity)

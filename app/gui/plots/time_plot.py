@@ -220,7 +220,7 @@ class TimePlot(Chart):
             self._update_data()
         self._streamed_s, age_s = self._feed.streamed_s, now - self._feed.last_block_s
         self._show_age(int(age_s) if age_s >= HELD_AFTER_S else 0)
-        # Even motion costs a fit of the blocks' times, which nobody sees at a few redraws a second.
+        # The fit of block times that makes the motion even is not visible at a few redraws a second.
         goal_s = self._streamed_s if self.is_calm else self._feed.displayed_s(now)
         self._shown_s = goal_s if self.is_calm else self._advance(goal_s, elapsed)
         right_s = self._trigger(self._shown_s) if self.span.triggered else self._shown_s

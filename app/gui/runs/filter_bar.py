@@ -100,7 +100,7 @@ class RunFilterBar(QWidget):
     def _show_chips(self, text: str) -> None:
         try:
             terms = read_query(text)
-        except ValueError:  # told by `show_mistake`
+        except ValueError:  # `show_mistake` reports it
             return
         fields = [term for term in terms if term.field]
         if fields == self._chip_terms:

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 FRAME_MS = 16
 REST_MS = 200
-"""Interval at rest: what nobody waits for, such as the traces of a bench at rest. Another value at the card wakes the window."""
+"""Interval at rest. Nothing urgent changes between ticks: another value at the card wakes the window at once."""
 
 LIVELY_S = 2.0
 """How long after an input of the user every frame is ticked: what was typed or dragged is drawn at once."""

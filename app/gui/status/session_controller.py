@@ -27,7 +27,7 @@ from app.session import (
     reduce,
     strip_view,
 )
-from protocols.base import Protocol
+from protocols.base import UNNAMED, Protocol
 from protocols.runner import RunRequest
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ class SessionController(QObject):
         elif self.can_start:
             self._apply(RunRequested(protocol.title))
             self._set_in_campaign(False)
-            name = specimen or "unnamed"
+            name = specimen or UNNAMED
             self.adapter.session.run(RunRequest(protocol, folder, name, reference=reference_model(folder, name)))
 
     def start_campaign_run(self, request: RunRequest, runner: CampaignRunner) -> None:
