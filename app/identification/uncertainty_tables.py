@@ -10,7 +10,7 @@ import numpy as np
 from app.common import Column, Table
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
-from model import EstimatedQuantity, format_with_uncertainty
+from model import QUANTITIES, EstimatedQuantity, format_with_uncertainty
 from model.identification import (
     ErrorTarget,
     FrequencyResponseObservation,
@@ -135,7 +135,8 @@ def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
             "nonidealities",
             "Effects outside the beam model, fitted with it",
             (
-                Column("name", "", [e.name for e in nonidealities], "parameter"),
+                Column("name", "", [e.name for e in nonidealities], displayed=False),
+                Column("effect", "", [shown_name(e.name) for e in nonidealities]),
                 Column("expected", "", [format_size(*priors[e.name], e.unit) for e in nonidealities]),
                 Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in nonidealities]),
                 Column(
@@ -213,9 +214,15 @@ def format_shares(budget: UncertaintyBudget, at: int) -> str:
 
 def _named_shares(budget: UncertaintyBudget, at: int, least_rest: float = MIN_SHARE) -> tuple[tuple[str, float], ...]:
     shares = sorted(zip(budget.shares[:, at].tolist(), budget.sources, strict=True), reverse=True)
-    named = [(source, share) for share, source in shares if share >= MIN_SHARE]
+    named = [(shown_name(source), share) for share, source in shares if share >= MIN_SHARE]
     rest = sum(share for share, _ in shares if share < MIN_SHARE)
     return (*named, *([(OTHERS, rest)] if rest > least_rest else []))
+
+
+def shown_name(name: str) -> str:
+    """Return the symbol of a parameter that has one, as in the sheet and the options, else its name: `k2`, `flexibility of the clamp`."""
+    quantity = QUANTITIES.get(name)
+    return name if quantity is None or quantity.symbol else quantity.name
 
 
 def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:
