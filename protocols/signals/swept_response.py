@@ -9,6 +9,7 @@ The start, end and direction of the sweep are found in the recorded drive; a rec
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -127,6 +128,114 @@ CORRECTED_CORRELATION = ((1 + 2 * OVERLAP_CORRELATION) / CORRECTED_VARIANCE - 1)
 """Correlation of neighbouring lines after it: the noise of their mean is unchanged."""
 
 
+@dataclass(frozen=True, slots=True)
+class _SweptSpectra:
+    """Spectra of one sweep in a band.
+
+    Attributes:
+        cross, power: Y X* and |X|² of the bins, (size,).
+        S_xx: power of the drive in the lines, (count,).
+        arrival_s: time of the sweep at the lines from its first sample, (count,).
+        strong: first and last line that the drive fills; outside its band, and where it fades, a sweep is weak.
+        rising: whether the sweep goes up.
+        fast: whether harmonics arrive near the response.
+    """
+
+    blocks: BlockAverager
+    cross: NDArray[np.complex64]
+    power: NDArray[np.float32]
+    S_xx: Array
+    arrival_s: Array
+    strong: tuple[int, int]
+    rising: bool
+    fast: bool
+
+    def response(self, cross: NDArray[np.complex64]) -> Complex:
+        """Return the response of the lines, (count,), of products of bins; beyond the outermost strong lines it is continued as a constant."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            H = np.asarray(self.blocks.windows(cross) @ self.blocks.window) / self.S_xx
+        return np.asarray(H[np.clip(np.arange(H.size), self.strong[0] + 1, self.strong[1] - 1)], complex)
+
+    def cleaned_response(self) -> tuple[Complex, NDArray[np.complex64]]:
+        """Return the response, and the products of the bins, without the harmonics of a fast sweep."""
+        H, cleaned = self.response(self.cross), self.cross
+        for _ in range(HARMONIC_PASSES if self.fast else 0):
+            cleaned = self.cross - self._harmonics(H)
+            H = self.response(cleaned)
+        return H, cleaned
+
+    def noise_variance(self, cleaned: NDArray[np.complex64], H: Complex, duration_s: float) -> Array:
+        """Return the variance of each line's S_yx, from the neighbouring gates on the side without harmonics."""
+        at_gates, at_harmonics = np.split(
+            self._power_at_lags(self._residuals(cleaned, H), np.concatenate((NOISE_LAGS, HARMONIC_LAGS))),
+            [NOISE_LAGS.size],
+            axis=1,
+        )
+        # A component at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window allow.
+        m = np.abs(HARMONIC_LAGS)
+        leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
+        reach = np.pad(leaked, POOLED_LINES, "edge")
+        noise = np.asarray(
+            pool_lines(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1)
+        )
+        if not self.fast:
+            return noise
+        # At the end of a fast sweep, lags on this side lie beyond its samples; the harmonics are far away on the other side.
+        reach_s = (NOISE_LAGS[-1] + 1) / (self.blocks.length * self.blocks.bin_hz)
+        beyond = self.arrival_s + reach_s > duration_s if self.rising else self.arrival_s < reach_s
+        before = self._power_at_lags(self._residuals(self.cross, H), -NOISE_LAGS[:4])
+        return np.where(beyond, pool_lines(before.mean(1), POOLED_LINES), noise)
+
+    def remove_bias(self, H: Complex) -> None:
+        """Remove the slope and the bend of the response, (count,), over its windows from it, in place.
+
+        The drive's power in a window is the weight, with its first and second moment about the line in units of the lines' distance.
+        """
+        blocks = self.blocks
+        away = 2 * np.arange(blocks.length) / blocks.length - 1
+        weights = np.stack((blocks.window * away, blocks.window * away**2), 1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = ((blocks.windows(self.power) @ weights) / self.S_xx[:, None])[1:-1].T
+        H[1:-1] -= 0.5 * first * (H[2:] - H[:-2]) + 0.5 * second * (H[2:] - 2 * H[1:-1] + H[:-2])
+
+    def interference_errors(self, line: InterferenceLine, rate_hz: float) -> Array:
+        """Return the standard error by one interference line of unknown phase, (count,), of real and imaginary part, in one window."""
+        width = self.blocks.length * self.blocks.bin_hz
+        distance = np.abs(self.blocks.frequency_hz - line.frequency_hz)
+        under = np.where(line.significant & (distance < width / 2), 1 + np.cos(2 * np.pi * distance / width), 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors = line.amplitude_m / np.sqrt(2) * rate_hz * under / (2 * width * np.sqrt(self.S_xx))
+        return np.asarray(np.nan_to_num(errors))
+
+    def _residuals(self, cross: NDArray[np.complex64], H: Complex) -> NDArray[np.complex64]:
+        """Return the products of the bins less a response interpolated between the lines."""
+        # The lines are half a block apart; beyond the outermost the response is continued as a constant.
+        hop = self.blocks.length // 2
+        ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
+        share = np.arange(hop, dtype=np.float32) / np.float32(hop)
+        straight = (ends[:-1, None] + np.multiply.outer(np.diff(ends), share)).ravel()
+        within = slice(0, straight.size)
+        return np.asarray(cross[within] - straight * self.power[within])
+
+    def _harmonics(self, H: Complex) -> NDArray[np.complex64]:
+        """Return the part of the products of the bins earlier than any response: the harmonics, which pass a frequency before it."""
+        from scipy.fft import fft, fftfreq, ifft
+
+        left = self._residuals(self.cross, H)
+        lag = fftfreq(left.size, 1 / left.size) * self.blocks.length / left.size  # in units of 1 / resolution
+        lags = ifft(left)
+        lags[(lag if self.rising else -lag) > HARMONIC_GATE] = 0
+        return np.concatenate((fft(lags), np.zeros(self.cross.size - left.size, np.complex64)))
+
+    def _power_at_lags(self, residuals: NDArray[np.complex64], lags: NDArray[np.int_]) -> Array:
+        """Return the power of the residuals at lags in units of 1 / resolution, (count, lags)."""
+        # In a rising sweep a harmonic passes a frequency before the fundamental: at negative lags.
+        blocks, side = self.blocks, 1 if self.rising else -1
+        shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), lags) / blocks.length)
+        seen = blocks.windows(residuals) @ (blocks.window[:, None] * shift).astype(np.complex64)
+        return np.asarray(seen.real**2 + seen.imag**2)
+
+
 def estimate_swept_response(
     drive: ArrayLike,
     displacement: ArrayLike,
@@ -160,85 +269,76 @@ def estimate_swept_response(
     # The mean by the amplifier's two slopes begins with the sweep: a step, as broad as the band. Faded in over a few cycles
     # of the lowest frequency it vanishes in the band. The lines passed during the fade are left out.
     faded = min(round(TAPER_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
-    least_hz = MIN_BINS_PER_LINE * rate_hz / fast_length(duration)
-    width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
-    if width < least_hz * (1 - 1e-9):
-        raise ValueError(
-            f"a sweep of {duration / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
-            "use a coarser resolution or a longer sweep"
-        )
-    # Lags of a transform of the sweep's length wrap: early harmonics would arrive late, among the noise.
-    fast = width * fast_length(duration) / rate_hz < FAST_SWEEP_BINS
-    n = fast_length(2 * duration if fast else duration)
-    bin_hz = rate_hz / n
-    blocks = make_block_averager(band_hz, width, bin_hz, rate_hz / 2)
-    if blocks.count < POOLED_LINES:
-        raise ValueError(
-            f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz holds {blocks.count} lines of {width:g} Hz, at least {POOLED_LINES} are needed"
-        )
-    X, Y = band_spectrum(x[swept], n, blocks, faded), band_spectrum(y[swept], n, blocks, faded)
-    cross, power = Y * X.conj(), X.real**2 + X.imag**2
-    check_drive_in_band(x[swept], float(power.sum()), blocks.size / (n / 2), n, band_hz)
-    S_xx = np.asarray(blocks.windows(power) @ blocks.window)
-    # Outside its band, and where it fades, the sweep is weak, which affects the outermost lines through their window.
-    strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
-    used = np.zeros(S_xx.size, bool)
-    used[strong[0] + 2 : strong[-1] - 1] = True
-    arrival_s, edge_s = _arrival_s(X, blocks), _edge_s(x[swept], S_xx, rate_hz) + faded / rate_hz
-    used &= (arrival_s > edge_s) & (arrival_s < duration / rate_hz - edge_s)
+    spectra, n = _transform(x[swept], y[swept], rate_hz, band_hz, resolution_hz, faded)
+    used = _undisturbed(spectra, x[swept], rate_hz, faded)
     if not used.any():
         raise ValueError(
             f"a sweep of {duration / rate_hz:.3g} s has no line between {band_hz[0]:g} and {band_hz[1]:g} Hz that its beginning and end "
             "leave undisturbed: use a longer sweep"
         )
-
-    def response(cross: NDArray[np.complex64]) -> Complex:
-        """Beyond the outermost strong lines the response is continued as a constant."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
-        return np.asarray(H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)], complex)
-
-    rising, H, cleaned = is_rising(X), response(cross), cross
-    for _ in range(HARMONIC_PASSES if fast else 0):
-        cleaned = cross - _harmonics(cross, power, H, blocks, rising)
-        H = response(cleaned)
-    noise = _noise_variance(cleaned, power, H, blocks, rising)
-    if fast:  # at the end of the sweep, lags on this side lie beyond its samples; the harmonics are far away on the other side
-        reach_s = (NOISE_LAGS[-1] + 1) / (blocks.length * bin_hz)
-        beyond = arrival_s + reach_s > duration / rate_hz if rising else arrival_s < reach_s
-        before = _power_at_lags(_left(cross, power, H, blocks), blocks, NOISE_LAGS[:4], not rising)
-        noise = np.where(beyond, pool_lines(before.mean(1), POOLED_LINES), noise)
-    variance = noise / np.where(used, S_xx, np.inf) ** 2
-    S_nn = variance * S_xx / np.sum(blocks.window**2) * fast_length(duration) / n
-    signal = np.abs(H) ** 2 * S_xx
-    f = blocks.frequency_hz
-    _remove_bias(H, power, S_xx, blocks)
+    H, cleaned = spectra.cleaned_response()
+    variance = spectra.noise_variance(cleaned, H, duration / rate_hz) / np.where(used, spectra.S_xx, np.inf) ** 2
+    S_nn = variance * spectra.S_xx / np.sum(spectra.blocks.window**2) * fast_length(duration) / n
+    signal = np.abs(H) ** 2 * spectra.S_xx
+    spectra.remove_bias(H)
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = signal / (signal + S_nn)
-    hum = np.sqrt(
-        sum((_interference_errors(line, f, S_xx, blocks, rate_hz) ** 2 for line in interference), np.zeros(1))
-    )
+    hum = np.sqrt(sum((spectra.interference_errors(line, rate_hz) ** 2 for line in interference), np.zeros(1)))
+    f = spectra.blocks.frequency_hz
     return FrequencyResponse(
         f[used],
         (H * np.exp(2j * np.pi * f * delay_s))[used],
         errors=np.hypot(np.sqrt(CORRECTED_VARIANCE * variance / 2), hum)[used],
         coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_DEGREES_OF_FREEDOM,
-        resolution_hz=blocks.length * bin_hz,
+        resolution_hz=spectra.blocks.length * spectra.blocks.bin_hz,
         correlation=CORRECTED_CORRELATION,
     )
 
 
-def _remove_bias(H: Complex, power: NDArray[np.float32], S_xx: Array, blocks: BlockAverager) -> None:
-    """Remove the slope and the bend of the response, (count,), over its windows from it, in place.
+def _transform(
+    drive: Array,
+    displacement: Array,
+    rate_hz: float,
+    band_hz: tuple[float, float],
+    resolution_hz: float | None,
+    faded: int,
+) -> tuple[_SweptSpectra, int]:
+    """Return the spectra of the samples of a sweep, (N,), of which `faded` at both ends are faded, and the length of the transform.
 
-    The drive's power in a window is the weight, with its first and second moment about the line in units of the lines' distance.
+    Raises:
+        ValueError: the sweep is too short for the resolution, or the band too narrow, or without drive.
     """
-    away = 2 * np.arange(blocks.length) / blocks.length - 1
-    weights = np.stack((blocks.window * away, blocks.window * away**2), 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = ((blocks.windows(power) @ weights) / S_xx[:, None])[1:-1].T
-    H[1:-1] -= 0.5 * first * (H[2:] - H[:-2]) + 0.5 * second * (H[2:] - 2 * H[1:-1] + H[:-2])
+    least_hz = MIN_BINS_PER_LINE * rate_hz / fast_length(drive.size)
+    width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
+    if width < least_hz * (1 - 1e-9):
+        raise ValueError(
+            f"a sweep of {drive.size / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
+            "use a coarser resolution or a longer sweep"
+        )
+    # Lags of a transform of the sweep's length wrap: early harmonics would arrive late, among the noise.
+    fast = width * fast_length(drive.size) / rate_hz < FAST_SWEEP_BINS
+    n = fast_length(2 * drive.size if fast else drive.size)
+    blocks = make_block_averager(band_hz, width, rate_hz / n, rate_hz / 2)
+    if blocks.count < POOLED_LINES:
+        raise ValueError(
+            f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz holds {blocks.count} lines of {width:g} Hz, at least {POOLED_LINES} are needed"
+        )
+    X, Y = band_spectrum(drive, n, blocks, faded), band_spectrum(displacement, n, blocks, faded)
+    power = X.real**2 + X.imag**2
+    check_drive_in_band(drive, float(power.sum()), blocks.size / (n / 2), n, band_hz)
+    S_xx = np.asarray(blocks.windows(power) @ blocks.window)
+    strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
+    ends = int(strong[0]), int(strong[-1])
+    return _SweptSpectra(blocks, Y * X.conj(), power, S_xx, _arrival_s(X, blocks), ends, is_rising(X), fast), n
+
+
+def _undisturbed(spectra: _SweptSpectra, drive: Array, rate_hz: float, faded: int) -> NDArray[np.bool_]:
+    """Return the lines, (count,), that lie within the sweep's band and away from its two ends in time."""
+    used = np.zeros(spectra.S_xx.size, bool)
+    used[spectra.strong[0] + 2 : spectra.strong[1] - 1] = True
+    edge_s = _edge_s(drive, spectra.S_xx, rate_hz) + faded / rate_hz
+    return used & (spectra.arrival_s > edge_s) & (spectra.arrival_s < drive.size / rate_hz - edge_s)
 
 
 def _arrival_s(X: NDArray[np.complex64], blocks: BlockAverager) -> Array:
@@ -252,66 +352,3 @@ def _edge_s(drive: Array, S_xx: Array, rate_hz: float) -> Array:
     amplitude = 0.5 * float(np.ptp(drive))
     with np.errstate(divide="ignore"):
         return EDGE_WIDTHS * 2 * np.sqrt(S_xx) / (amplitude * rate_hz)
-
-
-def _interference_errors(
-    line: InterferenceLine, frequency_hz: Array, S_xx: Array, blocks: BlockAverager, rate_hz: float
-) -> Array:
-    """Return the standard error by one interference line of unknown phase, (count,), of real and imaginary part, in one window."""
-    width = blocks.length * blocks.bin_hz
-    distance = np.abs(frequency_hz - line.frequency_hz)
-    under = np.where(line.significant & (distance < width / 2), 1 + np.cos(2 * np.pi * distance / width), 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.nan_to_num(line.amplitude_m / np.sqrt(2) * rate_hz * under / (2 * width * np.sqrt(S_xx))))
-
-
-def _left(
-    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager
-) -> NDArray[np.complex64]:
-    """Return the products of the bins less a response interpolated between the lines."""
-    # The lines are half a block apart; beyond the outermost the response is continued as a constant.
-    hop = blocks.length // 2
-    ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
-    share = np.arange(hop, dtype=np.float32) / np.float32(hop)
-    straight = (ends[:-1, None] + np.multiply.outer(np.diff(ends), share)).ravel()
-    within = slice(0, straight.size)
-    return np.asarray(cross[within] - straight * power[within])
-
-
-def _harmonics(
-    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
-) -> NDArray[np.complex64]:
-    """Return the part of the products of the bins earlier than any response: the harmonics, which pass a frequency before it."""
-    from scipy.fft import fft, fftfreq, ifft
-
-    left = _left(cross, power, H, blocks)
-    lag = fftfreq(left.size, 1 / left.size) * blocks.length / left.size  # in units of 1 / resolution
-    lags = ifft(left)
-    lags[(lag if rising else -lag) > HARMONIC_GATE] = 0
-    return np.concatenate((fft(lags), np.zeros(cross.size - left.size, np.complex64)))
-
-
-def _noise_variance(
-    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
-) -> Array:
-    """Return the variance of each line's S_yx, from the neighbouring gates on the side without harmonics."""
-    left = _left(cross, power, H, blocks)
-    at_gates, at_harmonics = np.split(
-        _power_at_lags(left, blocks, np.concatenate((NOISE_LAGS, HARMONIC_LAGS)), rising), [NOISE_LAGS.size], axis=1
-    )
-    # A component at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window allow.
-    m = np.abs(HARMONIC_LAGS)
-    leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
-    reach = np.pad(leaked, POOLED_LINES, "edge")
-    return np.asarray(
-        pool_lines(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1)
-    )
-
-
-def _power_at_lags(left: NDArray[np.complex64], blocks: BlockAverager, lags: NDArray[np.int_], rising: bool) -> Array:
-    """Return the power of the residuals at lags in units of 1 / resolution, (count, lags)."""
-    # In a rising sweep a harmonic passes a frequency before the fundamental: at negative lags.
-    side = 1 if rising else -1
-    shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), lags) / blocks.length)
-    seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
-    return np.asarray(seen.real**2 + seen.imag**2)
