@@ -98,6 +98,37 @@ def fit_decay(
     return fit
 
 
+@dataclass(frozen=True, slots=True)
+class _DecayMisfit:
+    """Misfit of a decay near the angular frequency `w` to a record, without the directions `others`, (N, K) orthonormal.
+
+    Its parameters are the frequency over `w`, the damping, and the offset and the two amplitudes over `scale`.
+    """
+
+    w: float
+    t: Array
+    others: Array
+    record: Array
+    """Record without the others, over the scale, (N,)."""
+
+    def __call__(self, p: Array) -> Array:
+        return _without(self.others, _basis(self.t, self.w * p[0], p[1]) @ p[2:]) - self.record
+
+    def slopes(self, p: Array) -> Array:
+        """Return the derivatives, (N, 5)."""
+        basis = _basis(self.t, self.w * p[0], p[1])
+        # a Re E + b Im E = Re (a - i b) E, and dE/ds = t E for E = exp(s t).
+        turned = (p[3] - 1j * p[4]) * (basis[:, 1] + 1j * basis[:, 2]) * self.w * self.t
+        root = np.sqrt(max(1 - p[1] ** 2, 1e-6))
+        of_frequency, of_damping = (turned * (-p[1] + 1j * root)).real, (turned * p[0] * (-1 - 1j * p[1] / root)).real
+        return _without(self.others, np.column_stack((of_frequency, of_damping, basis)))
+
+
+def _without(directions: Array, columns: Array) -> Array:
+    """Return columns, (N,) or (N, M), less their projections on orthonormal directions, (N, K)."""
+    return np.asarray(columns - directions @ (directions.T @ columns))
+
+
 def _fit_from(
     w: float,
     zeta: float,
@@ -113,27 +144,16 @@ def _fit_from(
     beside = np.column_stack((lines, _decades(t, *creep_times_s)))
     q, _ = np.linalg.qr(beside)
 
-    def without_others(columns: Array) -> Array:
-        return np.asarray(columns - q @ (q.T @ columns))
-
-    x = without_others(recorded)
-    basis = without_others(_basis(t, w, zeta))
+    x = _without(q, recorded)
+    basis = _without(q, _basis(t, w, zeta))
     linear = np.linalg.lstsq(basis, x, rcond=None)[0]
     scale = float(np.hypot(linear[1], linear[2])) or 1.0
 
-    def misfit(p: Array) -> Array:
-        return without_others(_basis(t, w * p[0], p[1]) @ p[2:]) - x / scale
-
-    def slopes(p: Array) -> Array:
-        basis = _basis(t, w * p[0], p[1])
-        # a Re E + b Im E = Re (a - i b) E, and dE/ds = t E for E = exp(s t).
-        turned = (p[3] - 1j * p[4]) * (basis[:, 1] + 1j * basis[:, 2]) * w * t
-        root = np.sqrt(max(1 - p[1] ** 2, 1e-6))
-        of_frequency, of_damping = (turned * (-p[1] + 1j * root)).real, (turned * p[0] * (-1 - 1j * p[1] / root)).real
-        return without_others(np.column_stack((of_frequency, of_damping, basis)))
-
+    misfit = _DecayMisfit(w, t, q, x / scale)
     start = np.array([1.0, zeta, *linear / scale])
-    fit = least_squares(misfit, start, slopes, method="lm", x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200)
+    fit = least_squares(
+        misfit, start, misfit.slopes, method="lm", x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200
+    )
     freedom = x.size - 5 - q.shape[1]
     natural, damping = float(fit.x[0]) * w / (2 * np.pi), float(fit.x[1])
     if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < MAX_DAMPING:

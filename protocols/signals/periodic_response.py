@@ -97,6 +97,35 @@ def _on_source_clock(samples: Array, longer: float, kept: slice) -> Array:
     return np.asarray(CubicSpline(np.arange(samples.size), samples)(np.clip(at, 0, samples.size - 1)))
 
 
+def _whole_periods(size: int, rate_hz: float, period_s: float, dropped: int) -> tuple[int, int]:
+    """Return the samples of a period, and the number of periods that remain of `size` samples.
+
+    Raises:
+        ValueError: fewer than two periods remain, or a period is not a whole number of samples.
+    """
+    n = round(period_s * rate_hz)
+    if n < 4 or abs(period_s * rate_hz - n) > 1e-3:
+        raise ValueError(
+            f"a period of {period_s:g} s is {period_s * rate_hz:g} samples at {rate_hz:g} Hz: it must be a whole number"
+        )
+    periods = size // n - dropped
+    if dropped < 0 or periods < 2:
+        raise ValueError(
+            f"{size // n} whole periods were recorded and {dropped} are dropped: at least two must remain to see their spread"
+        )
+    return n, periods
+
+
+def _excited(lines: NDArray[np.int_], power: Array) -> NDArray[np.bool_]:
+    """Return the lines, (F,), of which the drive has this power, that it excites."""
+    used = power > EXCITED_POWER_SHARE * power.max()
+    odd = lines % 2 == 1
+    if power[~odd].sum() < HALF_WAVE_POWER_SHARE * power[odd].sum():
+        # A generator's second harmonic drives even lines slightly, and the amplifier's second harmonic strongly.
+        used &= odd
+    return np.asarray(used)
+
+
 def estimate_periodic_response(
     drive: ArrayLike,
     displacement: ArrayLike,
@@ -127,16 +156,7 @@ def estimate_periodic_response(
     """
     x, y = check_pair(drive, displacement, 2, rate_hz)
     check_positive(period_s=period_s)
-    n = round(period_s * rate_hz)
-    if n < 4 or abs(period_s * rate_hz - n) > 1e-3:
-        raise ValueError(
-            f"a period of {period_s:g} s is {period_s * rate_hz:g} samples at {rate_hz:g} Hz: it must be a whole number"
-        )
-    periods = x.size // n - dropped
-    if dropped < 0 or periods < 2:
-        raise ValueError(
-            f"{x.size // n} whole periods were recorded and {dropped} are dropped: at least two must remain to see their spread"
-        )
+    n, periods = _whole_periods(x.size, rate_hz, period_s, dropped)
     from scipy.fft import rfft
 
     blocks = make_block_averager(band_hz, 2 * rate_hz / n, rate_hz / n, rate_hz / 2)
@@ -149,11 +169,7 @@ def estimate_periodic_response(
         raise ValueError(
             f"there is no drive between {band_hz[0]:g} and {band_hz[1]:g} Hz: check the drive channel's cable"
         )
-    used = power > EXCITED_POWER_SHARE * power.max()
-    odd = lines % 2 == 1
-    if power[~odd].sum() < HALF_WAVE_POWER_SHARE * power[odd].sum():
-        # A generator's second harmonic drives even lines slightly, and the amplifier's second harmonic strongly.
-        used &= odd
+    used = _excited(lines, power)
     lines, power = lines[used], power[used]
     X, Y = X[:, lines], Y[:, lines]
     cross = (Y * X.conj()).sum(0)
