@@ -29,6 +29,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder, small.path
 
 
+@pytest.mark.deep
 def test_the_calibration_predicts_a_dwell_at_another_drive(measured: tuple[Path, Path]) -> None:
     """Without hysteresis the prediction would be 4 % too small at 2 V and 10 % at 5 V."""
     folder, path = measured

@@ -80,6 +80,7 @@ def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
     assert above.value == pytest.approx(600 * voltage_gain(Tactor()), rel=3e-3)
 
 
+@pytest.mark.deep
 def test_a_sweep_that_faded_out_leaves_nothing_in_the_steps(tmp_path: Path) -> None:
     """It leaves rest in the middle of the loop, a sine at its lower side: the first step would be up to 5 um larger."""
     sweep = MassResonance(masses_kg=(7.73e-3,), sweep_s=5.0, piece_s=5.0)

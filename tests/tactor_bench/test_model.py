@@ -122,6 +122,7 @@ def dwell(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return run(SineDwell(frequencies_hz=(100, 130, 145, 160, 175, 200)), tmp_path_factory.mktemp("runs"), lab).path
 
 
+@pytest.mark.deep
 def test_identification_and_calibration_are_those_of_the_command_line(
     dwell: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

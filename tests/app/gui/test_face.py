@@ -106,6 +106,7 @@ class EventCounter(QObject):
         return False
 
 
+@pytest.mark.deep
 def test_an_open_overlay_is_laid_out_once_and_then_at_rest(stage: Stage) -> None:
     stage.happen(OPENED)
     for state in ("prompt", "unsafe", "faults", "log", "closing", "palette", "settings"):
@@ -135,6 +136,7 @@ def test_opening_an_overlay_lays_no_page_out_again(stage: Stage) -> None:
     assert counter.count == 0
 
 
+@pytest.mark.deep
 def test_overlays_never_cover_strip_rail_status_line_nor_run(stage: Stage) -> None:
     stage.happen(OPENED)
     window = stage.window

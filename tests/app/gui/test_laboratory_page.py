@@ -74,6 +74,7 @@ def choose(page: LaboratoryPage, combo: Any, name: str) -> None:
     until(lambda: is_idle(page), "for the view")
 
 
+@pytest.mark.deep
 def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) -> None:
     choose(page, page.fleet.quantity, "amplitude_at_resonance")
     shown = dict(rows(page.fleet.summary))

@@ -95,6 +95,7 @@ def test_sources_that_change_together_are_named_and_not_shared_out() -> None:
         gauge_study(np.array([1.0, 2.0, 4.0]), {"specimen": ["a", "b", "c"], "operator": ["x", "x", "x"]})
 
 
+@pytest.mark.deep
 def test_the_command_splits_the_scatter_of_runs_that_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng, minute = np.random.default_rng(5), 0
     specimens = {name: rng.normal(160, 4.0) for name in ("T1", "T2", "T3")}

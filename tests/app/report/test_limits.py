@@ -178,6 +178,7 @@ def test_what_is_asked_wrongly_is_a_sentence(
     assert "a specimen is missing" in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_fleet_and_report_judge_a_limit_on_the_same_quantity(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -399,6 +399,7 @@ def test_a_peak_between_the_points_of_a_dwell_is_as_uncertain_as_it_is_wrong() -
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
 
+@pytest.mark.deep
 def test_errors_by_noise_alone_are_the_scatter_of_a_mode_whose_misfit_is_always_the_same() -> None:
     f, rng = np.arange(80.0, 290.0, 2.0), np.random.default_rng(6)
     waved = frequency_response(Tactor(), f) * (1 + 1e-3 * np.exp(0.2j * np.pi * f))

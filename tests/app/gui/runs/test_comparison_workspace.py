@@ -70,6 +70,7 @@ def choose(workspace: ComparisonWorkspace, relation: Relation) -> None:
     find(workspace, f"compare.relation.{relation}").click()
 
 
+@pytest.mark.deep
 def test_layers_are_hidden_moved_and_related_by_keys(page: RunsPage, workspace: ComparisonWorkspace) -> None:
     assert drawn(workspace) == pytest.approx(dict(zip("ABCDE", (100.0, 200.0, 300.0, 400.0, 500.0), strict=True)))
     assert all(each.label_at is not None for each in workspace.plot.picture.layers), "letters stand on the curves"
