@@ -136,8 +136,9 @@ class BurstGenerator:
         if not self.is_output_on() or first_mismatch(self.dialect, Levels(rest_v, low_v, high_v)):
             return False
         self.dialect.clear_errors()  # of another program, which the next command would be blamed for
-        if self.plays_to_the_end:
-            self.stop()  # a burst that another program started shows in no setting
+        if self.plays_to_the_end or not self._output.has_ended():
+            self.stop()  # a burst that another program started shows in no setting, also at the idle amplitude
+            self._output.burst_end_s = self._clock.now()
         return True
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:

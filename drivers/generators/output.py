@@ -20,6 +20,10 @@ SLOW_WIRE_ROUND_TRIPS = 7
 HASTENED_END_S, HASTENED_V_PER_S = 1.2, 40.0
 """Time to rest of a level with a hastened end, and largest slope of its return: 40 mV in 1 ms."""
 
+SHORT_BURST_HZ = 1013.0
+"""Frequency of the burst that is left in the instrument. If a person switches burst mode off, it is played continuously: a card would
+see no motion of a frequency that is a multiple of its sample rate."""
+
 BURST_END_MARGIN_S = 0.1
 """Largest delay of a burst's end relative to the computer's clock."""
 
@@ -245,7 +249,7 @@ class BurstOutput:
     def _shorten_next_burst(self) -> None:
         """Set one short cycle: a program that connects later cannot know when a burst began and waits for its full duration."""
         self._dialect.set_cycles(1)
-        self._dialect.set_rate(1000.0, SINE_CYCLE.size)
+        self._dialect.set_rate(SHORT_BURST_HZ, SINE_CYCLE.size)
 
     def _check(self, readback: float, setpoint: float, tolerance: float, quantity: str) -> None:
         check_readback(self._scpi.instrument, readback, setpoint, tolerance, quantity)

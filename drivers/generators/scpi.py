@@ -9,6 +9,7 @@ from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import Capabilities
 from drivers.generators.dialect import (
+    LEVEL_TOLERANCE_V,
     ConfirmedCommand,
     ExpectedSetting,
     Levels,
@@ -161,6 +162,13 @@ class ScpiDialect:
         self.write_checked(
             f"{source}VOLT:OFFS {levels.rest_v:.6f}", f"{source}VOLT {levels.span_v:.6f}", f"{source}VOLT:RANG:AUTO OFF"
         )
+        if (seen_vpp := self.amplitude_vpp()) < levels.span_v - LEVEL_TOLERANCE_V:
+            # No setting shows which range is held: the next arming must set it.
+            self.write_checked(f"{source}VOLT:RANG:AUTO ON")
+            raise InstrumentError(
+                f"{self.scpi.instrument}: its range was to be held for {levels.span_v:g} V peak to peak, and its amplitude reads "
+                f"back {seen_vpp:g} V. End other programs that control it, and arm again"
+            )
         try:
             self.write_checked(f"{source}VOLT {idle_vpp}")
         except LinkError:

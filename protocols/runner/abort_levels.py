@@ -271,8 +271,6 @@ class LevelMonitor:
 
     def _check_monitors(self, block: Block) -> None:
         for row, channel in self._monitors:
-            if row >= len(block.raw):  # the stream that measures rest after lost scans has drive and sensor only
-                continue
             counts = block.raw[row]
             largest = float(np.abs(channel.values(self._extremes(row, counts))).max())
             if self._scales[row].is_clipped(np.array([counts.min(), counts.max()], np.int16)).any():

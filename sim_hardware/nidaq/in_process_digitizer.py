@@ -166,7 +166,7 @@ class SimulatedStream(Closeable):
     def restart(self) -> None:
         """Acquire again after scans were lost (see drivers.interfaces.RestartableStream)."""
         now = self._digitizer.clock.now()
-        self._acquisition = self._digitizer.card.start_acquisition(self.rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), now)
+        self._acquisition = self._digitizer.card.start_acquisition(self.rate_hz, self._acquisition.channels, now)
         self._ahead.close()
         self._ahead = ReadAhead(self._acquisition, self._block_scans)
         self._first_scan = self._next_scan = max(round((now - self.start_time_s) * self.rate_hz), self._next_scan)

@@ -123,3 +123,49 @@ def test_an_amplitude_that_an_instrument_does_not_take_starts_no_drive(
         source.start_drive(Sine(50.0, 1.0, 2.5, 10))
     bench.clock.sleep(0.5)
     assert bench.report().outside_rest_s == begin_s
+
+
+@pytest.mark.parametrize("model", [m for m in BOXES if BOXES[m].dialect_type.capabilities.holds_range])
+def test_a_burst_at_the_idle_amplitude_is_over_when_a_source_was_found_at_rest(model: str) -> None:
+    """A program was killed between the last step of a way to rest and the abort: the next trigger would be ignored."""
+    source, bench, _ = made(model)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(50.0, 1.0, 2.5, 400))
+    source.dialect.amplitude_command(source.capabilities.idle_amplitude_vpp).send()
+    second = BOXES[model](bench.link(), bench.clock)
+    assert second.is_at_rest(2.5, 0.0, 5.0)
+    assert bench.generator.busy_s(bench.clock.now()) == 0
+    second.start_drive(Sine(100.0, 1.0, 2.5, 5))
+
+
+@pytest.mark.parametrize("model", [m for m in BOXES if BOXES[m].dialect_type.capabilities.holds_range])
+def test_a_range_that_another_program_made_too_small_is_not_held(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, _, panel = made(model)
+    write = source.dialect.write_checked
+
+    def disturbed(*commands: str) -> None:
+        for command in commands:
+            if command.endswith("RANG:AUTO OFF"):
+                press(panel, f"{source.dialect.SOURCE_PREFIX}VOLT 2")
+            write(command)
+
+    with monkeypatch.context() as at_once:
+        at_once.setattr(source.dialect, "write_checked", disturbed)
+        with pytest.raises(InstrumentError, match="range was to be held for 5 V peak to peak"):
+            source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(100.0, 2.5, 2.5, 5))
+
+
+@pytest.mark.parametrize("model", [m for m in BOXES if not BOXES[m].dialect_type.capabilities.holds_range])
+@pytest.mark.parametrize("rate_hz", [500.0, 1000.0])
+def test_the_burst_that_is_left_moves_on_the_card_when_burst_mode_is_switched_off(model: str, rate_hz: float) -> None:
+    source, bench, panel = made(model)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(50.0, 0.1, 2.5, 5))
+    source.stop()
+    off = "C1:BTWV STATE,OFF" if model.startswith("SDG") else ":SOUR1:BURS:STAT OFF"
+    press(panel, off)
+    begin_s = bench.clock.now()
+    bench.clock.sleep(0.5)
+    assert np.ptp(bench.history.volts(begin_s + np.arange(1, 0.5 * rate_hz) / rate_hz)) > 0.15

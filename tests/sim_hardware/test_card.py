@@ -136,6 +136,13 @@ def test_reading_too_late_loses_samples_and_says_so(bench):
             stream.read()
 
 
+def test_every_input_goes_on_after_scans_were_lost(bench):
+    with bench.digitizer(terminals=("ai0", "ai1", "ai2")).stream(5e3, 100) as stream:
+        assert len(stream.read().raw) == 3
+        stream.restart()
+        assert len(stream.read().raw) == 3
+
+
 def test_card_faults_are_sentences(bench):
     card = bench.digitizer()
     with pytest.raises(AcquisitionError, match=r"\b300000\b.*; lower the sample rate$"):

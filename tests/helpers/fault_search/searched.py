@@ -59,7 +59,7 @@ STOPPED_S = 30.0
 ENDLESS_S = 900.0
 """Bench time after which Stop is pressed."""
 
-LOSES = ("end", "silence", "garbage", "no memory")
+LOSES = ("end", "silence", "garbage", "no memory", "stop")
 """Kinds of failures of a message after which the source has not received it."""
 
 AFTERWARDS = {"frequencies_hz": (100.0,), "record_s": 0.05}
