@@ -17,6 +17,7 @@ from PySide6.QtWidgets import QApplication, QPushButton
 from app.archive import RunState
 from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
+from app.gui.runs.details import EMPTY_TEXT, READING_TEXT
 from app.gui.runs.page import RunsPage
 from app.gui.runs.run_table import COLUMNS, THUMBNAIL_COLUMN
 from app.live.model_overlay import Overlay
@@ -563,9 +564,9 @@ def test_an_empty_list_says_whether_the_folder_is_still_being_read(
     overlay = Overlay(amplifier=config.amplifier.amplifier_map)
     page = open_page(lambda: RunsPage(lambda: tmp_path / "none", lambda: "T7", config.amplifier, overlay))
     page.list.folder_model.rescan()
-    assert "being read" in page.details.empty_label.text()
+    assert page.details.empty_label.text() == READING_TEXT
     until(lambda: page.list.folder_model.is_idle, "for the list")
-    assert page.details.empty_label.text().startswith("No run is listed")
+    assert page.details.empty_label.text() == EMPTY_TEXT
 
 
 def test_a_narrow_list_shows_the_natural_frequency_without_scrolling(page: RunsPage) -> None:
