@@ -14,7 +14,7 @@ import app.campaign as campaigns  # imports HDF5 when a name is first used: a ba
 from app.gui.campaign.decision import OF_ITEM, DecisionPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.campaign.result_pane import ResultPane
-from app.gui.face import CLASS_L, CLASS_S, class_of, px, set_length
+from app.gui.face import CLASS_S, class_of, px, set_length
 from app.gui.plots import LivePane
 from app.gui.widgets import (
     ElidedLabel,
@@ -40,10 +40,6 @@ if TYPE_CHECKING:
 
 BAR_WIDTH, MAX_NAME_WIDTH = 200, 220
 """Widths of the bar, and of the campaign's name that is never elided; the text of the finished items is elided first."""
-
-WIDTHS = {CLASS_S.name: (208, 248), CLASS_L.name: (304, 400)}
-"""Widths of the list and of the decision by the class of the window; `USUAL_WIDTHS` in the others."""
-USUAL_WIDTHS = 232, 296
 
 DETAILS_DELAY_MS = 30
 """After which the details of another item are made: the list shows first which one was chosen."""
@@ -161,9 +157,8 @@ class CampaignBoard(QWidget):
     def _fit(self) -> None:
         """Give the columns the widths of the window's class; the smallest has no room for the decision beside live plots."""
         grid = class_of(self)
-        items, decision = WIDTHS.get(grid.name, USUAL_WIDTHS)
-        self.item_list.setFixedWidth(px(items))
-        self.decision.setFixedWidth(px(decision))
+        self.item_list.setFixedWidth(px(grid.items))
+        self.decision.setFixedWidth(px(grid.decision))
         self.decision.setVisible(not (self._busy and grid is CLASS_S))
 
     def show_summary(

@@ -22,7 +22,8 @@ class SizeClass:
         gap: between columns of the strip, and around the parts of a page.
         sign, measured, aim, pause, stop: widths of the strip's columns; the run has the rest.
         left: outer width of a page's left column.
-        result: outer width of the column at the right of the plots; 0 for none.
+        result: outer width of the column at the right of the plots of Measure; 0 for none.
+        items, decision, finding: widths of the list of a campaign, of the decision about its result, and of the finding of a control chart.
     """
 
     name: str
@@ -36,11 +37,14 @@ class SizeClass:
     stop: int
     left: int
     result: int
+    items: int
+    decision: int
+    finding: int
 
 
-CLASS_S = SizeClass("S", 900, 56, 8, 220, 230, 126, 60, 100, 240, 0)
-CLASS_M = SizeClass("M", 1040, 80, 12, 220, 234, 148, 80, 128, 276, 0)
-CLASS_L = SizeClass("L", 1600, 80, 12, 240, 280, 240, 88, 136, 336, 432)
+CLASS_S = SizeClass("S", 900, 56, 8, 220, 230, 126, 60, 100, 240, 0, 208, 248, 248)
+CLASS_M = SizeClass("M", 1040, 80, 12, 220, 234, 148, 80, 128, 276, 0, 232, 296, 336)
+CLASS_L = SizeClass("L", 1600, 80, 12, 240, 280, 240, 88, 136, 336, 432, 304, 400, 400)
 
 
 def size_class(width: float) -> SizeClass:

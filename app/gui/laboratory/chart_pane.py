@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QSpinBox
 
 from app.common import Severity, Table, round_figure, sentence_case, typeset
 from app.fleet import BASELINE, MIN_BASELINE, ChartView, DriftCause, Fleet, GoldenChart, golden_candidates, view_charts
-from app.gui.face import CLASS_L, CLASS_S, class_of, px
+from app.gui.face import class_of, px
 from app.gui.laboratory.chart_plot import ControlChartPlot
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
@@ -42,9 +42,6 @@ WHY = {
     DriftCause.BENCH: "Why the bench, not the specimen",
     DriftCause.SPECIMEN: "Why the specimen, not the bench",
 }
-FINDING_WIDTHS = {CLASS_S.name: 248, CLASS_L.name: 400}
-USUAL_WIDTH = 336
-"""Width of the finding by the class of the window."""
 DEFAULT_QUANTITY = "amplitude_at_resonance"
 MAX_BASELINE = 1000
 BASELINE_TEXT = (
@@ -186,7 +183,7 @@ class ChartPane(ViewPane):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._side.setFixedWidth(px(FINDING_WIDTHS.get(class_of(self).name, USUAL_WIDTH)))
+        self._side.setFixedWidth(px(class_of(self).finding))
 
     def _open_run(self, at_row: int) -> None:
         if self.view is not None and (at := self.sensor.currentIndex()) >= 0:

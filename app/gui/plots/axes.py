@@ -60,7 +60,8 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         super().__init__(side)
         self.enableAutoSIPrefix(False)
         self.setCacheMode(self.CacheMode.DeviceCoordinateCache)
-        self.setStyle(autoExpandTextSpace=False, autoReduceTextSpace=False, hideOverlappingLabels=False)
+        # Half of a label lies beyond the end of a horizontal axis: what reaches further than this is not painted.
+        self.setStyle(autoExpandTextSpace=False, autoReduceTextSpace=False, hideOverlappingLabels=px(X_GAP_PX))
         self.is_log = self.has_dates = False
         self.scale_by = 1.0
         """Factor of the labels."""

@@ -35,6 +35,7 @@ from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
+READING_TEXT = "The runs of the folder are being read …"
 MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT = 320, 160
 MAX_SIDE_BY_SIDE = 3
 """Runs whose differences fit beside the list; more are in the comparison."""
@@ -74,6 +75,8 @@ class RunDetailsPane(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._saved_notes, self._run_path, self._people = ("", ""), "", ""
+        self.is_reading = False
+        """Whether the runs of the folder are still being read."""
         self.heading = make_label(kind="caption", name="runs.heading")
         self.message_label = make_label(name="runs.message", visible=False, openExternalLinks=True)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
@@ -199,7 +202,8 @@ class RunDetailsPane(QWidget):
         self.plot.setVisible(count > 0)
         self.result_plots.hide()
         self.empty_label.setVisible(not count)
-        self.empty_label.setText("No curve to compare.\nEnter opens the run." if selected_count else EMPTY_TEXT)
+        empty_text = READING_TEXT if self.is_reading else EMPTY_TEXT
+        self.empty_label.setText("No curve to compare.\nEnter opens the run." if selected_count else empty_text)
 
     def show_result(self, run: LoadedRun) -> None:
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""

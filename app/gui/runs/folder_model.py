@@ -38,6 +38,8 @@ class RunFolderModel(QObject):
         self._worker = BackgroundWorker("runs", self)
         self.summaries: list[RunSummary] = []
         self._catalogue: Catalogue | None = None
+        self.is_reading = False
+        """Whether runs of the folder may still be missing in `summaries`."""
         self.active_file: Path | None = None
         """The file that this program is writing; scans skip it."""
         self._busy = self._rescan_due = self._scanning = False
@@ -71,6 +73,7 @@ class RunFolderModel(QObject):
         """List the catalogued runs, then scan for changes."""
         if self._scanning:
             return
+        self.is_reading = True
         folder, excluded = self._folder(), () if self.active_file is None else (self.active_file,)
         if self._catalogue is None or self._catalogue.folder != folder:
             self._catalogue = Catalogue(folder, self._index)
@@ -94,15 +97,15 @@ class RunFolderModel(QObject):
         self._worker.close()
 
     def _on_listed(self, summaries: list[RunSummary]) -> None:
-        self.summaries = summaries
+        self.summaries, self.is_reading = summaries, self._scanning
         self.listed.emit()
 
     def _on_scanned(self, result: ScanResult) -> None:
-        self._scanning = False
+        self._scanning, self.is_reading = False, result.has_changes and self._catalogue is not None
         self.scanned.emit(result)
         if result.has_changes and self._catalogue is not None:
             self._worker.submit(self._catalogue.entries, self._on_listed, self._on_error)
 
     def _on_error(self, error: Exception) -> None:
-        self._scanning = False
+        self._scanning = self.is_reading = False
         self.failed.emit(error)

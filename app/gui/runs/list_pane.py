@@ -9,7 +9,7 @@ from PySide6.QtCore import QItemSelection, QItemSelectionModel, Qt, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QGuiApplication
 from PySide6.QtWidgets import QWidget
 
-from app.archive import RunSummary
+from app.archive import RunSummary, ScanResult
 from app.comparison import LETTERS, MAX_RUNS
 from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
@@ -41,7 +41,7 @@ class RunListPane(QWidget):
         self.folder_model.cleared.connect(self._update_table)
         self.folder_model.listed.connect(self._on_listed)
         self.folder_model.progressed.connect(self.filter_bar.progressed)
-        self.folder_model.scanned.connect(self.filter_bar.show_scan_result)
+        self.folder_model.scanned.connect(self._on_scanned)
         self.table.selectionModel().selectionChanged.connect(self._forget_rows)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
         self.table.open_requested.connect(self.open_requested)
@@ -115,7 +115,13 @@ class RunListPane(QWidget):
         self.filter_bar.set_choices(self.folder_model.summaries)
         self._update_table()
 
+    def _on_scanned(self, result: ScanResult) -> None:
+        self.filter_bar.show_scan_result(result)
+        if not self.folder_model.summaries:  # and none follows, unless the folder is still being read
+            self._update_table()
+
     def _update_table(self) -> None:
+        self.details.is_reading = self.folder_model.is_reading
         chosen = [entry.path for entry in self.selected]
         try:
             first, others = self.filter_bar.selected_filter.split(self.folder_model.summaries)

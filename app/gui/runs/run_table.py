@@ -59,6 +59,8 @@ WIDTHS = (16, 9, 15, 20, 13, 13, 7, 20, 12)
 """Of the columns, in characters; the thumbnail comes in addition."""
 TIME_CHARACTERS = 7
 ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)
+SHRINKING = (("verdict", 9), ("protocol", 10))
+"""Columns that are narrower in a narrow table, with their least widths; where that is not enough, the last of `ESSENTIAL` is left out."""
 OPTIONAL = (("tags", 12), ("points", 7), ("found", 20))
 """Columns that are left out where they do not fit, the most important first, with their least widths."""
 ROW_HEIGHT, DAY_HEIGHT, BADGE_PX, HATCH_PX = 40, 28, 18, 6
@@ -295,8 +297,13 @@ class RunTableView(QTableView):
         begun = TIME_CHARACTERS if isinstance(model, RunTableModel) and model.days else WIDTHS[THUMBNAIL_COLUMN]
         self.setColumnWidth(THUMBNAIL_COLUMN, begun * wide + px(SIZE.width()))
         left = self.viewport().width()
-        for column in ESSENTIAL:
-            left -= self.columnWidth(COLUMNS.index(column))
+        whole = {column: WIDTHS[COLUMNS.index(column)] * wide for column in ESSENTIAL[1:]}
+        left -= self.columnWidth(THUMBNAIL_COLUMN) + sum(whole.values())
+        for column, least in SHRINKING:
+            width = max(whole[column] + min(left, 0), least * wide)
+            self.setColumnWidth(COLUMNS.index(column), width)
+            left += whole[column] - width
+        self.setColumnHidden(COLUMNS.index(ESSENTIAL[-1]), left < 0)
         for column, characters in OPTIONAL:
             fits = left >= characters * wide
             self.setColumnHidden(COLUMNS.index(column), not fits)

@@ -155,3 +155,7 @@ def mass_point(index: int, mass: float, frequency: float) -> PointMeasured:
 def test_a_value_too_long_for_the_narrowest_card_is_broken_and_a_short_one_is_not() -> None:
     long, short = (rich_table([("Moment", value)]) for value in ("−12.4852 ± 0.0052 N mm/kV", "155.92 ± 0.13 Hz"))
     assert ("nowrap" in long, "nowrap" in short) == (False, True)
+
+
+def test_a_unit_of_several_words_is_not_broken_over_two_lines() -> None:
+    assert "163.2 ±\u00a00.1\u00a0kg/(m\u00a0s)" in rich_table([("Damping", "163.2 ± 0.1 kg/(m s)")])

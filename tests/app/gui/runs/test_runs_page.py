@@ -17,8 +17,9 @@ from PySide6.QtWidgets import QApplication, QPushButton
 from app.archive import RunState
 from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
+from app.gui.runs.details import EMPTY_TEXT, READING_TEXT
 from app.gui.runs.page import RunsPage
-from app.gui.runs.run_table import THUMBNAIL_COLUMN
+from app.gui.runs.run_table import COLUMNS, THUMBNAIL_COLUMN
 from app.live.model_overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
@@ -555,3 +556,23 @@ def test_runs_stand_under_their_days_with_their_values_and_the_letters_of_compar
     table.sortByColumn(titles.index("Specimen"), Qt.SortOrder.AscendingOrder)
     assert model.days == {}
     assert table.rowHeight(0) == table.rowHeight(1)
+
+
+def test_an_empty_list_says_whether_the_folder_is_still_being_read(
+    open_page: OpenPage, config: BenchConfig, tmp_path: Path
+) -> None:
+    overlay = Overlay(amplifier=config.amplifier.amplifier_map)
+    page = open_page(lambda: RunsPage(lambda: tmp_path / "none", lambda: "T7", config.amplifier, overlay))
+    page.list.folder_model.rescan()
+    assert page.details.empty_label.text() == READING_TEXT
+    until(lambda: page.list.folder_model.is_idle, "for the list")
+    assert page.details.empty_label.text() == EMPTY_TEXT
+
+
+def test_a_narrow_list_shows_the_natural_frequency_without_scrolling(page: RunsPage) -> None:
+    table = page.list.table
+    wide = table.horizontalHeader().sectionSize(COLUMNS.index("verdict"))
+    page.resize(860, 400)
+    until(lambda: table.horizontalHeader().sectionSize(COLUMNS.index("verdict")) < wide, "for the columns")
+    last = COLUMNS.index("natural fr., Hz")
+    assert table.columnViewportPosition(last) + table.columnWidth(last) <= table.viewport().width()
