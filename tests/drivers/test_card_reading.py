@@ -149,6 +149,16 @@ def test_after_lost_scans_the_card_is_read_on_and_the_loss_is_raised_once() -> N
         assert card.restarts == 2
 
 
+def test_a_program_that_reads_the_card_itself_acquires_again_after_lost_scans() -> None:
+    with watched(VirtualClock()) as (card, stream):
+        card.deliver(LOST)
+        card.deliver(2.5, skip=1000)
+        with pytest.raises(ScansLostError):
+            stream.read()
+        assert card.restarts == 1
+        assert stream.read().start == 1000
+
+
 def test_every_loss_is_raised_although_nobody_has_read_since_the_one_before() -> None:
     with watched(WallClock()) as (card, stream):
         for _ in range(2):

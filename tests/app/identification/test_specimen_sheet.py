@@ -106,6 +106,7 @@ def test_values_are_set_by_command_and_other_lines_stay(tmp_path: Path, capsys: 
     assert load_sheet(tmp_path, "T7") == sheet
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("line", "says"),
     [

@@ -91,6 +91,16 @@ def test_nothing_left_over_is_no_verdict() -> None:
     assert assess_adequacy(joint_fit(ObservationSet((run,)))).adequate is None
 
 
+def test_a_finding_is_as_probable_as_the_best_of_all_tests() -> None:
+    """Bonferroni: the probability of one test, times their number."""
+    loads = np.linspace(0.5, 5, 40)
+    run = StaticLoadingObservation("static", loads, 1.38e-4 * loads * (1 + 0.004 * loads), np.full(40, 1.8e-6))
+    fit = joint_fit(ObservationSet((run,)), FitOptions(free=("k2",)))
+    found = assess_adequacy(fit, attribute=False)
+    ((_, _, _, p),) = Evidence(fit).patterns()
+    assert [f.probability for f in found.findings] == pytest.approx([p * found.test_count], rel=1e-6, abs=0)
+
+
 def test_the_effect_of_a_time_base_is_the_one_of_stretched_frequencies() -> None:
     """The linearized effect against a response computed at other frequencies."""
     f = np.arange(100.0, 251, 10)
@@ -102,6 +112,25 @@ def test_the_effect_of_a_time_base_is_the_one_of_stretched_frequencies() -> None
     rows = (1000 * frequency_response(Tactor(), f * 1.0001) - measured) / 1e-6 / 1e-4
     effect = evidence.effect(cause)[: 2 * f.size, 0] / size
     assert effect == pytest.approx(np.concatenate((rows.real, rows.imag)), rel=0.01, abs=3.0)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("factor", "adequate"), [(1.02, True), (0.98, True), (1.3, False)])
+def test_a_harmonic_of_the_amplifiers_slopes_is_expected_to_three_percent(factor: float, adequate: bool) -> None:
+    """Of 200 and 600 V/V the second harmonic of a sine is 2 (600 - 200) / (3 pi) V per volt: Fourier series of a half wave."""
+    f = np.arange(30.0, 131, 20)
+    per_volt = 4 / (3 * np.pi) * 200 * 2.0
+    second = factor * np.abs(per_volt * frequency_response(Tactor(), 2 * f))
+    run = FrequencyResponseObservation(
+        "run",
+        f,
+        800 * frequency_response(Tactor(), f),
+        np.full(f.size, 1e-10),
+        2.0,
+        harmonics_m=np.column_stack((second, second)),
+    )
+    found = assess_adequacy(joint_fit(ObservationSet((run,)), FitOptions(free=("mu",), n=7)), attribute=False)
+    assert found.adequate is adequate
 
 
 def test_a_soft_clamp_in_the_closed_form_is_the_one_of_finite_elements() -> None:

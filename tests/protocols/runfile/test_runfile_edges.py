@@ -16,11 +16,11 @@ import pytest
 from drivers import Block
 from protocols.base import Quality, RunStatus, Series, SeriesAxis
 from protocols.runfile.checksums import changed_names
-from protocols.runfile.errors import RunReadError, StorageError
+from protocols.runfile.errors import FileLostError, RunReadError, StorageError
 from protocols.runfile.open import translate_read_errors
 from protocols.runfile.reader import Run, _largest_point
 from protocols.runfile.repair import repair_folder, repair_run
-from protocols.runfile.schema import REPAIRED
+from protocols.runfile.schema import AIR_COLUMNS, REPAIRED
 from protocols.runfile.transaction import has_journal, journal_path, replay_journal, transaction
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.run_files import SCALES
@@ -64,6 +64,30 @@ def test_a_point_belongs_to_the_first_entry_unless_another_is_named(tmp_path: Pa
     with Run(file.path) as run:
         assert run.points()["entry"].tolist() == [0, 3]
         assert run.record.point_count == 2
+
+
+def test_a_point_has_the_air_that_was_read_and_none_that_was_not(tmp_path: Path) -> None:
+    temperature, humidity = list(AIR_COLUMNS)[:2]
+    file = RunFileWriter.new(tmp_path, RECORD, Spot, air=(temperature, humidity))
+    file.append_point(Spot(100.0, 1e-6), air={temperature: 295.5})
+    file.finish(RunStatus.COMPLETED, "")
+    with Run(file.path) as run:
+        assert run.points()[temperature].tolist() == [295.5]
+        assert np.isnan(run.points()[humidity]).all()
+
+
+def test_a_file_that_disappears_while_its_results_are_stored_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = new(tmp_path)
+
+    def disappear(path: Path, *_: object, **__: object) -> None:
+        path.unlink()
+        raise StorageError("")
+
+    monkeypatch.setattr("protocols.runfile.writer.append_results", disappear)
+    with pytest.raises(FileLostError):
+        file.finish(RunStatus.COMPLETED, "")
 
 
 def test_a_table_of_points_without_columns_has_no_points(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from protocols.runfile.errors import StorageError
 from protocols.runfile.names import notes_path
 from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.reader import Run
-from protocols.runfile.repair import needs_repair, repair_folder, repair_run
+from protocols.runfile.repair import _mend_last_chunks, needs_repair, repair_folder, repair_run
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.verify import FileState, verify_run
 from protocols.runfile.writer import append_estimates, append_results
@@ -175,6 +175,21 @@ def test_a_chunk_that_was_being_overwritten_is_mended_without_loss(tmp_path: Pat
     assert verify_run(path).state is FileState.GOOD
 
 
+def test_the_last_two_chunks_of_a_table_are_mended(tmp_path: Path) -> None:
+    """A write across the border of two chunks overwrites both."""
+    path, rows = tmp_path / "table.h5", np.arange(25.0)
+    with h5py.File(path, "w") as file:
+        table = file.create_dataset("table", data=rows, maxshape=(None,), chunks=(10,), fletcher32=True)
+        places = [int(table.id.get_chunk_info(k).byte_offset) for k in range(3)]
+    data = bytearray(path.read_bytes())
+    for place in places[1:]:
+        data[place + 80] ^= 1  # the checksum after ten values
+    path.write_bytes(data)
+    with h5py.File(path, "r+") as file:
+        _mend_last_chunks(file["table"])
+        assert file["table"][:].tolist() == rows.tolist()
+
+
 def test_a_file_killed_before_the_first_sample_is_repaired(tmp_path: Path) -> None:
     path = crashed_run(tmp_path)
     block = Superblock.read(path)
@@ -240,10 +255,13 @@ def test_results_interrupted_by_a_kill_are_stored_by_the_next_start(tmp_path: Pa
     assert verify_run(path).state is FileState.GOOD
     assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
     after = path.read_bytes()
-    journal_path(path).write_bytes(journal[:-40])  # the program died while it wrote the journal
-    repair_run(path)
-    assert path.read_bytes() == after
-    assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
+    flipped = bytearray(journal)
+    flipped[len(journal) // 2] ^= 1
+    for damaged in (journal[:-40], flipped):  # the program died while it wrote the journal; a bit of the disk changed
+        journal_path(path).write_bytes(damaged)
+        repair_run(path)
+        assert path.read_bytes() == after
+        assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
 
 
 @pytest.mark.one_in(100)
