@@ -408,6 +408,7 @@ class Bench:
         armed.expect_rest()
         self.watchdog.arm()
         switch.enable()
+        armed.stream.high_voltage_on = True
         self.interlock.begin(armed.read_block)
         rest = shutdown.measure_rest(armed.read_block, armed.stream, REST_TIMEOUT_S)
         if not rest.confirmed:

@@ -132,6 +132,8 @@ class WatchedStream(Closeable):
         """The reading that was computed last, and its blocks."""
         self._before_s = 0.0 if before is None else before.age_s(time.monotonic())
         self._monitors = [(k, each) for k, each in enumerate(channels, 2) if each.kind == "voltage-monitor"]
+        self.high_voltage_on = False
+        """Whether the drive moves the specimen, so that the sensor must follow it."""
         self._noted: tuple[tuple[_Kept, ...], float] = (), math.inf
         """The last blocks, and `measured_s`; infinite on a clock that stands still between two reads."""
         self._failed_s, self._noise, self._still = math.inf, math.inf, False
@@ -255,7 +257,7 @@ class WatchedStream(Closeable):
         if drive_swing_v <= LEVEL_V:
             self._noise = min(self._noise, swing)
         monitors = [channel.values(np.array(self._volts(row, present))) for row, channel in self._monitors]
-        if drive_swing_v >= SWINGING_V and math.isfinite(self._noise):
+        if self.high_voltage_on and drive_swing_v >= SWINGING_V and math.isfinite(self._noise):
             self._still = swing <= STILL_RATIO * self._noise
         return CardReading(
             drive_v,
