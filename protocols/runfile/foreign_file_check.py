@@ -31,7 +31,10 @@ CONTINUED_RUN_LINK = b"entry/earlier"
 HEAP_SIGNATURE = re.compile(rb"GCOL\x01\x00\x00\x00")  # found in two thirds of the time of bytes.find
 HEAP_HEADER_BYTES = HEAP_OBJECT_BYTES = 16
 HEAP_WINDOW_BYTES = 4_000_000
-"""Length of the searches for heaps at the begin and the end of a file; one of at most both is searched as a whole. Texts are written at the begin of a run, and after its end."""
+"""Length of the searches for heaps at the begin and the end of a file; one of at most both is searched as a whole.
+
+Texts are written at the begin of a run, and after its end.
+"""
 MAX_HEAP_OBJECTS = 1_000_000
 """Largest number of objects of all heaps."""
 
