@@ -12,14 +12,16 @@ import pytest
 from protocols.signals import sine
 
 ROOT = Path(__file__).resolve().parents[1]
-GUARD, TABLE = ROOT / "benchmarks" / "regression.py", ROOT / "benchmarks" / "ratios.toml"
+BENCHMARKS = ROOT / "benchmarks"
+GUARD, TABLE = BENCHMARKS / "guard" / "regression.py", BENCHMARKS / "guard" / "ratios.toml"
 ATTEMPTS = 3
 
 
 @pytest.mark.deep
 def test_every_benchmark_finds_the_names_of_the_product_that_it_uses() -> None:
-    names = [path.stem for path in sorted(GUARD.parent.glob("*.py"))]
-    code = f"import sys; sys.path[:0] = [{str(GUARD.parent)!r}, {str(ROOT)!r}]; import {', '.join(names)}"
+    folders = (BENCHMARKS, GUARD.parent)
+    names = [path.stem for folder in folders for path in sorted(folder.glob("*.py"))]
+    code = f"import sys; sys.path[:0] = {[*map(str, folders), str(ROOT)]!r}; import {', '.join(names)}"
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
 

@@ -31,7 +31,10 @@ CONTINUED_RUN_LINK = b"entry/earlier"
 HEAP_SIGNATURE = re.compile(rb"GCOL\x01\x00\x00\x00")  # found in two thirds of the time of bytes.find
 HEAP_HEADER_BYTES = HEAP_OBJECT_BYTES = 16
 HEAP_WINDOW_BYTES = 4_000_000
-"""Length of the searches for heaps at the begin and the end of a file: texts are written at the begin of a run, and after its end."""
+"""Length of the searches for heaps at the begin and the end of a file; one of at most both is searched as a whole.
+
+Texts are written at the begin of a run, and after its end.
+"""
 MAX_HEAP_OBJECTS = 1_000_000
 """Largest number of objects of all heaps."""
 
@@ -204,10 +207,11 @@ def _text(name: bytes) -> str:
 def find_endless_heap(path: Path) -> int | None:
     """Return the offset of a global heap that HDF5 would read without end, or None."""
     size = path.stat().st_size
+    window = HEAP_WINDOW_BYTES if size > 2 * HEAP_WINDOW_BYTES else size
     with path.open("rb") as file:
-        for start in sorted({0, max(size - HEAP_WINDOW_BYTES, 0)}):
+        for start in sorted({0, size - window}):
             file.seek(start)
-            at = _find_endless_heap_in(file.read(HEAP_WINDOW_BYTES), size - start)
+            at = _find_endless_heap_in(file.read(window), size - start)
             if at is not None:
                 return start + at
     return None

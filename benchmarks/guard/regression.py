@@ -1,12 +1,12 @@
-"""Regression guard: short benchmarks whose ratios are compared with a committed table, benchmarks/ratios.toml.
+"""Regression guard: short benchmarks whose ratios are compared with a committed table, benchmarks/guard/ratios.toml.
 
-    python benchmarks/regression.py [--json] [--update] [--only CASE] [--plant MODULE:FUNCTION]
+    python benchmarks/guard/regression.py [--json] [--update] [--only CASE] [--plant MODULE:FUNCTION]
 
 Each case is the least processor time of this program divided by the least of a named reference, which is never this program, over
 rounds in which both take turns in one run, so that the computer and its load cancel. A ratio above `ALLOWED` times that of the
 table is measured once more; if it is above again, the exit code is 1. The table has a part for each set of installed extras that
 change a ratio. `--update` writes the part of this computer anew. `--plant` makes a function 1.5 times slower: see
-benchmarks/planted_slowness.py.
+benchmarks/guard/planted_slowness.py.
 """
 
 import argparse
@@ -28,8 +28,8 @@ from time import process_time, thread_time
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is imported
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from io import BytesIO, StringIO
 
@@ -69,7 +69,7 @@ from tests.helpers.model.redrawn import resample
 from tests.helpers.run_files import SCALES, finished_run, initial_record
 from tests.helpers.sampled import march
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 TABLE = Path(__file__).with_name("ratios.toml")
 ALLOWED = 1.3
 """How many times its ratio of the table a case may need, on the kind of computer that the table was measured on."""
@@ -80,7 +80,7 @@ ROUNDS = 9
 PLANTED = 1.5
 """How many times slower `--plant` makes a function."""
 
-HEAD = """# Least processor time of this program relative to a reference, measured by `python benchmarks/regression.py --update`
+HEAD = """# Least processor time of this program relative to a reference, measured by `python benchmarks/guard/regression.py --update`
 # for each set of installed extras.
 """
 

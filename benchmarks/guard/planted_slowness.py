@@ -1,9 +1,9 @@
 """Whether the regression guard notices: functions made 1.5 times slower, one after the other.
 
-    python benchmarks/planted_slowness.py [--only PLACE]
+    python benchmarks/guard/planted_slowness.py [--only PLACE]
 
 Each place is planted while `regression.py` measures the cases that use it. The exit code is 1 if the guard misses more than one
-of them. The table must be of this computer: `python benchmarks/regression.py --update` first.
+of them. The table must be of this computer: `python benchmarks/guard/regression.py --update` first.
 """
 
 import argparse
