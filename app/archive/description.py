@@ -148,9 +148,7 @@ class InjectedFault(NamedTuple):
 def injected_faults(run: "ExportedRun") -> list[InjectedFault]:
     """Return the faults injected during a run, in order."""
     faults: list[InjectedFault] = []
-    for event in () if run.record.imported else run.events():
-        if event.kind != InjectedFaultChanged.kind:
-            continue
+    for event in () if run.record.imported else run.events(InjectedFaultChanged.kind):
         name, at_s = event.fields["fault"], event.time_s
         last = next((i for i, b in enumerate(faults) if b.fault == name and b.until_s is None), None)
         if event.fields["broken"] and last is None:

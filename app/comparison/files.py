@@ -50,7 +50,7 @@ class ComparisonExport:
         """Return no units of points."""
         return {}
 
-    def events(self) -> Iterator[Any]:
+    def events(self, *_kinds: str) -> Iterator[Any]:
         """Return no events."""
         return iter(())
 

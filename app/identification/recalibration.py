@@ -143,7 +143,7 @@ class RecalibratedRun(Run):
 
     def _add_recordings(self, recordings: dict[int, list[Recording]]) -> None:
         own, begun = list(self.trace.recordings()), dict[int, int]()
-        for event in self.events():
+        for event in self.events(EntryStarted.kind, PointMeasured.kind):
             if event.kind == EntryStarted.kind:
                 begun[int(event.fields["index"])] = event.row
             elif event.kind == PointMeasured.kind:

@@ -19,6 +19,7 @@ from protocols.base import (
     ImportedTable,
     ImportForm,
     ModelState,
+    PromptAnswered,
 )
 
 if TYPE_CHECKING:
@@ -186,8 +187,8 @@ def _recorded_times(points: RunPoints) -> Array | None:
     protocol = points.read_protocol()
     assert isinstance(protocol, measurements.StaticLoading)
     half, quiet_s = protocol.record_s / 2, protocol.record_s + measurements.PLACING_S
-    events = points.run.events()
-    seen_s = [event.time_s for event in events if event.kind == "Answered" and event.fields.get("words") == SEEN]
+    answers = points.run.events(PromptAnswered.kind)
+    seen_s = [answer.time_s for answer in answers if answer.fields.get("words") == SEEN]
     begins, ends = recordings[:, 1:, 0], recordings[:, :-1, 1]
     seen = np.abs(begins[..., None] - np.array([*seen_s, -np.inf])).min(axis=-1) < MAX_ANSWER_S
     placed, lifted = np.where(seen, np.maximum(begins - quiet_s, ends), (begins + ends) / 2).T

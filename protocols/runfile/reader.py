@@ -206,20 +206,20 @@ class Run(Closeable):
         columns = quantity_columns(subgroup(self._entry, "points"))
         return {current_column(name, columns): data for name, data in columns.items()}
 
-    def events(self) -> Iterator[LoggedEvent]:
-        """Yield the logged events, in order."""
-        events = table(self._entry, "events", EVENT_DTYPE.names or ())
+    def events(self, *kinds: str) -> Iterator[LoggedEvent]:
+        """Yield the logged events of these kinds, or all, in order."""
+        events, wanted = table(self._entry, "events", EVENT_DTYPE.names or ()), {kind.encode() for kind in kinds}
         first: Any = None
         texts: list[bytes] = []
         for start in range(0, len(events), ROWS_PER_READ):
             for row in events[start : start + ROWS_PER_READ]:
                 if row["kind"] != CONTINUED_EVENT:
-                    if first is not None:
+                    if first is not None and (not wanted or first["kind"] in wanted):
                         yield _event(first, texts)
                     first, texts = row, []
                 first = row if first is None else first
                 texts.append(row["text"])
-        if first is not None:
+        if first is not None and (not wanted or first["kind"] in wanted):
             yield _event(first, texts)
 
     def entries(self) -> dict[int, StartedEntry]:
@@ -304,22 +304,21 @@ class Run(Closeable):
     def _rest_record(self) -> RestRecord | None:
         """Return the record of interference at rest; None if not measured."""
         record = None
-        for event in self.events():
-            if event.kind == InterferenceMeasured.kind:
-                first, last = event.fields["rows"]
-                folded = {
-                    float(line["frequency_hz"]): float(true_hz)
-                    for line in event.fields["lines"]
-                    if isinstance(line, dict)
-                    and isinstance(true_hz := line.get("folded_from_hz"), float)
-                    and math.isfinite(true_hz)
-                }
-                # Measured again after the run, if lines are folded.
-                record = RestRecord((int(first), int(last)), folded)
+        for event in self.events(InterferenceMeasured.kind):
+            first, last = event.fields["rows"]
+            folded = {
+                float(line["frequency_hz"]): float(true_hz)
+                for line in event.fields["lines"]
+                if isinstance(line, dict)
+                and isinstance(true_hz := line.get("folded_from_hz"), float)
+                and math.isfinite(true_hz)
+            }
+            # Measured again after the run, if lines are folded.
+            record = RestRecord((int(first), int(last)), folded)
         return record
 
     def _own_entries(self) -> dict[int, StartedEntry]:
-        started = (event.fields for event in self.events() if event.kind == EntryStarted.kind)
+        started = (event.fields for event in self.events(EntryStarted.kind))
         return {
             int(each["index"]): StartedEntry(visible_text(str(each["label"])), tuple(each["key"])) for each in started
         }

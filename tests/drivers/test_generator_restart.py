@@ -7,6 +7,7 @@ from drivers import ConfirmedCommand, InstrumentError
 from drivers.drive_shapes import Hold, Sine
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import assert_safe_voltage
 
 
@@ -151,8 +152,9 @@ def test_a_range_that_another_program_made_too_small_is_not_held(model: str, mon
 
     with monkeypatch.context() as at_once:
         at_once.setattr(source.dialect, "write_checked", disturbed)
-        with pytest.raises(InstrumentError, match="range was to be held for 5 V peak to peak"):
+        with pytest.raises(InstrumentError) as refused:
             source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert_names(str(refused.value), "5", "2", "V")
     source.initialize_at_rest(2.5, 0.0, 5.0)
     source.start_drive(Sine(100.0, 2.5, 2.5, 5))
 

@@ -45,7 +45,7 @@ class EarlierRun:
     def entries(self) -> dict[int, Any]:
         return {i: SimpleNamespace(label=label, key=(label,)) for i, label in enumerate(self.labels)}
 
-    def events(self) -> tuple[Any, ...]:
+    def events(self, *kinds: str) -> tuple[Any, ...]:
         return ()
 
     def points(self) -> dict[str, Any]:
