@@ -48,8 +48,8 @@ class AmplifierTable(ConfigTable):
     rest_v: Annotated[float, Unit("V"), "input that gives 0 V on the specimen"] = 2.5
     low_v: Annotated[float, Unit("V"), "lowest input"] = 0.0
     high_v: Annotated[float, Unit("V"), "highest input"] = 5.0
-    slope_below: Annotated[float, Unit("1"), Interval(gt=0), "volts per volt under rest"] = 200.0
-    slope_above: Annotated[float, Unit("1"), Interval(gt=0), "volts per volt over rest"] = 600.0
+    slope_below: Annotated[float, Unit("V/V"), Interval(gt=0), "volts per volt under rest"] = 200.0
+    slope_above: Annotated[float, Unit("V/V"), Interval(gt=0), "volts per volt over rest"] = 600.0
     slope_relative_uncertainty: Annotated[
         float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty common to both slopes, relative; 0: not stated"
     ] = 0.0

@@ -47,7 +47,7 @@ from protocols.signals import MAINS_HZ
 
 MAINS_TOLERANCE = 5e-3
 """Relative distance from a multiple of the mains that counts as the mains."""
-OFF_MAINS_REMEDY = "; mains_shift_hz = 3 measures beside the mains (menu Presets, or --set mains_shift_hz=3)"
+OFF_MAINS_REMEDY = "; the setting Mains shift of 3 Hz measures beside the mains (menu Presets)"
 
 
 @dataclass(frozen=True, slots=True)

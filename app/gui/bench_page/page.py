@@ -65,20 +65,24 @@ class BenchSwitch(WrappingPane):
         """Show the benches with `current` chosen and `open_bench` marked."""
         named = dict((*SIMULATED, *((str(path), path.stem) for path in files)))
         named.setdefault(current, Path(current).stem or "new bench")
-        focused = any(button.hasFocus() for button in self.buttons.values())
         while self._row.takeAt(0) is not None:
             pass
-        for button in self.buttons.values():
-            button.deleteLater()
-        self.buttons = {name: self._make_button(name, title, name == open_bench) for name, title in named.items()}
+        for name in self.buttons.keys() - named.keys():
+            self.buttons.pop(name).deleteLater()
+        self.buttons = {
+            name: self.buttons.get(name) or self._make_button(name) for name in named
+        }  # may have the keyboard
+        before: QWidget = self
         for button in (*self.buttons.values(), *self._others):
             self._row.addWidget(button)
+            self.setTabOrder(before, button)
+            before = button
+        for name, button in self.buttons.items():
+            button.setText(f"{named[name]}  (open)" if name == open_bench else named[name])
         self.buttons[current].setChecked(True)
-        if focused:
-            self.take_focus()
 
-    def _make_button(self, name: str, title: str, is_open: bool) -> QPushButton:
-        button = make_choice(f"{title}  (open)" if is_open else title, name, checkable=True)
+    def _make_button(self, name: str) -> QPushButton:
+        button = make_choice("", name, checkable=True)
         if name:
             button.clicked.connect(lambda _=False: self.selected.emit(name))
         return configure(button, f"bench.show.{name}", kind="choice", autoExclusive=True)

@@ -210,13 +210,14 @@ class DrawnPanel:
         return next((each for key, each in self.drawn.items() if key.startswith(f"{name}:")), None) or self.drawn[name]
 
     def extent(self) -> tuple[float, float]:
-        """Return lowest and highest drawn value, with error bars that widen the range threefold at most."""
+        """Return lowest and highest drawn value, with error bars of usable points that widen the range threefold at most."""
         ends, bars = [], []
         for layer in self.layers:
-            y = layer.y[np.isfinite(layer.y)]
-            ends.append(y)
+            ends.append(layer.y[np.isfinite(layer.y)])
             if layer.series.errors is not None:
                 half = np.nan_to_num(layer.series.errors)
+                if layer.series.usable is not None:
+                    half = np.where(layer.series.usable, half, 0.0)
                 bars += [layer.y - half, layer.y + half]
             for end in layer.series.band or ():
                 bars.append(np.asarray(end))

@@ -339,6 +339,20 @@ def test_the_labels_of_a_vertical_axis_have_place_at_every_size(qt: QApplication
     chart.deleteLater()
 
 
+def test_error_bars_of_unusable_points_set_no_range(qt: QApplication) -> None:
+    chart = Chart("range", headed=False)
+    usable = np.array([True, True, False])
+    points = layer(
+        name="points", x=np.arange(3.0), y=np.array([900.0, 1000.0, 0.0]), errors=np.array([1.0, 1.0, 90.0]),
+        symbol="o", usable=usable,
+    )  # fmt: skip
+    chart.show_picture(
+        Picture(x_title="Frequency, Hz", panels=(Panel(title="Displacement, µm", low=0.0),), layers=(points,))
+    )
+    assert chart.panels[0].axes["left"].range[0] == 0.0
+    chart.deleteLater()
+
+
 def test_a_title_takes_no_number_from_its_axis(qt: QApplication) -> None:
     chart = Chart("test")
     title = "Milliseconds before rising edge"
