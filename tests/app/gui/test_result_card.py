@@ -158,4 +158,4 @@ def test_a_value_too_long_for_the_narrowest_card_is_broken_and_a_short_one_is_no
 
 
 def test_a_unit_of_several_words_is_not_broken_over_two_lines() -> None:
-    assert "163.2 ±\u00a00.1\u00a0N\u00a0m" in rich_table([("Torque", "163.2 ± 0.1 N m")])
+    assert "3.2 ±\u00a00.1\u00a0J/(K\u00a0mol)" in rich_table([("Entropy", "3.2 ± 0.1 J/(K mol)")])
