@@ -5,7 +5,7 @@ loop widths at several frequencies separates them: the width at frequency zero i
 """
 
 import math
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -87,10 +87,8 @@ class FoldedCycles:
     frequency_hz: float
     drive_v: Array
     displacement_m: Array
-    interference_m: float
-    """Amplitude of interference at harmonics of the loop's rate, which repeats in every cycle; other interference is removed."""
-    odd_interference_m: float
-    """That at odd harmonics: even ones are equal at points half a cycle apart, of which width and stroke are differences."""
+    interference_m: Mapping[int, float]
+    """Amplitude of interference by harmonic of the loop's rate, which repeats in every cycle; other interference is removed."""
 
 
 class Hysteresis(Protocol):
@@ -164,8 +162,7 @@ class Hysteresis(Protocol):
             _unaveraged(fold(x[first:], rate, 1 / frequency, PHASES_PER_CYCLE, 0)[: self.cycles])
             for x in (volts, moved)
         )
-        odd = (size for order, size in coincident.items() if order % 2)
-        return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()), math.hypot(*odd))
+        return FoldedCycles(frequency, drive_v, displacement_m, coincident)
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> Series:
         """Return the closed mean loop; its errors refer to the shape alone, because its position drifts between cycles."""
@@ -183,23 +180,18 @@ class Hysteresis(Protocol):
         )
 
     def _loop_point(self, recording: Recording, folded: FoldedCycles, simulated: bool) -> LoopPoint:
-        loop = measure_loops(folded.drive_v, folded.displacement_m)
-        # A difference of two points of the loop: the variances of a sine of unknown phase add.
-        width_error, stroke_error = (
-            math.hypot(error, folded.odd_interference_m) for error in (loop.width_error, loop.stroke_error)
-        )
-        max_width_error = math.hypot(loop.max_width_error, folded.interference_m)
-        interfered = folded.interference_m > loop.width_error
+        loop = measure_loops(folded.drive_v, folded.displacement_m, folded.interference_m)
+        interfered = math.hypot(*folded.interference_m.values()) > loop.noise
         return LoopPoint(
             frequency=folded.frequency_hz,
             share=loop.relative_width,
-            share_errors=math.hypot(width_error / loop.stroke, loop.relative_width * stroke_error / loop.stroke),
+            share_errors=math.hypot(loop.width_error, loop.relative_width * loop.stroke_error) / loop.stroke,
             width=loop.width,
-            width_errors=width_error,
+            width_errors=loop.width_error,
             largest=loop.max_width,
-            largest_errors=max_width_error,
+            largest_errors=loop.max_width_error,
             stroke=loop.stroke,
-            stroke_errors=stroke_error,
+            stroke_errors=loop.stroke_error,
             area=loop.area,
             area_errors=loop.area_error,
             asymmetry=loop.asymmetry,

@@ -1,10 +1,11 @@
 """Hysteresis loops of displacement over drive: width, area, asymmetry, errors from repeatability.
 
 The spread of one figure over five cycles is itself known to a third only, and a fit weighted by such errors is dominated by loops
-that happened to agree. Width and stroke are differences of two points half a cycle apart, whose variance is therefore the mean over
-all such pairs; area and asymmetry have the factor of Student's distribution (GUM G.3). Two standard errors cover 95 %.
+that happened to agree. What a cycle differs by from the mean loop is therefore added to it at several phases, as noise does not know
+the phase of the drive, and the error of every figure is the spread of the figure over cycles, its variance the mean over these phases.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,13 @@ from protocols.signals.checks import check_positive, check_samples
 MIN_POINTS = 8
 GRID_LEVELS = 64
 """Drive levels at which rising and falling branch are compared."""
-COVERAGE = 0.975
-"""Probability below the upper limit of an interval of 95 %."""
+TURNS = 16
+"""Phases at which the noise of a cycle is added to the mean loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class HysteresisLoop:
-    """Hysteresis, averaged over cycles; each figure with its standard error from the spread over the cycles.
+    """Hysteresis, averaged over cycles; each figure with its standard error: spread over the cycles, and interference.
 
     Attributes:
         width, width_error: falling minus rising branch at the middle of the drive's range, unit of the displacement.
@@ -30,6 +31,7 @@ class HysteresisLoop:
         stroke, stroke_error: displacement at the highest drive minus displacement at the lowest.
         area, area_error: integral of the width over the drive, displacement times drive; positive for a lag.
         asymmetry, asymmetry_error: area above the middle of the drive minus area below it, over the area; -1..1.
+        noise: the error of the width without interference.
         degrees_of_freedom: cycles - 1.
     """
 
@@ -43,6 +45,7 @@ class HysteresisLoop:
     area_error: float
     asymmetry: float
     asymmetry_error: float
+    noise: float
     degrees_of_freedom: int
 
     @property
@@ -81,12 +84,15 @@ def fold(samples: ArrayLike, rate_hz: float, period_s: float, points: int = 128,
     return np.asarray(sums / np.diff(edges)).reshape(cycles, points)
 
 
-def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
+def measure_loops(
+    drive: ArrayLike, displacement: ArrayLike, interference: Mapping[int, float] | None = None
+) -> HysteresisLoop:
     """Return width, area and asymmetry of repeated loops.
 
     Args:
         drive: (cycles, points), each cycle once around from anywhere, in equal steps of time or levels.
         displacement: likewise. One cycle is rejected, because it does not show repeatability.
+        interference: amplitude, unit of the displacement, of what repeats with every cycle at an unknown phase, by harmonic order.
 
     Raises:
         ValueError: fewer than two cycles, not finite, or a drive that does not move.
@@ -104,16 +110,32 @@ def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
     check_samples("the displacement", y.ravel(), 1)
     if not np.ptp(x, axis=1).min() > 0:
         raise ValueError(f"the drive is constant at {x.flat[0]:g} for a whole cycle: there is no loop")
-    from scipy.special import stdtrit
+    figures = np.mean([_measure_cycle(*cycle) for cycle in zip(x, y, strict=True)], axis=0)
+    drive_v, loop = x.mean(0), y.mean(0)
+    centred = drive_v - drive_v.mean()
+    # Cycles differ in drive by its noise, and by the samples that fall into a phase; figures at a level of the drive do not.
+    noise = y - float(centred @ loop / (centred @ centred)) * x
+    noise -= noise.mean(0)
+    turns = range(0, points, max(points // TURNS, 1))
+    spread = [
+        np.var([_measure_cycle(drive_v, loop + np.roll(each, turn)) for each in noise], axis=0, ddof=1)
+        for turn in turns
+    ]
+    variance = np.mean(spread, axis=0) / cycles
+    interfered = variance + _interference_variance(drive_v, loop, interference or {})
+    pairs = zip(figures.tolist(), np.sqrt(interfered).tolist(), strict=True)
+    return HysteresisLoop(*(each for pair in pairs for each in pair), float(np.sqrt(variance[0])), cycles - 1)
 
-    figures = np.array([_measure_cycle(*cycle) for cycle in zip(x, y, strict=True)])
-    width, largest, stroke, area, asymmetry = figures.mean(0).tolist()
-    error = float(np.sqrt((y - np.roll(y, points // 2, axis=1)).var(0, ddof=1).mean() / cycles))
-    student = float(stdtrit(cycles - 1, COVERAGE) / stdtrit(np.inf, COVERAGE))
-    area_error, asymmetry_error = (student * figures.std(0, ddof=1)[-2:] / np.sqrt(cycles)).tolist()
-    return HysteresisLoop(
-        width, error, largest, error, stroke, error, area, area_error, asymmetry, asymmetry_error, cycles - 1
-    )
+
+def _interference_variance(drive: Array, loop: Array, interference: Mapping[int, float]) -> Array:
+    """Return the variance of every figure of a loop, (points,) each, under sines of unknown phase, amplitude by harmonic order."""
+    turn = 2 * np.pi * np.arange(drive.size) / drive.size
+    variance = np.zeros(5)
+    for order, size in interference.items():
+        for sine in (np.sin(order * turn), np.cos(order * turn)):
+            above, below = (np.array(_measure_cycle(drive, loop + by * sine)) for by in (size, -size))
+            variance += 0.5 * (0.5 * (above - below)) ** 2
+    return variance
 
 
 def subtract_mean_line(drive: Array, displacement: Array) -> Array:
