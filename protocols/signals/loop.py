@@ -123,8 +123,10 @@ def measure_loops(
     ]
     variance = np.mean(spread, axis=0) / cycles
     interfered = variance + _interference_variance(drive_v, loop, interference or {})
-    pairs = zip(figures.tolist(), np.sqrt(interfered).tolist(), strict=True)
-    return HysteresisLoop(*(each for pair in pairs for each in pair), float(np.sqrt(variance[0])), cycles - 1)
+    width, largest, stroke, area, asymmetry = zip(figures.tolist(), np.sqrt(interfered).tolist(), strict=True)
+    return HysteresisLoop(
+        *width, *largest, *stroke, *area, *asymmetry, noise=float(np.sqrt(variance[0])), degrees_of_freedom=cycles - 1
+    )
 
 
 def _interference_variance(drive: Array, loop: Array, interference: Mapping[int, float]) -> Array:
