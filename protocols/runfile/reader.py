@@ -209,17 +209,21 @@ class Run(Closeable):
     def events(self, *kinds: str) -> Iterator[LoggedEvent]:
         """Yield the logged events of these kinds, or all, in order."""
         events, wanted = table(self._entry, "events", EVENT_DTYPE.names or ()), {kind.encode() for kind in kinds}
+
+        def is_wanted(row: Any) -> bool:
+            return row is not None and (not wanted or row["kind"] in wanted)
+
         first: Any = None
         texts: list[bytes] = []
         for start in range(0, len(events), ROWS_PER_READ):
             for row in events[start : start + ROWS_PER_READ]:
                 if row["kind"] != CONTINUED_EVENT:
-                    if first is not None and (not wanted or first["kind"] in wanted):
+                    if is_wanted(first):
                         yield _event(first, texts)
                     first, texts = row, []
                 first = row if first is None else first
                 texts.append(row["text"])
-        if first is not None and (not wanted or first["kind"] in wanted):
+        if is_wanted(first):
             yield _event(first, texts)
 
     def entries(self) -> dict[int, StartedEntry]:

@@ -117,7 +117,7 @@ def _whole_periods(size: int, rate_hz: float, period_s: float, dropped: int) -> 
 
 
 def _excited(lines: NDArray[np.int_], power: Array) -> NDArray[np.bool_]:
-    """Return the lines, (F,), of which the drive has this power, that it excites."""
+    """Return the lines, (F,), that the drive excites, by the power of the drive in each."""
     used = power > EXCITED_POWER_SHARE * power.max()
     odd = lines % 2 == 1
     if power[~odd].sum() < HALF_WAVE_POWER_SHARE * power[odd].sum():

@@ -269,7 +269,7 @@ def estimate_swept_response(
     # The mean by the amplifier's two slopes begins with the sweep: a step, as broad as the band. Faded in over a few cycles
     # of the lowest frequency it vanishes in the band. The lines passed during the fade are left out.
     faded = min(round(TAPER_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
-    spectra, n = _transform(x[swept], y[swept], rate_hz, band_hz, resolution_hz, faded)
+    spectra = _transform(x[swept], y[swept], rate_hz, band_hz, resolution_hz, faded)
     used = _undisturbed(spectra, x[swept], rate_hz, faded)
     if not used.any():
         raise ValueError(
@@ -278,6 +278,7 @@ def estimate_swept_response(
         )
     H, cleaned = spectra.cleaned_response()
     variance = spectra.noise_variance(cleaned, H, duration / rate_hz) / np.where(used, spectra.S_xx, np.inf) ** 2
+    n = round(rate_hz / spectra.blocks.bin_hz)  # length of the transform
     S_nn = variance * spectra.S_xx / np.sum(spectra.blocks.window**2) * fast_length(duration) / n
     signal = np.abs(H) ** 2 * spectra.S_xx
     spectra.remove_bias(H)
@@ -303,8 +304,8 @@ def _transform(
     band_hz: tuple[float, float],
     resolution_hz: float | None,
     faded: int,
-) -> tuple[_SweptSpectra, int]:
-    """Return the spectra of the samples of a sweep, (N,), of which `faded` at both ends are faded, and the length of the transform.
+) -> _SweptSpectra:
+    """Return the spectra of drive and displacement during a sweep, (N,), with the first and last `faded` samples tapered.
 
     Raises:
         ValueError: the sweep is too short for the resolution, or the band too narrow, or without drive.
@@ -330,7 +331,7 @@ def _transform(
     S_xx = np.asarray(blocks.windows(power) @ blocks.window)
     strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
     ends = int(strong[0]), int(strong[-1])
-    return _SweptSpectra(blocks, Y * X.conj(), power, S_xx, _arrival_s(X, blocks), ends, is_rising(X), fast), n
+    return _SweptSpectra(blocks, Y * X.conj(), power, S_xx, _arrival_s(X, blocks), ends, is_rising(X), fast)
 
 
 def _undisturbed(spectra: _SweptSpectra, drive: Array, rate_hz: float, faded: int) -> NDArray[np.bool_]:

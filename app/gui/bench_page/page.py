@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
@@ -69,16 +70,13 @@ class BenchSwitch(WrappingPane):
             pass
         for name in self.buttons.keys() - named.keys():
             self.buttons.pop(name).deleteLater()
-        self.buttons = {
-            name: self.buttons.get(name) or self._make_button(name) for name in named
-        }  # may have the keyboard
-        before: QWidget = self
-        for button in (*self.buttons.values(), *self._others):
+        # A button that stays is kept, because it may have the keyboard focus.
+        self.buttons = {name: self.buttons.get(name) or self._make_button(name) for name in named}
+        for name, title in named.items():
+            self.buttons[name].setText(f"{title}  (open)" if name == open_bench else title)
+        for before, button in pairwise((self, *self.buttons.values(), *self._others)):
             self._row.addWidget(button)
             self.setTabOrder(before, button)
-            before = button
-        for name, button in self.buttons.items():
-            button.setText(f"{named[name]}  (open)" if name == open_bench else named[name])
         self.buttons[current].setChecked(True)
 
     def _make_button(self, name: str) -> QPushButton:
