@@ -395,7 +395,8 @@ def rich_table(lines: Sequence[Sequence[str]], heads: Sequence[str] = (), wrap: 
         whole = "; white-space:nowrap" if wrap else ""
         cells = "".join(f"<td style='padding-right:6px{whole}'>{escape(each)}</td>" for each in names if each)
         figure, mark, uncertainty = value.partition("±")
-        whole_unit = figure + (mark + uncertainty).replace(" ", "\u00a0")  # a unit of several words stays in one line
+        # Uncertainty and unit stay in one line: no break at a space, nor behind a slash (word joiner).
+        whole_unit = figure + (mark + uncertainty).replace(" ", "\u00a0").replace("/", "/\u2060")
         style = "" if wrap or len(value) > LONGEST_VALUE else " style='white-space:nowrap'"
         rows.append(f"<tr>{cells}<td align='right'{style}><b>{escape(whole_unit)}</b></td></tr>")
     return f"<table width='100%'>{f'<tr>{head}</tr>' if heads else ''}{''.join(rows)}</table>"

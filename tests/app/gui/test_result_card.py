@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt, QUrl
+from PySide6.QtGui import QTextDocument
+from PySide6.QtWidgets import QApplication
 
 from app.common import sentence_case
 from app.gui.results.card import BUDGET, rich_table
@@ -157,5 +159,12 @@ def test_a_value_too_long_for_the_narrowest_card_is_broken_and_a_short_one_is_no
     assert ("nowrap" in long, "nowrap" in short) == (False, True)
 
 
-def test_a_unit_of_several_words_is_not_broken_over_two_lines() -> None:
-    assert "3.2 ±\u00a00.1\u00a0J/(K\u00a0mol)" in rich_table([("Entropy", "3.2 ± 0.1 J/(K mol)")])
+def test_a_unit_of_several_words_is_not_broken_over_two_lines(qt: QApplication) -> None:
+    document = QTextDocument()
+    document.setHtml(rich_table([("Entropy", "163.245 ± 0.036 J/(K mol)")]))
+    document.setTextWidth(180)
+    document.size()  # lays it out
+    block = document.find("163.245").block()
+    lines = [block.layout().lineAt(k) for k in range(block.layout().lineCount())]
+    texts = [block.text()[line.textStart() :][: line.textLength()] for line in lines]
+    assert texts == ["163.245 ", "±\u00a00.036\u00a0J/\u2060(K\u00a0mol)"]
