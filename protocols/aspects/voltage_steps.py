@@ -14,11 +14,15 @@ from protocols.base import (
     DISPLACEMENT_RANGE_M,
     REPEAT_ALIASES,
     Aspects,
+    DriveStarted,
+    EntryStarted,
     Figure,
     ImportColumn,
     ImportedTable,
     ImportForm,
     ModelState,
+    RecordingFinished,
+    SettlingFinished,
 )
 
 if TYPE_CHECKING:
@@ -30,6 +34,9 @@ EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 
 DEFAULT_READ_S = 1.0
 """Assumed time from reaching a level to its reading, for a table that does not state it."""
+
+RAMP_LINES = 4
+"""Lines of each ramp: its volts on the specimen bend at rest, and hysteresis follows them in parabolas."""
 
 LEVEL_COLUMNS = ("level", "drive", "specimen_voltage")
 MAX_BEYOND_V = 0.05
@@ -145,39 +152,47 @@ def _rising(points: RunPoints) -> Mask | None:
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
     """Return the history of levels and rests; None if the points do not have them all, as in most imported tables.
 
-    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp. The loop before the first
-    level ends `rest_s` before the first recording.
+    A recorded ramp has its measured times. Every other one, to rest and around the loop before the first level, lasts from the end of the
+    preceding recording or wait until the source reported it; in an imported table a level is held `hold_s`, and the way back takes as
+    long as the ramp.
     """
-    ramp, level = points.columns["ramp_time"], points.columns["drive"]
+    columns, rest_v = points.columns, points.run.setup.amplifier_map.rest_v
+    ramp, level = columns["ramp_time"], columns["drive"]
     if points.run.resumed_from is not None or not (np.isfinite(ramp) & np.isfinite(level)).all():
         return None
     protocol = points.read_protocol()
     assert isinstance(protocol, measurements.VoltageSteps)
-    reached = points.columns.get("reached")
+    reached = columns.get("reached")
     if reached is None:  # a file of an earlier version
         recordings = points.recording_times(1)
         reached = None if recordings is None else recordings[:, 0, 1] - protocol.hold_s
     if reached is None or not np.isfinite(reached).all():
         return None
-    begun, end = reached - ramp, reached + protocol.hold_s
-    rest_v = points.run.setup.amplifier_map.rest_v
-    rest = np.full(ramp.size, rest_v)
-    time_s = np.stack((begun, reached, end, end + ramp), axis=1).ravel()
-    drive = np.stack((rest, level, level, rest), axis=1).ravel()
-    if (points.columns.get("conditioned", np.zeros(1)) == 1).any():
-        high_v, low_v = protocol.conditioning_levels_v(rest_v)
-        ways_s = np.array([high_v - rest_v, high_v - low_v, rest_v - low_v]) / measurements.RAMP_V_PER_S
-        lasts_s = np.insert(ways_s, (1, 2), measurements.CONDITIONING_S)
-        end_s = begun[0] - protocol.lead_s - protocol.rest_s
-        time_s = np.concatenate((end_s - np.append(np.cumsum(lasts_s[::-1])[::-1], 0.0), time_s))
-        drive = np.concatenate(([rest_v, high_v, high_v, low_v, low_v, rest_v], drive))
-    return DriveHistory.of_points(
-        time_s,
-        drive,
-        reached,
-        reached + points.columns["read_time"],
-        (begun - measurements.ZERO_GUARD_S - protocol.window_s / 2)[:, None],
-    )
+    begun = reached - ramp
+    begin_s, end_s, to_v = _measured_ways(points, begun, reached)
+    if not end_s.size:
+        begin_s, end_s = (
+            np.stack((at, at + protocol.hold_s + late), axis=1).ravel() for at, late in ((begun, ramp), (reached, ramp))
+        )
+        to_v = np.stack((level, np.full(level.size, rest_v)), axis=1).ravel()
+    time_s = np.linspace(begin_s, end_s, RAMP_LINES + 1, axis=1)
+    drive = np.linspace(np.append(rest_v, to_v[:-1]), to_v, RAMP_LINES + 1, axis=1)
+    zero_s = (begun - measurements.ZERO_GUARD_S - protocol.window_s / 2)[:, None]
+    return DriveHistory.of_points(time_s, drive, reached, reached + columns["read_time"], zero_s)
+
+
+def _measured_ways(points: RunPoints, begun: Array, reached: Array) -> Array:
+    """Return begin, end and level of every ramp of a run in order, s, s and V, (3, R); none for an imported table, which has no events."""
+    rest_v, rows = points.run.setup.amplifier_map.rest_v, {int(e): i for i, e in enumerate(points.columns["entry"])}
+    ways, free_s = list[tuple[float, float, float]](), 0.0
+    for event in points.run.events(EntryStarted.kind, DriveStarted.kind, SettlingFinished.kind, RecordingFinished.kind):
+        if event.kind == DriveStarted.kind:
+            ways.append((free_s, event.time_s, event.fields["drive"].get("level_v", rest_v)))
+            continue
+        free_s = event.time_s
+        if event.kind == RecordingFinished.kind and (i := rows.get(event.fields["entry"])) is not None:
+            ways[-1] = begun[i], reached[i], points.columns["drive"][i]
+    return np.reshape(ways, (-1, 3)).T
 
 
 def _rest_errors(label: str, zero_m: Array) -> tuple[identification.SharedError, ...]:

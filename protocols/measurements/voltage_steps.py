@@ -259,7 +259,7 @@ class VoltageSteps(Protocol):
             creep_errors=creep_errors,
             zero=seen.before.value,
             drift=seen.before.drift_per_s,
-            reached=recording.start_s + moved.size / rate - self.hold_s,
+            reached=recording.start_s + ramp.end_s,
             conditioned=1.0,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )

@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from app.config.bench_file import BenchConfig
+from app.identification.observations import read_observations
 from drivers.drive_shapes import Hold
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
@@ -78,6 +79,17 @@ def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
     above, below = found["static_gain_above_rest"], found["static_gain_below_rest"]
     assert above.value / below.value == pytest.approx(3, rel=0.01)
     assert above.value == pytest.approx(600 * voltage_gain(Tactor()), rel=3e-3)
+
+
+def test_the_history_of_a_run_is_the_drive_that_the_card_saw(ran) -> None:
+    """Of the loop before the first level, too, and of every way to rest, which begins later than planned and takes longer."""
+    (steps,) = read_observations([ran.path])[1].runs
+    with Run(ran.path) as file:
+        time_s, drive_v = file.trace.time_s(), file.trace.drive_v()
+    smooth_v = np.convolve(drive_v, np.full(51, 1 / 51), "same")
+    within = (time_s > steps.history.time_s[0]) & (time_s < steps.history.time_s[-1])
+    taken_v = np.interp(time_s, steps.history.time_s, steps.history.drive)
+    np.testing.assert_allclose(taken_v[within], smooth_v[within], atol=0.15)
 
 
 @pytest.mark.deep
