@@ -86,6 +86,7 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
     from app.config.bench_file import load_bench
     from app.gui.application import qt_application
     from app.gui.face import DARK, LIGHT
+    from app.gui.face.typeface import LARGE_SCREEN
     from app.gui.shell.page_host import TITLES
     from protocols.base import Prompt, PromptAnswered, PromptShown
     from protocols.measurements.sine_dwell import SineDwell
@@ -129,6 +130,8 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
             window.tick()
             held = [size for size in SIZES if size[0] * scale <= SCREEN[0] and size[1] * scale <= SCREEN[1]]
             for width, height in held if len(pages) > MAX_PAGES_AT_TWO_SIZES else held[::2]:
+                large = width >= LARGE_SCREEN.width() and height >= LARGE_SCREEN.height()
+                window.look.set_text_size("125" if large else "100")  # as "automatic" does on such a screen
                 window.resize(width, height)
                 for page in pages:
                     window.tabs.setCurrentIndex(page)
@@ -164,8 +167,9 @@ def _select_newest(window: "MainWindow") -> None:
 
 def cut_widgets(window: "MainWindow") -> Iterator[str]:
     """Yield what is cut, out of reach, or elided although it must not be."""
-    from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QScrollArea, QWidget
+    from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QLineEdit, QScrollArea, QWidget
 
+    from app.common import PLAIN_NUMBER, TRUE_MINUS
     from app.gui.face import CLASS_S, class_of
     from app.gui.shell.rail import RailButton
     from app.gui.widgets.labels import ElidedLabel
@@ -184,7 +188,7 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
         elif widget.visibleRegion().boundingRect() != widget.rect():
             yield f"{name} is cut: {widget.visibleRegion().boundingRect()} of {widget.rect()}"
     for widget in window.findChildren(QWidget):
-        if not widget.isVisible() or not isinstance(widget, QAbstractButton | QComboBox | QLabel):
+        if not widget.isVisible() or not isinstance(widget, QAbstractButton | QComboBox | QLabel | QLineEdit):
             continue
         who = f"{type(widget).__name__} {widget.objectName() or repr(widget.property('text'))}"
         outside = _outside(widget)
@@ -202,6 +206,13 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
             needed = widget.fontMetrics().horizontalAdvance(widget.currentText())
             if needed > widget.width() - 24:
                 yield f"{who}: {widget.currentText()!r} needs {needed} of {widget.width() - 24} points"
+        elif isinstance(widget, QLineEdit) and PLAIN_NUMBER.fullmatch(widget.text().replace(TRUE_MINUS, "-")):
+            needed = widget.fontMetrics().horizontalAdvance(widget.text()) + widget.minimumSizeHint().width()
+            needed += (
+                4 - widget.fontMetrics().maxWidth()
+            )  # the hint is for one character, without the 2 points at each end
+            if needed > widget.width():
+                yield f"{who}: {widget.text()!r} needs {needed} of {widget.width()} points"
         elif isinstance(widget, QLabel) and widget.text() and not isinstance(widget, ElidedLabel):
             if widget.wordWrap():
                 needed = widget.heightForWidth(widget.width())

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
+from app.gui.face import set_length
 from app.gui.widgets import WrappedRow, column, fill_combo, make_combo, make_label, make_line_edit
 from app.live import LatestOnlyWorker
 
@@ -52,7 +53,7 @@ class DesignPanel(QWidget):
         )
         self.source_label = make_label(kind="note", name="explore.design.about")
         for edit in (self.resonance, self.amplitude, self.frequency):
-            edit.setFixedWidth(FIELD_WIDTH)
+            set_length(edit, width=FIELD_WIDTH)
             edit.editingFinished.connect(self.ask)
         self.source_box.currentIndexChanged.connect(lambda _: self.ask())
         fields = WrappedRow(

@@ -40,7 +40,7 @@ from app.session import WindowState
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
 
-LEFT_WIDTH, ANSWER_WIDTH, LEAST_WIDTH = 412, 300, 1140
+LEFT_WIDTH, ANSWER_WIDTH, LEAST_WIDTH = 426, 300, 1140
 """Of the sliders with their numbers, units and a scroll bar; of the answer; and of a page that shows both."""
 
 

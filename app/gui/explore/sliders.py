@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButt
 
 from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, TRUE_MINUS, UnitError, read_number, sentence_case, typeset
 from app.explore import DRIVE_SLIDER, GROUPS, SKIN_PARAMETERS, ExploreSetting, SliderSpec
-from app.gui.face import painting, tokens
+from app.gui.face import painting, set_length, tokens
 from app.gui.widgets import TrueMinus, column, configure, grid, make_label, set_style_kind
 from model import ParameterError, ParameterSpec, variable_specs
 
@@ -43,7 +43,7 @@ class SliderRow:
         self.slider_widget.usual = spec.position(float(quantity.default or 0.0))
         self.field = configure(QLineEdit(), alignment=Qt.AlignmentFlag.AlignRight)
         self.field.setValidator(TrueMinus(self.field))
-        self.field.setFixedWidth(68)
+        set_length(self.field, width=70)
         self.unit = QLabel(spec.unit.replace("^2", "²"))
         self.reset_button = configure(QToolButton(), text="↺", autoRaise=True, toolTip="Back")
         hint = f"{quantity.description}\n{quantity.limits}; the field takes values beyond the slider's ends, and units"

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QLabel, QPushButton
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import LABORATORY_SITE, PRESET_TITLES, ExploreSetting
+from app.gui.face import set_length
 from app.gui.plots import SERIES
 from app.gui.widgets import (
     Segments,
@@ -70,7 +71,7 @@ class ExploreToolbar(QObject):
             text="160",
             toolTip="Frequency whose motion is shown; the dotted line can be dragged, too",
         )
-        self.frequency.setFixedWidth(80)
+        set_length(self.frequency, width=80)
         self.frequency.editingFinished.connect(self._on_frequency)
         self.side = Segments("explore.side", "left column", (("Parameters", False), ("Answer", True)))
         self.side.select(False)

@@ -59,7 +59,6 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         self._side = side
         super().__init__(side)
         self.enableAutoSIPrefix(False)
-        self.setCacheMode(self.CacheMode.DeviceCoordinateCache)
         # Half of a label lies beyond the end of a horizontal axis: what reaches further than this is not painted.
         self.setStyle(autoExpandTextSpace=False, autoReduceTextSpace=False, hideOverlappingLabels=px(X_GAP_PX))
         self.is_log = self.has_dates = False
@@ -88,9 +87,16 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         self.picture = None
         self.update()
 
+    def update(self, *_part: Any) -> None:
+        """Paint everything anew: of a cached item that is moved and changed at once, Qt paints the newly visible part only."""
+        self.setCacheMode(self.CacheMode.NoCache)
+        self.setCacheMode(self.CacheMode.DeviceCoordinateCache)
+
     def resizeEvent(self, _event: Any = None) -> None:
         if "heading" not in vars(self):  # pyqtgraph sets its size while it is made
             return
+        self.picture = None
+        self.update()
         size = self.heading.boundingRect()
         self.heading.setPos(self.size().width() - size.width(), px(TICK_PX) + px(TITLE_ROW_PX))
 

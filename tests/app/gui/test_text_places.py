@@ -11,7 +11,7 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QSize
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
-from app.gui.plots import Chart, Picture, layer
+from app.gui.plots import Chart, Panel, Picture, layer
 from tests.helpers.main_window import Stage
 from tests.helpers.session_events import OPENED
 from tests.helpers.size_matrix import SCALES
@@ -84,6 +84,30 @@ def test_dates_of_an_axis_never_overlap(qt: QApplication) -> None:
             assert list(faults_of_plot(chart.canvas)) == [], f"{width} {days}"
             labels |= {text for _, text in chart.panels[0].axes["bottom"].places()}
     assert len(labels) > 25
+    chart.deleteLater()
+
+
+def test_an_axis_that_grew_shows_nothing_of_its_earlier_size(qt: QApplication) -> None:
+    """Its picture is kept by Qt; painted without that, it is the same."""
+    chart = Chart("grown")
+    chart.show()
+    for size, high in (
+        (QSize(400, 150), 700.0),
+        (QSize(900, 500), 1300.0),
+        (QSize(500, 200), 90.0),
+        (QSize(1200, 700), 90.0),
+    ):
+        chart.resize(size)
+        curve = layer(name="a", x=np.arange(3.0) * high, y=np.array([0.0, high, 1.0]))
+        chart.show_picture(Picture(x_title="x", panels=(Panel(title="y"),), log=(False, False), layers=(curve,)))
+        QCoreApplication.processEvents()
+        kept = chart.grab().toImage()
+        for axis in chart.panels[0].axes.values():
+            axis.setCacheMode(axis.CacheMode.NoCache)
+        assert chart.grab().toImage() == kept, size
+        for axis in chart.panels[0].axes.values():
+            axis.setCacheMode(axis.CacheMode.DeviceCoordinateCache)
+        chart.grab()
     chart.deleteLater()
 
 
