@@ -18,15 +18,19 @@ def format_with_uncertainty(
     sign = "+" if signed else ""
     text = f"{value:{sign}.{digits}g}"
     if standard_error > 0 and math.isfinite(standard_error):
-        places = max(1 - math.floor(math.log10(standard_error)), 0)
-        text = f"{value:{sign}z.{places}f} {format_uncertainty(standard_error, places=places)}"
+        text = f"{value:{sign}z.{_decimal_places(standard_error)}f} {format_uncertainty(standard_error)}"
     return text if unit == "1" else f"{text} {unit}".rstrip()
 
 
-def format_uncertainty(uncertainty: float, unit: str = "1", places: int | None = None) -> str:
-    """Format an uncertainty alone to two digits, or to decimal places: `± 0.45 µm`."""
-    text = f"± {uncertainty:.2g}" if places is None else f"± {uncertainty:.{places}f}"
+def format_uncertainty(uncertainty: float, unit: str = "1") -> str:
+    """Format an uncertainty alone to two digits: `± 0.45 µm`."""
+    text = f"± {uncertainty:.{_decimal_places(uncertainty)}f}"
     return text if unit == "1" else f"{text} {unit}".rstrip()
+
+
+def _decimal_places(uncertainty: float) -> int:
+    """Return the number of decimal places of two digits of an uncertainty; 0 for none."""
+    return max(1 - math.floor(math.log10(uncertainty)), 0) if 0 < uncertainty < math.inf else 0
 
 
 def format_quantity(value: float, standard_error: float, unit: str, name: str = "", signed: bool = False) -> str:

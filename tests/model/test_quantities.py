@@ -48,6 +48,8 @@ def test_a_value_is_rounded_to_two_digits_of_its_uncertainty_in_the_unit_of_its_
     assert format_with_uncertainty(0.5, 0.25, "%", signed=True) == "+0.50 ± 0.25 %"
     assert format_with_uncertainty(158.1203, 0.0, "Hz") == "158.12 Hz"
     assert format_uncertainty(4.5e-1, "µm") == "± 0.45 µm"
+    assert format_uncertainty(0.0201, "mm") == "± 0.020 mm"
+    assert format_uncertainty(123.0, "%") == "± 123 %"
     assert format_quantity(2.2e-2, 1e-4, "m", "L") == "22.00 ± 0.10 mm"
     assert format_quantity(2.2e-5, 1e-7, "m") == "22.00 ± 0.10 µm"
     assert shown_unit("1") == (1.0, "")
