@@ -7,6 +7,7 @@ from .comparison import Relation as Relation
 from .comparison import interpolated as interpolated
 from .comparison import related as related
 from .comparison import rising as rising
+from .consistency import misfit_factor as misfit_factor
 from .drive_history import DriveHistory as DriveHistory
 from .membrane import LOAD_SPEC as LOAD_SPEC
 from .membrane import SagSolution as SagSolution

@@ -9,6 +9,7 @@ import numpy as np
 
 from app.common import UnitError, to_number
 from app.config.certificate import Certificate, CertificateColumn
+from model import misfit_factor
 
 MIN_VOLTS_OVER_NOISE = 10.0
 """Least span of the volts, in standard errors of one reading, through which a line is drawn."""
@@ -110,8 +111,8 @@ def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
         )
     residuals = x - x_mean - gain * (v - v_mean)
     chi2, freedom = float(np.sum(weights * residuals**2)), len(points) - 2
-    scatter = chi2 / freedom if freedom else 0.0
-    gain_variance = (max(scatter, 1.0) if stated else scatter) / spread
+    scatter = misfit_factor(chi2, freedom) ** 2 if stated else chi2 / max(freedom, 1)
+    gain_variance = scatter / spread
     return SensorCalibration(
         float(gain),
         float(v_mean - x_mean / gain),

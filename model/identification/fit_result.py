@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
-from model import Array, EstimatedQuantity, Mask
+from model import Array, EstimatedQuantity, Mask, misfit_factor
 from model.identification import parameters as fit_parameters
 from model.identification.fit_options import FitOptions, Loss
 from model.identification.misfit_scale import OUTLIER_SIGMAS, influence_moments, loss_costs, loss_weights, robust_scale
@@ -209,10 +209,7 @@ class JointFit:
     def _misfit_scale(self, rows: Array, freedom: float, tests: int) -> float:
         if self.options.loss != "linear":
             return robust_scale(rows, freedom)
-        chi_square = float(rows @ rows)
-        if freedom < MIN_RUN_FREEDOM or chdtrc(freedom, chi_square) * tests >= MIN_P_VALUE:
-            return 1.0
-        return max(1.0, float(np.sqrt(chi_square / freedom)))
+        return misfit_factor(float(rows @ rows), freedom, tests) if freedom >= MIN_RUN_FREEDOM else 1.0
 
     @property
     def error_scale(self) -> float:

@@ -14,7 +14,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Steps
-from model import Array, format_with_uncertainty
+from model import Array, format_with_uncertainty, misfit_factor
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -167,10 +167,11 @@ class FreeDecay(Protocol):
         modes: list[tuple[float, float]] = []
         for column in ("natural_frequency", "damping"):
             values = np.array([getattr(p, column) for p in usable])
-            weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
+            errors = np.array([getattr(p, f"{column}_errors") for p in usable])
+            weight = 1 / errors**2
             mean = float((weight * values).sum() / weight.sum())
-            spread = _scatter(values, np.array([p.edge % 2 for p in usable])) / math.sqrt(len(values))
-            modes.append((mean, max(float(weight.sum() ** -0.5), spread)))
+            factor = misfit_factor(*_scatter(values, errors, np.array([p.edge % 2 for p in usable])))
+            modes.append((mean, factor * float(weight.sum() ** -0.5)))
         return modal_estimates(*modes[0], *modes[1], SOURCE)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
@@ -200,13 +201,14 @@ class FreeDecay(Protocol):
         return (first - begin + np.arange(len(samples))) / rate, samples
 
 
-def _scatter(values: Array, direction: Array) -> float:
-    """Return the standard deviation of repeats of edges of one direction, both (N,), or of all edges if none is repeated.
+def _scatter(values: Array, errors: Array, direction: Array) -> tuple[float, int]:
+    """Return chi-square and degrees of freedom of repeats of edges of one direction, (N,) each, or of all edges if none is repeated.
 
     A specimen with hysteresis rings differently at rest and at the level: this difference recurs, and is no scatter.
     """
     directions, counts = np.unique(direction, return_counts=True)
     if counts.min() < 2:
-        return float(values.std(ddof=1))
-    left = sum(float(values[direction == each].var()) * n for each, n in zip(directions, counts, strict=True))
-    return math.sqrt(left / (values.size - directions.size))
+        directions, direction = np.zeros(1), np.zeros(values.size)
+    means = np.array([values[direction == each].mean() for each in directions])
+    left = (values - means[np.searchsorted(directions, direction)]) / errors
+    return float(left @ left), values.size - directions.size

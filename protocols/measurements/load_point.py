@@ -54,19 +54,16 @@ def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]
 def compliance(points: Sequence[Any]) -> ValueWithError | None:
     """Slope of the weighted line through zero, m/N; None for fewer than two points or no load.
 
-    Each point is weighted with its own error, including the error of the load. Excess scatter of the points widens the standard
-    error (Birge ratio).
+    Each point is weighted with its own error, including the error of the load. Significant scatter of the points widens the standard
+    error.
     """
     if len(points) < 2:
         return None
     load, moved = (np.array([getattr(p, name) for p in points]) for name in ("load", "deflection"))
     slope = float(load @ moved / (load @ load))
     for _ in range(2):  # the load's error times the slope
-        weight = 1 / _variance(points, slope)
-        slope = float((weight * load) @ moved / ((weight * load) @ load))
-    left = moved - slope * load
-    birge = float(weight @ left**2) / (len(points) - 1)
-    return slope, math.sqrt(max(birge, 1.0) / float((weight * load) @ load))
+        (slope,), covariance = weighted_fit((load,), moved, 1 / np.sqrt(_variance(points, slope)))
+    return float(slope), math.sqrt(covariance[0, 0])
 
 
 def nonlinearity(points: Sequence[Any]) -> ValueWithError | None:

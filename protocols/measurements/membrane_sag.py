@@ -39,7 +39,7 @@ from protocols.base import (
 )
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
 from protocols.measurements.fit_lines import mean_line
-from protocols.measurements.result_checks import repeatability_check, usable_points
+from protocols.measurements.result_checks import mean_with_error, repeatability_check, usable_points
 from protocols.signals import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
@@ -221,9 +221,8 @@ class MembraneSag(Protocol):
 
     def mean_sag(self, sags_m: Array, errors_m: Array) -> tuple[float, float]:
         """Mean of the sags, (N,), and its standard error, with the error of the reference's depth (m)."""
-        scatter_m = float(sags_m.std(ddof=1)) / math.sqrt(sags_m.size) if sags_m.size > 1 else 0.0
-        own_m = float(np.sqrt(np.sum(errors_m**2))) / sags_m.size
-        return float(sags_m.mean()), math.hypot(max(scatter_m, own_m), self.reference_error_m)
+        mean_m, error_m = mean_with_error(list(zip(sags_m.tolist(), errors_m.tolist(), strict=True)))
+        return mean_m, math.hypot(error_m, self.reference_error_m)
 
     def combined_sag_error_m(self, sag_m: float, sag_error_m: float) -> float:
         """Return the effect of the errors of the sag and of the membrane's geometry on its modulus, as one error of the sag (m).

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from model import Array
+from model import Array, misfit_factor
 from protocols.base import CheckResult, point_quality
 
 SIGNAL_TO_NOISE_LIMIT = 20.0
@@ -171,11 +171,11 @@ def _line(x: Array, y: Array) -> tuple[float, float, float]:
 
 
 def mean_with_error(repeats: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return the mean of values with standard uncertainties, and its own: of theirs, at least of the scatter of `MIN_REPEATS` or more."""
-    values = np.array([value for value, _ in repeats])
-    own = math.sqrt(sum(error**2 for _, error in repeats)) / len(repeats)
-    scatter = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size >= MIN_REPEATS else 0.0
-    return float(values.mean()), max(own, scatter)
+    """Return the mean of values with standard uncertainties, and its own: of theirs, enlarged if the values scatter significantly."""
+    values, errors = np.array(repeats).T
+    left = (values - values.mean())[errors > 0] / errors[errors > 0]
+    factor = misfit_factor(float(left @ left), left.size - 1)
+    return float(values.mean()), factor * math.sqrt(float(errors @ errors)) / values.size
 
 
 CALIBRATED_LIMITS = 0.8, 1.25

@@ -18,7 +18,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Hold
-from model import format_quantity
+from model import format_quantity, misfit_factor
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -37,11 +37,12 @@ from protocols.measurements.fit_lines import line_indices
 from protocols.measurements.result_checks import (
     CABLE_REMEDY,
     group_values,
+    mean_with_error,
     repeatability_check,
     signal_to_noise_check,
     usable_points,
 )
-from protocols.signals import DetectedRamp, estimate_step, find_ramp, fit_creep
+from protocols.signals import DetectedRamp, estimate_step, find_ramp, fit_creep, weighted_fit
 
 UP, DOWN, RANDOM = "up", "down", "random"
 DIRECTION_CODES = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}
@@ -52,26 +53,28 @@ LEVEL_TOLERANCE_V = 0.02
 
 
 def deflection_per_volt(points: Sequence[Any]) -> tuple[float, float] | None:
-    """Return the deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
+    """Return the deflection per volt of the recorded drive, a line through the origin, and its error, from the scatter if it is significant."""
     if len(points) < 2:
         return None
-    v, w = np.array([p.drive_step for p in points]), np.array([p.deflection for p in points])
+    v, w, errors = (
+        np.array([getattr(p, n) for p in points]) for n in ("drive_step", "deflection", "deflection_errors")
+    )
     slope = float(v @ w / (v @ v))
-    spread = float(np.sum((w - slope * v) ** 2)) / (len(points) - 1)
-    noise = float(np.sum((v * np.array([p.deflection_errors for p in points])) ** 2)) / float(v @ v) ** 2
-    return slope, math.sqrt(max(spread / float(v @ v), noise))
+    left = w - slope * v
+    spread, noise = float(left @ left) / (len(points) - 1) / float(v @ v), float(np.sum((v * errors / (v @ v)) ** 2))
+    scatters = misfit_factor(float(np.sum((left / errors) ** 2)), len(points) - 1) > 1
+    return slope, math.sqrt(max(spread, noise) if scatters else noise)
 
 
 def relative_creep(points: Sequence[Any]) -> tuple[float, float] | None:
-    """Creep per decade over the deflection, weighted, and its error from the scatter over the levels."""
+    """Creep per decade over the deflection, weighted, and its error, from the scatter over the levels if it is significant."""
     with_creep = [p for p in points if abs(p.drive_step) > LEVEL_TOLERANCE_V and p.creep_errors > 0]
     if len(with_creep) < 3:
         return None
     share = np.array([p.creep / p.deflection for p in with_creep])
-    weight = np.array([(p.deflection / p.creep_errors) ** 2 for p in with_creep])
-    mean = float(weight @ share / weight.sum())
-    scatter = float(weight @ (share - mean) ** 2 / weight.sum()) / (len(with_creep) - 1)
-    return mean, math.sqrt(max(scatter, 1 / float(weight.sum())))
+    root = np.array([abs(p.deflection) / p.creep_errors for p in with_creep])
+    (mean,), covariance = weighted_fit((np.ones(share.size),), share, root)
+    return float(mean), math.sqrt(covariance[0, 0])
 
 
 def repeatability(points: Sequence[Any]) -> tuple[float, float] | None:
@@ -94,17 +97,11 @@ def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
         up, down = ([p for p in group if p.direction == d] for d in (DIRECTION_CODES[UP], DIRECTION_CODES[DOWN]))
         if up and down:
             gaps.append(np.mean([p.deflection for p in down]) - np.mean([p.deflection for p in up]))
-            variances.append(sum(_mean_variance(row) for row in (up, down)))
+            errors = (mean_with_error([(p.deflection, p.deflection_errors) for p in row])[1] for row in (up, down))
+            variances.append(sum(error**2 for error in errors))
     if not gaps:
         return None
     return float(np.mean(gaps)), math.sqrt(sum(variances)) / len(gaps)
-
-
-def _mean_variance(repeats: Sequence[Any]) -> float:
-    """Return the error of the mean of repeats: from their scatter, at least from their own errors."""
-    own = sum(float(p.deflection_errors) ** 2 for p in repeats) / len(repeats) ** 2
-    scatter = float(np.var([p.deflection for p in repeats], ddof=1)) / len(repeats) if len(repeats) > 1 else 0.0
-    return max(own, scatter)
 
 
 def _group_by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:

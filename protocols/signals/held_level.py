@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model import Array
+from model import Array, misfit_factor
 from protocols.base import InterferenceLine
 from protocols.signals.checks import check_positive, check_samples
 from protocols.signals.interference import SEPARATION_BINS, resolved_lines
@@ -269,7 +269,7 @@ def find_ramp(drive_v: Array, rate_hz: float, hold_s: float, rest_s: float) -> D
 
 
 def weighted_fit(columns: Sequence[Array], y: Array, weight: Array) -> tuple[Array, Array]:
-    """Return coefficients of columns, (N,) each, and their covariance by least squares; scatter widens it (Birge ratio).
+    """Return coefficients of columns, (N,) each, and their covariance by least squares; significant scatter widens it.
 
     `weight` is the inverse standard error of each y, (N,).
     """
@@ -277,7 +277,7 @@ def weighted_fit(columns: Sequence[Array], y: Array, weight: Array) -> tuple[Arr
     inverse = np.asarray(np.linalg.inv(basis.T @ basis), float)
     coefficients = inverse @ basis.T @ (y * weight)
     left = y * weight - basis @ coefficients
-    return coefficients, inverse * max(float(left @ left) / max(y.size - len(columns), 1), 1.0)
+    return coefficients, inverse * misfit_factor(float(left @ left), y.size - len(columns)) ** 2
 
 
 BINS_PER_DECADE = 20

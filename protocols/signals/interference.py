@@ -36,6 +36,9 @@ MAX_ZONES = 20
 SEPARATION_BINS = 1.25
 """Smallest distance of two fitted lines, in units of the inverse duration."""
 
+NEAR_ORDERS = 4
+"""Orders on both sides of a line that are fitted with it."""
+
 MAX_FREQUENCY_STEPS = 5
 """Number of Gauss-Newton iterations; two suffice from the largest bin."""
 
@@ -148,8 +151,12 @@ def remove_lines(
             apart.append(line.frequency_hz)
     if not apart:
         return samples, coincident
-    fit = fit_lines(samples, rate_hz, np.concatenate([orders * frequency_hz, apart]))
-    return samples - line_samples(fit.components[orders.size :], np.array(apart), len(samples), rate_hz), coincident
+    # Of a waveform with a kink higher orders, too, leak into a line: those next to it are fitted with it.
+    near = np.round(np.array(apart)[:, None] / frequency_hz) + np.arange(-NEAR_ORDERS, NEAR_ORDERS + 1)
+    high = np.unique(near[(near > orders[-1]) & (near * frequency_hz < NYQUIST_SHARE * rate_hz)]) * frequency_hz
+    high = high[np.abs(high[:, None] - apart).min(axis=1) >= SEPARATION_BINS * resolution_hz]
+    fit = fit_lines(samples, rate_hz, np.concatenate([apart, orders * frequency_hz, high]))
+    return samples - line_samples(fit.components[: len(apart)], np.array(apart), len(samples), rate_hz), coincident
 
 
 def folded_frequencies(

@@ -184,11 +184,13 @@ class Laboratory:
         return 1 - self.creep * (np.log10(f / 100) + (np.euler_gamma + 0.5j * np.pi) / np.log(10))
 
     def peak_hz(self, mass_kg: float) -> float:
-        """Frequency of the largest response, by ever finer scans and a last parabola."""
+        """Frequency of the largest response, by ever finer scans and a last parabola; NaN for a response that falls from 60 Hz on."""
         low, high = 60.0, 700.0
         for _ in range(4):
             f = np.linspace(low, high, 13)
             y = abs(self.response(f, mass_kg) * self.late(f))
+            if low == 60.0 and not y.argmax():
+                return float("nan")
             top = int(np.clip(y.argmax(), 1, 11))
             low, high = f[top - 1], f[top + 1]
         a, b, c = y[top - 1 : top + 2]

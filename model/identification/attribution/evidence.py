@@ -44,6 +44,16 @@ class CauseEvidence:
         return self.gain / 2 - self.price + self.cause.log_prior
 
 
+def chance_of_first(tests: Array) -> float:
+    """Return the share of columns of which a statistic is at least as rare as the rarest of the first, (tests, 1 + draws).
+
+    The first is ranked among all, as each of the others is: under noise alone any column is as likely as another to be the rarest.
+    """
+    ranks = np.array([np.searchsorted(np.sort(-each), -each, side="right") for each in tests])
+    least = ranks.min(axis=0)
+    return float(np.mean(least <= least[0]))
+
+
 class Evidence:
     """Evidence for every possible cause of the misfit of a fit."""
 
@@ -96,12 +106,9 @@ class Evidence:
             noise = random.standard_normal((min(DRAWS_AT_ONCE, DRAWS - first), used.size)) * used
             parts.append(self._tests(self.outside_fit(np.ascontiguousarray(noise.T))))
         tests = np.concatenate(parts, axis=1)
-        ranks = np.array([np.searchsorted(np.sort(-t[1:]), -t, side="right") + 1.0 for t in tests]) / (DRAWS + 1)
-        ranks[1, 0] = min(ranks[1, 0], chdtrc(max(fit.degrees_of_freedom, 1), tests[1][0]))
-        least = ranks.min(axis=0)
-        own = (
-            (1 + np.sum(least[1:] <= least[0])) / (DRAWS + 1) if least[0] > 1 / DRAWS else float(least[0]) * len(tests)
-        )
+        own = chance_of_first(tests)
+        if own <= len(tests) / (DRAWS + 1):  # as rare as the rarest draws: of chi-square alone the tail is known
+            own = min(own, len(tests) * float(chdtrc(max(fit.degrees_of_freedom, 1), tests[1, 0])))
         others = [min(1.0, p) for p in probabilities]
         return float(-np.expm1((1 + bool(others)) * np.log1p(-min(own, *others, 1 - 1e-12))))
 

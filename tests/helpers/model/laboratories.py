@@ -251,7 +251,8 @@ def _masses(lab: Laboratory, world: World, label: str, place: int, _: Any, rng: 
     offset = world.instruments["masses"][1]
     true = lab.mass_fraction * (MASSES_KG + offset) + lab.mass_offset_kg
     f = np.array([lab.peak_hz(m) for m in true])
-    return Raw("masses", label, place, MASSES_KG.copy(), f, np.full(f.size, 0.3 * world.noise))
+    seen = np.isfinite(f)
+    return Raw("masses", label, place, MASSES_KG[seen], f[seen], np.full(seen.sum(), 0.3 * world.noise))
 
 
 def _steps(lab: Laboratory, world: World, label: str, place: int, _: Any, rng: np.random.Generator) -> Raw:
