@@ -225,8 +225,7 @@ def test_a_run_keeps_its_values_whatever_becomes_of_the_columns_that_it_was_made
     for run in (sweep(), decay()):
         for name in ("frequency_hz", "errors_m", "errors_hz", "fundamental_m", "damping", "good"):
             if (column := getattr(run, name, None)) is not None:
-                with pytest.raises(ValueError, match="read-only"):
-                    column[0] = 0
+                assert not column.flags.writeable
     given = LINES_HZ.copy()
     run = FrequencyResponseObservation("sweep", given, given, given)
     given[:] = 0.0
