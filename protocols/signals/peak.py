@@ -287,8 +287,8 @@ def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
 def _vertex(x: Array, y: Array) -> float:
     """Return the minimum of the polynomial through all points that is nearest to the first three's middle one; NaN without one."""
     slope = np.polynomial.Polynomial.fit(x, y, x.size - 1).deriv()
+    slope = slope.trim(1e-8 * float(np.abs(slope.coef).max()))  # a degree that is only rounding spoils the roots
     bend = slope.deriv()
-    roots = np.asarray(slope.roots(), complex)
-    level = roots.real[np.abs(roots.imag) < 1e-9 * np.abs(roots)].tolist()
-    minima = [r for r in level if bend(r) > 0 and x[0] < r < x[2]]
+    level = (roots := np.asarray(slope.roots(), complex)).real[np.abs(roots.imag) < 1e-9 * np.abs(roots)]
+    minima = level[(bend(level) > 0) & (x[0] < level) & (level < x[2])].tolist()
     return min(minima, key=lambda r: float(abs(r - x[1])), default=math.nan)

@@ -14,6 +14,7 @@ from protocols.base import (
     RunPaused,
     RunResumed,
     ShutdownStarted,
+    SpecimenMayBeLive,
 )
 from protocols.base.events import Prompt
 from tests.app.test_view import AT_REST, BEGUN, COMPLETED, FAILED, LIVE, LOST, OPENED, SINE, STARTED, UNSAFE, view_after
@@ -42,6 +43,17 @@ def test_only_the_prompt_to_switch_off_ends_the_state_in_which_the_specimen_is_l
     view = view_after(*events)
     assert view.bench_state is state
     assert (view.drive == SINE) == plays
+
+
+def test_nothing_that_was_measured_of_an_earlier_bench_or_run_is_present_in_the_next_one() -> None:
+    warned = (*LIVE, DriveReadbackChanged(True, 0.0, 0.0), SpecimenMayBeLive(2.0, 3.0, ""))
+    left, opened = view_after(*warned), view_after(*warned, OPENED)
+    assert (left.warned, left.off_aim) == (True, True)
+    assert (opened.high_voltage, opened.warned, opened.off_aim, opened.suspects) == (None, False, False, frozenset())
+    ended = (*LIVE, ShutdownStarted(), AT_REST, COMPLETED)
+    again = view_after(*ended, RunRequested("again"), STARTED)
+    assert view_after(*ended).rest is not None
+    assert (again.rest, again.drive, again.warned, again.unread) == (None, None, False, False)
 
 
 def test_a_run_that_was_given_up_unsafe_without_a_measurement_is_unsafe_until_rest_is_measured() -> None:

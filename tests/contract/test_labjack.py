@@ -131,6 +131,22 @@ def test_a_dummy_scan_is_never_delivered_as_volts(monkeypatch: pytest.MonkeyPatc
         assert re.search(r"after scan \d", read_until_lost(stream))
 
 
+@pytest.mark.parametrize("place", [1, 2])
+def test_an_input_at_its_upper_end_beside_another_that_is_not_is_a_reading(
+    place: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only a scan whose every input has this value is a dummy."""
+    with connected() as (digitizer, _, _), digitizer.stream(RATE_HZ, BLOCK) as stream:
+        packet, at = T7Stream._read_packet, -2 * (3 - place)
+        monkeypatch.setattr(
+            T7Stream,
+            "_read_packet",
+            lambda self: (data := packet(self))[:at] + b"\xff\xff" + data[len(data) + at + 2 :],
+        )
+        raw = stream.read().raw
+    assert [row.max() == 32767 for row in raw] == [place == 1, place == 2]
+
+
 def test_a_packet_with_a_wrong_number_ends_the_acquisition() -> None:
     with connected() as (digitizer, _, device):
         with digitizer.stream(RATE_HZ, BLOCK) as stream:

@@ -1,9 +1,11 @@
 """Abort levels: each acts in the acquisition, is stored and reported, and leaves ordinary runs undisturbed."""
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,7 +36,9 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runfile.reader import Run
-from protocols.runner.abort_levels import LevelMonitor
+from protocols.runner.abort_levels import LevelMonitor, LevelQuestion
+from protocols.runner.acquisition import RunAcquisition
+from protocols.runner.publisher import RunCancelled
 from protocols.runner.readback import DriveReadback
 from sim_hardware.clock import VirtualClock
 from tests.helpers.level_protocol import Levels
@@ -357,6 +361,10 @@ OFFSETS = ((0.045, True), (-0.045, True), (0.06, False), (-0.06, False))
         (SINE, lambda t: 2.7 + 0.3 * np.sin(2 * np.pi * 100 * t), False),
         (SINE, lambda t: 2.5 + 0.5 * np.sign(np.sin(2 * np.pi * 100 * t)), False),
         (SINE, lambda t: 2.5 + 0.5 * np.sin(2 * np.pi * 140 * t), False),
+        *(
+            (SINE, lambda t, v=v: 2.5 + 0.47 * np.sin(200 * np.pi * t) + v * np.sin(600 * np.pi * t), v < 0.05)
+            for v in (0.04, 0.1)
+        ),
         (LEVEL, lambda t: 3.02 + 0 * t, True),
         (LEVEL, lambda t: 2.5 + 0 * t, False),
         (LEVEL, lambda t: 0 * t, False),
@@ -457,21 +465,25 @@ def test_a_deviation_is_confirmed_anew_for_every_drive_at_raised_speed(is_new: b
 
 
 @pytest.mark.one_in(1)
-@pytest.mark.parametrize("anew", [False, True])
-def test_scans_without_a_target_are_counted_on_from_block_to_block_of_one_drive(anew: bool) -> None:
-    """40 ms at the end of a block and at the begin of the next: beyond the 50 ms of the level, if the drive is the same."""
+@pytest.mark.parametrize(("anew", "between"), [(False, False), (True, False), (False, True)])
+def test_scans_without_a_target_are_counted_on_from_block_to_block_of_one_drive(anew: bool, between: bool) -> None:
+    """40 ms at the end of a block and at the begin of the next: beyond the 50 ms of the level, if the drive is the same.
+
+    A block with a target between them begins the count anew.
+    """
     with laboratory() as lab:
         monitor = LevelMonitor(LevelSettings(laser_lost=LevelAction.WARNING), lab.bench.sensor, 2.5, VirtualClock())
     monitor.attach((VOLTS, Scale((0.0, 3.5e-4))), RATE_HZ, 0.0)
     scans, lost = np.arange(500), []
-    for first, lost_at in ((1000, scans >= 300), (1500, scans < 200)):
+    blocks = [scans >= 300, *([scans < 0] if between else []), scans < 200]
+    for first, lost_at in zip(range(1000, 3000, 500), blocks, strict=False):
         if first == 1000 or anew:
             monitor.drive_changed(SINE)
         drive_v = SINE.volts((first + scans) / RATE_HZ)
         counts = np.rint([drive_v / 2e-4, np.where(lost_at, 11.0, 0.0) / 3.5e-4])
         monitor.block_read(Block(first, counts.astype(np.int16)))
         lost += [e.value for e in monitor.take_events() if isinstance(e, LevelExceeded) and e.level == "laser_lost"]
-    assert lost == ([] if anew else [pytest.approx(0.08)])
+    assert lost == ([] if anew or between else [pytest.approx(0.08)])
 
 
 def test_points_without_response_count_in_succession() -> None:
@@ -670,3 +682,52 @@ def test_a_reply_that_is_late_at_raised_speed_does_not_make_a_drive_end_early(sp
         monitor.block_read(Block(2500 + first, raw[:, first : first + 500]))
     lost = [event for event in monitor.take_events() if isinstance(event, DriveReadbackChanged) and event.lost]
     assert bool(lost) is is_lost
+
+
+class Told:
+    """A recorder that keeps what is published."""
+
+    def __init__(self) -> None:
+        self.events: list[Any] = []
+        self.publish = self.notify = self.events.append
+
+
+def test_every_exceeded_level_is_told_before_an_interrupt_and_the_operator_is_asked_about_the_first() -> None:
+    found = [LevelExceeded(level, 0.1, "displacement", 2.0, 1.0, "m", "ask", level) for level in ("stroke", "rate")]
+    ends: list[Exception] = []
+
+    def check_interrupts() -> None:
+        if ends:
+            raise ends.pop()
+
+    armed: Any = SimpleNamespace(read_block=lambda: Block(0, np.zeros((2, 10), np.int16)))
+    with laboratory() as lab:
+        for end in (RunCancelled("Stop"), LevelQuestion(found[0])):
+            told: Any = Told()
+            acquisition = RunAcquisition(lab.bench, told, check_interrupts)
+            acquisition.levels.take_events = lambda: found  # type: ignore[method-assign,return-value]
+            if isinstance(end, RunCancelled):
+                ends.append(end)
+            with pytest.raises(type(end)) as raised:
+                acquisition.read_block(armed)
+            acquisition.close()
+            assert (told.events, str(raised.value)) == (found, str(end))
+
+
+def test_during_an_analysis_the_blocks_that_are_due_are_read_and_no_others() -> None:
+    with laboratory() as lab:
+        told: Any = Told()
+        acquisition, due, size = RunAcquisition(lab.bench, told, lambda: None), threading.Event(), 100
+        rate_hz, starts = size / lab.bench.block_s, iter(range(0, 11 * size, size))
+
+        def discard_block() -> Block:
+            start = next(starts)  # none is left after the eleventh
+            if start == 9 * size:
+                due.set()
+            return Block(start, np.zeros((2, size), np.int16))
+
+        stream = SimpleNamespace(start_time_s=lab.bench.clock.now() - 10.5 * lab.bench.block_s)
+        armed: Any = SimpleNamespace(discard_block=discard_block, stream=stream, rate_hz=rate_hz)
+        assert acquisition.run_analysis(armed, lambda: due.wait(20.0)) is True  # type: ignore[arg-type,return-value]
+        acquisition.close()
+    assert [event.block.start for event in told.events] == list(range(0, 10 * size, size))

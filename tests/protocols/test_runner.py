@@ -4,19 +4,24 @@ import re
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
 from drivers.bench.bench import ArmedBench
+from drivers.bench.rest import LiveWarning
 from drivers.drive_shapes import Hold, Sine
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import (
     BenchArmed,
     BlockStored,
     DriveStarted,
+    Event,
+    EventBus,
     LevelExceeded,
     Play,
     PointMeasured,
@@ -36,8 +41,11 @@ from protocols.base import (
     StreamStarted,
 )
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
+from protocols.runner.request import RunRequest
+from protocols.runner.runner import Runner
 from tests.helpers.messages import assert_names
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted
 from tests.helpers.simulated_bench import Trigger, assert_safe_voltage, laboratory, run, simulated
@@ -305,3 +313,31 @@ def test_the_way_to_rest_and_the_warning_state_what_a_front_end_needs(
     (warning,) = (event for event in ran.events if isinstance(event, SpecimenMayBeLive))
     assert warning.part == "generator"
     assert 0 <= warning.age_s < 0.3
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> Iterator[tuple[Runner, list[Event]]]:
+    """A run that has not begun, and what observers see of it."""
+    with laboratory() as lab:
+        seen: list[Event] = []
+        made = Runner(RunRequest(SHORT, tmp_path, "T1"), lab.bench, lab.operator, EventBus(seen.append))
+        yield made, seen
+        made.give_up(RunStatus.FAILED, "it was not begun")
+
+
+def test_a_warning_that_the_disk_does_not_take_is_told_all_the_same(
+    runner: tuple[Runner, list[Event]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, seen = runner
+    monkeypatch.setattr(made._run_file, "append_event", mock.Mock(side_effect=StorageError("full")))
+    made._warn_of_live_specimen(LiveWarning("", 2.0, 3.0, 0.1, "card"))
+    assert seen == [SpecimenMayBeLive(2.0, 3.0, "", "card", 0.1)]
+
+
+def test_a_run_that_was_given_up_tells_nothing_afterwards(runner: tuple[Runner, list[Event]]) -> None:
+    made, seen = runner
+    ended = made.give_up(RunStatus.FAILED, "its thread hangs")
+    told = list(seen)
+    assert ended.status is RunStatus.FAILED
+    made._warn_of_live_specimen(LiveWarning(""))
+    assert (seen, made.give_up(RunStatus.STOPPED, "")) == (told, ended)

@@ -4,14 +4,16 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli.main import main
 from app.identification import AcceptanceError, accept_identification, calibrations, doubt_about
-from app.identification.active_model import load_active_model
+from app.identification.active_model import ActiveModel, load_active_model, reference_model
 from app.identification.result_text import ADEQUACY_TEXT
-from app.identification.specimen_identification import IdentificationResult, identify
-from model.identification import Calibration
+from app.identification.specimen_identification import IdentificationResult, _joint_result, identify
+from model import EstimatedQuantity, Membrane, Tactor
+from model.identification import Calibration, ExtensionStep
 from model.identification.adequacy import Adequacy
 from tests.helpers.importing import brought
 
@@ -74,9 +76,15 @@ def test_an_unchecked_result_needs_a_reason_and_an_adequate_one_does_not(
     assert Calibration.from_record(record).decision == ""
     first = load_active_model(tmp_path, "T1")
     assert load_active_model(tmp_path, "T1", first) is first
+    first_version = calibrations.read_calibrations(tmp_path, "T1").get()
     assert accept_identification(fine, tmp_path, ())[0].version == 2
     assert load_active_model(tmp_path, "T1", first).description != first.description
     second = calibrations.read_calibrations(tmp_path, "T1").get(2)
+    assert reference_model(tmp_path, "T1") is not None
+    calibrations.write_calibrations(
+        tmp_path, "T1", calibrations.Calibrations((first_version, second), 0)
+    )  # none is active
+    assert reference_model(tmp_path, "T1") is None
     calibrations.write_calibrations(tmp_path, "T1", calibrations.Calibrations((second,), 2))  # the first was taken out
     assert accept_identification(fine, tmp_path, ())[0].version == 3
 
@@ -91,3 +99,28 @@ def test_python_accepts_with_a_reason(wrong: Path, tmp_path: Path) -> None:
     accepted = result.accept(by="K. Tanaka", reason=REASON, folder=tmp_path)
     assert accepted.accepted_by == "K. Tanaka"
     assert tb.calibration("T1", tmp_path).decision.endswith(f"Accepted all the same: {REASON}")
+
+
+def test_a_fit_with_an_added_cause_is_judged_as_the_last_one(
+    found: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert found.joint_fit is not None
+    assert found.adequacy is not None
+    assert found.adequacy.diagnosis is not None
+    verdicts = [Adequacy(adequate, "", (), 9) for adequate in (False, True)]
+    steps = [ExtensionStep(found.adequacy.diagnosis.likeliest[0], found.joint_fit, each) for each in verdicts]
+    monkeypatch.setattr("app.identification.specimen_identification.extend_stepwise", lambda *_: steps)
+    result = _joint_result("T1", found.joint_fit, None, True, None)
+    assert (result.adequacy, result.steps) == (verdicts[-1], tuple(steps))
+
+
+def test_the_covariance_of_a_model_is_that_of_its_parameters_wherever_they_stand() -> None:
+    names, values = ("E_m", "k2", "gain", "c0"), (Membrane().E_m, Tactor().k2, 1.0, Tactor().c0)
+    estimates = [EstimatedQuantity(name, value, 0.1, "", "") for name, value in zip(names, values, strict=True)]
+    covariance = np.diag([1.0, 4.0, 9.0, 16.0]) + 0.5
+    model = ActiveModel.from_estimates(Tactor(), Membrane(), estimates, covariance)
+    for kept in (model.estimates, model.membrane_estimates):
+        assert kept is not None
+        at = [names.index(name) for name in kept.names]
+        assert np.array_equal(kept.covariance, covariance[np.ix_(at, at)])
+    assert (model.estimates.names, model.membrane_estimates.names) == (("k2", "c0"), ("E_m", "k2", "c0"))  # type: ignore[union-attr]

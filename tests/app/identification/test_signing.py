@@ -21,12 +21,14 @@ from app.identification import calibrations
 from app.identification.observations import shape_count_of_file
 from app.identification.recalibration import Correction, RecalibratedRun
 from app.identification.specimen_identification import identify
+from drivers.drive_shapes import Sine
+from drivers.interfaces import Block
 from model.identification.fit_options import FitOptions
 from model.identification.paper_chain import PaperChainOptions
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import amplifier_response
-from protocols.base import EntryStarted, Protocol, RecordingFinished, RunPaused
+from protocols.base import EntryStarted, PointMeasured, Protocol, RecordingFinished, RunPaused, RunStatus
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
@@ -34,6 +36,7 @@ from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runfile.reader import Run, RunReadError
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
+from tests.helpers.run_files import begun_run, sine_point
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 DWELL = SineDwell(frequencies_hz=(50, 100, 145, 160, 175, 250), record_s=0.1, peak_to_peak_v=4.0)
@@ -276,6 +279,20 @@ def test_what_a_pause_cut_off_is_not_part_of_the_point(tmp_path: Path) -> None:
         assert sum(len(r.drive_v) for r in kept) * 160 / kept[0].rate_hz > point + 10  # more was kept than counts
         for name, column in was.points().items():
             np.testing.assert_array_equal(now.points()[name], column, err_msg=name)
+
+
+def test_a_point_has_the_recordings_since_the_last_start_of_its_entry(tmp_path: Path) -> None:
+    file = begun_run(tmp_path, "T7", (100.0,), 5000.0)
+    row = file.row_count
+    for start in (0, 300):
+        file.append_event(EntryStarted(3, "100 Hz", (100.0,)), 0.0)
+        file.append_block(Block(4000 + start, np.zeros((2, 300), np.int16)), 0.8)
+        for first, last in ((0, 100), (100, 300)):
+            file.append_recording((row + start + first, row + start + last), 0, Sine(100.0, 2.5, 2.5, 20), 3)
+    file.append_event(PointMeasured(sine_point(100.0), 0, entry=3), 0.0)
+    file.finish(RunStatus.COMPLETED, "")
+    with RecalibratedRun(file.path, Correction(tmp_path, "", None, None)) as run:
+        assert [each.rows for each in run._latest_recordings()[3]] == [(row + 300, row + 400), (row + 400, row + 600)]
 
 
 @pytest.mark.deep

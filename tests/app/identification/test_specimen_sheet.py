@@ -127,6 +127,13 @@ def test_a_wrong_entry_is_a_sentence(line: str, says: str) -> None:
         parse_sheet(f'specimen = "T7"\n[plate]\n{line}\n', Path("T7.specimen.toml"))
 
 
+def test_an_uncertainty_in_percent_is_one_of_its_value() -> None:
+    sheet = parse_sheet(
+        'specimen = "T7"\n[plate]\nL = { value = "22 mm", uncertainty = "5 %" }\n', Path("T7.specimen.toml")
+    )
+    assert (sheet.values["L"].value, sheet.values["L"].uncertainty) == pytest.approx((22e-3, 1.1e-3))
+
+
 def test_a_linear_density_as_weighed() -> None:
     entry = 'rho1 = { mass = "0.588 g", mass_uncertainty = "5 mg", length = "52 mm", length_uncertainty = "0.26 mm" }'
     sheet = parse_sheet(f'specimen = "T7"\n[masses]\n{entry}\n', Path("T7.specimen.toml"))
@@ -204,10 +211,11 @@ def test_a_sheet_is_the_model_of_a_specimen_without_a_calibration(tmp_path: Path
     active = load_active_model(tmp_path, "T7")
     assert (active.tactor.L, active.estimates) == (22.4e-3, None)
     assert active.description == "the paper's values with the dimensions of T7.specimen.toml"
-    path.write_text('specimen = "T8"\n', "utf-8")
-    wrong = load_active_model(tmp_path, "T7")
-    assert wrong.tactor == Tactor()
-    assert "belongs to specimen T8, not to T7" in wrong.problem
+    for other in ("T8", "t7"):
+        path.write_text(f'specimen = "{other}"\n', "utf-8")
+        wrong = load_active_model(tmp_path, "T7")
+        assert wrong.tactor == Tactor()
+        assert f"belongs to specimen {other}, not to T7" in wrong.problem
 
 
 @pytest.mark.deep

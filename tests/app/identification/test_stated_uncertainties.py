@@ -107,13 +107,13 @@ def test_too_many_different_inputs_with_an_uncertainty_are_refused(
     assert "frequency has 120 different values with a separate uncertainty, the limit is 100" in capsys.readouterr().err
 
 
-def test_a_table_imported_twice_is_counted_once(tmp_path: Path) -> None:
+def test_a_table_imported_several_times_is_counted_once(tmp_path: Path) -> None:
     first = imported(tmp_path, RESONANCE)
-    second = imported(tmp_path, RESONANCE, "--uncertainty", "mass=0.1 g")
-    _, campaign, notes = read_observations([first, second])
+    others = [imported(tmp_path, RESONANCE, "--uncertainty", f"mass={each} g") for each in (0.1, 0.2)]
+    _, campaign, notes = read_observations([first, *others])
     assert len(campaign.runs) == 1
-    (note,) = notes
-    assert_names(note, second.name, first.name, 9)
+    for note, other in zip(notes, others, strict=True):
+        assert_names(note, other.name, first.name, 9)
 
 
 @pytest.mark.deep

@@ -205,3 +205,28 @@ def test_next_best_weighs_sweep_and_decay_and_says_what_a_run_then_does() -> Non
     assert proposals["sweep, free, 250 lines"].error_after == pytest.approx(after["c0"], rel=0.03)
     ranked = [p.candidate.run.label for p in rank_candidates(before, default_candidates(before, expected), "c0")]
     assert {"sweep, free, 250 lines", "free decay, ten edges"} & set(ranked[:3])
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("damping", [-0.3, 0.02, 0.3, 0.8])
+def test_the_errors_of_a_pole_are_those_of_its_frequency_and_damping(damping: float) -> None:
+    def made(frequency_hz: float, ratio: float) -> DecayPoleObservation:
+        return DecayPoleObservation("decay", *(np.array([each]) for each in (frequency_hz, 0.5, ratio, 1e-4)))
+
+    run = made(160.0, damping)
+    assert run.pole_hz == pytest.approx(160.0 * (-damping + 1j * np.sqrt(1 - damping**2)))
+    turned = np.angle(made(160.0, damping + 1e-4).pole_hz / run.pole_hz)
+    assert run.phase_errors_rad == pytest.approx(turned, rel=1e-3)
+    again = run.with_pole(run.pole_hz)
+    assert (again.frequency_hz, again.damping) == (pytest.approx(160.0), pytest.approx(damping))
+
+
+def test_a_run_keeps_its_values_whatever_becomes_of_the_columns_that_it_was_made_of() -> None:
+    for run in (sweep(), decay()):
+        for name in ("frequency_hz", "errors_m", "errors_hz", "fundamental_m", "damping", "good"):
+            if (column := getattr(run, name, None)) is not None:
+                assert not column.flags.writeable
+    given = LINES_HZ.copy()
+    run = FrequencyResponseObservation("sweep", given, given, given)
+    given[:] = 0.0
+    assert np.array_equal(run.frequency_hz, LINES_HZ)

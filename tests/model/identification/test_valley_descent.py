@@ -76,5 +76,14 @@ def test_a_limit_holds_a_parameter_and_the_other_is_best_there() -> None:
     assert end[1] == pytest.approx(on_floor(2.0)[1], abs=1e-5)
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("low", "high", "start"), [(1.5, np.inf, 1.5), (-np.inf, 3.3, 3.3), (1.5, 3.3, 1.5)])
+def test_a_start_on_a_limit_leaves_it_for_the_minimum_inside(low: float, high: float, start: float) -> None:
+    free, _, _ = run((1.5, 8.0), FREE)
+    end, settled, _ = run((start, 8.0), Box(np.array([low, -np.inf]), np.array([high, np.inf]), np.ones(2)))
+    assert settled
+    np.testing.assert_allclose(end, free, atol=2e-6)
+
+
 def test_too_few_evaluations_are_told() -> None:
     assert run((1.5, 8.0), FREE, evaluations=3)[1:] == (False, 3)

@@ -8,19 +8,21 @@ from contextlib import suppress
 from dataclasses import astuple, replace
 from datetime import datetime
 from pathlib import Path
+from unittest import mock
 
 import h5py
 import numpy as np
 import pytest
 
-from drivers import Block
-from protocols.base import Quality, RunStatus, Series, SeriesAxis
-from protocols.runfile.checksums import changed_names
+from drivers import Block, Hold, Scale
+from protocols.base import LogMessage, Quality, RunStatus, Series, SeriesAxis
+from protocols.runfile.checksums import _digest, changed_names
 from protocols.runfile.errors import FileLostError, RunReadError, StorageError
 from protocols.runfile.open import translate_read_errors
+from protocols.runfile.presence import process_is_alive
 from protocols.runfile.reader import Run, _largest_point
 from protocols.runfile.repair import repair_folder, repair_run
-from protocols.runfile.schema import AIR_COLUMNS, REPAIRED
+from protocols.runfile.schema import AIR_COLUMNS, EVENT_DTYPE, REPAIRED
 from protocols.runfile.transaction import has_journal, journal_path, replay_journal, transaction
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.run_files import SCALES
@@ -306,3 +308,98 @@ def test_the_largest_point_has_the_middle_drive_of_the_usable_points() -> None:
 
 def test_an_object_that_is_missing_or_new_is_a_change() -> None:
     assert changed_names({"a": "1", "b": "2", "d": "4"}, {"a": "1", "c": "3", "d": "5"}) == ["b", "c", "d"]
+
+
+def test_the_digest_of_parts_tells_where_each_part_ends() -> None:
+    texts = [("abc",), ("a", "bc"), ("ab", "c"), ("a", "b", "c"), ("", "abc"), ("abc", ""), ()]
+    assert len({_digest(*parts) for parts in texts}) == len(texts)
+
+
+def test_a_journal_with_one_changed_byte_or_without_its_end_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"before")
+    with (
+        mock.patch("protocols.runfile.transaction._apply", side_effect=KeyboardInterrupt),
+        pytest.raises(KeyboardInterrupt),
+        transaction(path) as changed,
+    ):
+        changed.write(b"behind")
+    whole = journal_path(path).read_bytes()
+    flipped = (whole[:k] + bytes([whole[k] ^ 1]) + whole[k + 1 :] for k in range(len(whole)))
+    for text in (*flipped, *(whole[:k] for k in range(len(whole)))):
+        journal_path(path).write_bytes(text)
+        assert not replay_journal(path)
+        assert (path.read_bytes(), has_journal(path)) == (b"before", False)
+    journal_path(path).write_bytes(whole)
+    assert replay_journal(path)
+    assert path.read_bytes() == b"behind"
+
+
+def test_every_input_is_read_back_with_its_own_scale_and_skew(tmp_path: Path) -> None:
+    scales = Scale((0.3, 2e-4)), Scale((-0.7, 5e-4), skew_s=3e-6)
+    counts = np.arange(-20, 20, dtype=np.int16).reshape(2, 20)
+    file = RunFileWriter.new(tmp_path, RECORD, Spot)
+    file.start_stream(1000.0, scales)
+    file.append_block(Block(0, counts), 0.0)
+    file.finish(RunStatus.COMPLETED, "")
+    with Run(file.path) as run, h5py.File(file.path, locking=False) as stored:
+        read = {"drive": run.trace.drive_v(), "displacement": run.trace.displacement_m()}
+        assert read["drive"] == pytest.approx(scales[0].to_volts(counts[0]))
+        for (name, values), raw, scale in zip(read.items(), counts, scales, strict=True):
+            stored_scale = run.trace.channel_scale(name)
+            assert (stored_scale.coefficients[:2], stored_scale.skew_s) == (scale.coefficients, scale.skew_s)
+            factor, offset = (stored[f"entry/trace/{name}_{kind}"][()] for kind in ("scaling_factor", "offset"))
+            assert (raw + offset) * factor == pytest.approx(values)  # as NXdata defines them
+
+
+def test_earlier_runs_are_the_oldest_first_and_so_are_their_recordings(tmp_path: Path) -> None:
+    paths: list[Path] = []
+    for k in range(4):
+        file = new(
+            tmp_path,
+            replace(RECORD, continues=paths[-1].name if paths else "", start_time=f"2026-01-0{k + 1}T00:00:00+00:00"),
+        )
+        file.append_block(Block(0, np.full((2, 10), k, np.int16)), 0.0)
+        file.append_recording((0, 10 - k), 0, Hold(2.5, 1.0))
+        file.finish(RunStatus.STOPPED, "")
+        paths.append(file.path)
+    with Run(paths[-1]) as run:
+        assert run.earlier_runs() == paths[:-1]
+        assert [each.drive_v.size for each in run.recordings()] == [10, 9, 8, 7]
+
+
+def test_a_file_replaced_by_an_equal_one_while_it_is_written_is_lost(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    other = shutil.copy(file.path, tmp_path / "other.h5")
+    other.replace(file.path)
+    with pytest.raises(FileLostError, match=re.escape(file.path.name)):
+        file.append_point(Spot(100.0, 1e-6))
+    file.finish(RunStatus.FAILED, "")
+    assert len(list(tmp_path.glob("*.h5"))) == 2
+
+
+@pytest.mark.parametrize("cut", [b"", b'{"text": "thi'])
+def test_an_event_that_a_kill_cut_is_dropped_and_the_others_stay(
+    cut: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, texts = new(tmp_path), ["first", "second " * 400]
+    for text in texts:
+        file.append_event(LogMessage(text), 0.0)
+    if cut:
+        file._append_rows("events", np.array([(0.0, 0, LogMessage.kind, cut)], EVENT_DTYPE))
+    left = shutil.copy(file.path, tmp_path / "left.h5")
+    file.finish(RunStatus.COMPLETED, "")
+    monkeypatch.setattr("protocols.runfile.repair.writer_is_alive", lambda *_: False)
+    repair_run(left)
+    with Run(left) as run:
+        assert [event.fields["text"] for event in run.events()] == texts
+
+
+@pytest.mark.parametrize(
+    ("error", "lives"),
+    [(None, True), (PermissionError(), True), (ProcessLookupError(), False), (OverflowError(), False)],
+)
+@pytest.mark.one_in(1)
+def test_a_process_of_another_user_is_alive(error: Exception | None, lives: bool) -> None:
+    with mock.patch("protocols.runfile.presence.os.kill", side_effect=error):
+        assert process_is_alive(4711) is lives

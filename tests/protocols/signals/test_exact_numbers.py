@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from protocols.base import InterferenceLine
 from protocols.signals import peak, sine
 from protocols.signals.held_level import MIN_SAMPLES, estimate_level, estimate_step, find_ramp, weighted_fit
 from protocols.signals.sine import fit_sine
@@ -123,11 +124,17 @@ def test_a_resonance_without_noise_is_found_exactly() -> None:
     assert seen.band_hz == (180.0, 220.0)
 
 
-def test_the_standard_error_of_a_peak_is_the_spread_of_many() -> None:
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("shared", [0.0, 0.6])
+def test_the_standard_error_of_a_peak_is_the_spread_of_many(shared: float) -> None:
+    """Of lines whose noise is independent, or shared by neighbours."""
     rng = np.random.default_rng(7)
     f = np.linspace(180.0, 220.0, 41)
     power = 1.0 / ((200.0**2 - f**2) ** 2 + (40.0 * f) ** 2)
-    seen = [peak._fit_peak(f, power * np.exp(0.05 * rng.standard_normal(f.size)), 0.0) for _ in range(150)]
+    noise = 0.05 * np.array(
+        [np.convolve(each, [1.0, shared], "valid") for each in rng.standard_normal((300, f.size + 1))]
+    )
+    seen = [peak._fit_peak(f, power * np.exp(each), shared / (1 + shared**2)) for each in noise]
     spread = float(np.std([each.frequency_hz for each in seen]))
     assert np.mean([each.standard_error_hz for each in seen]) == pytest.approx(spread, rel=0.2)
 
@@ -163,3 +170,42 @@ def test_pieces_of_a_spectrum_may_reach_to_half_the_sample_rate() -> None:
     whole = peak.joined_spectrum_peak([ringing], 1000.0, [band_hz], band_hz)
     assert joined.frequency_hz == pytest.approx(whole.frequency_hz, rel=1e-6)
     assert whole.frequency_hz == pytest.approx(150.0, rel=0.01)
+
+
+def test_a_spectrum_is_divided_by_that_of_its_drive() -> None:
+    t = np.arange(4000) / 1000.0
+    ringing = np.exp(-40.0 * t) * np.sin(2 * np.pi * 150.0 * t)
+    falling = np.exp(-t / 0.002)  # a drive whose lines fall by a half within the band
+    band_hz = 50.0, 400.0
+    driven = np.convolve(ringing, falling)[: t.size]
+    alone, divided, weighted = (
+        peak.joined_spectrum_peak([samples], 1000.0, [band_hz], band_hz, drives=drives).frequency_hz
+        for samples, drives in ((ringing, ()), (driven, [falling]), (driven, ()))
+    )
+    assert divided == pytest.approx(alone, rel=1e-4)
+    assert weighted < alone - 0.1
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_peak_of_a_dwell_is_drawn_from_the_highest_neighbours_of_its_highest_point(side: int) -> None:
+    u = np.arange(200.0**2 - 8000, 200.0**2 + 8001, 2000.0)  # of an even scale of squared frequencies
+    y = (1.0 + ((u - 200.0**2 - 300 * side) / 3000.0) ** 2) ** -0.5
+    y[np.abs(u - 200.0**2 - 300 * side) > 4500] *= 0.5  # another law further away
+    order = slice(None, None, side)
+    found = peak.dwell_peak(np.sqrt(u)[order], y[order], 1e-9 * y[order])
+    assert found is not None
+    assert found.frequency_hz == pytest.approx(np.sqrt(200.0**2 + 300 * side), rel=1e-9)
+    assert found.frequency_error_hz < 1e-3
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 0.2])
+def test_a_line_too_slow_for_a_level_to_show_is_in_its_error(amplitude: float) -> None:
+    rate_hz, n = 1000.0, 100
+    t = np.arange(n) / rate_hz
+    line = InterferenceLine(1.0, amplitude, 1e-6)
+    seen = [
+        estimate_level(2.0 + amplitude * np.sin(2 * np.pi * t + phase), rate_hz, None, [line])
+        for phase in np.linspace(0.0, 2 * np.pi, 40, endpoint=False)
+    ]
+    wrong = float(np.sqrt(np.mean([(each.value - 2.0) ** 2 for each in seen])))
+    assert np.mean([each.standard_error for each in seen]) == pytest.approx(wrong, rel=0.1, abs=1e-9)

@@ -126,7 +126,31 @@ def test_noise_of_a_short_record_counts_its_degrees_of_freedom() -> None:
     assert np.mean(np.square(noise)) == pytest.approx(0.1**2, rel=0.12)
 
 
-def test_a_response_is_steady_after_three_equal_windows_and_not_after_two() -> None:
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("responses", "drives", "steady"),
+    [
+        ([1.0, 1.0, 1.0], [1, 1, 1], [0, 0, 1]),
+        ([0.5, 1.0, 1.0, 1.0], [1, 1, 1, 1], [0, 0, 0, 1]),
+        ([1.0, 1.0, 0.5, 0.5, 0.5], [1, 1, 1, 1, 1], [0, 0, 0, 0, 1]),
+        ([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1, 1, 0, 1, 1, 1], [0, 0, 0, 0, 0, 1]),
+        ([1.0, 1.0, 1.0, 1.0], [1, 1, 1.06, 0.94], [0, 0, 0, 0]),
+        ([1.0, 1.0, 1.0], [0.96, 1.04, 0.96], [0, 0, 1]),
+        ([1.0, 1.0, -1.0, -1.0, -1.0], [1, 1, 1, 1, 1], [0, 0, 0, 0, 1]),
+    ],
+)
+def test_a_response_is_steady_after_three_equal_windows_in_a_row_with_the_drive_on(
+    responses: list[float], drives: list[float], steady: list[int]
+) -> None:
     detector = SettlingDetector(RATE, 100.0, 500, 1.0, 0.01)
-    drive = signal(500, 100.0, [1.0 + 0j])
-    assert [detector.feed(drive, 1e-4 * drive) for _ in range(3)] == [False, False, True]
+    wave = signal(500, 100.0, [1.0 + 0j])
+    seen = [
+        detector.feed(drive * wave, 1e-4 * drive * size * wave) for size, drive in zip(responses, drives, strict=True)
+    ]
+    assert seen == [bool(each) for each in steady]
+
+
+@given(st.floats(-0.4, 0.4), st.floats(0.0, 2 * np.pi), st.integers(200, 3000))
+def test_the_frequency_is_found_from_any_start_within_its_line(away: float, phase: float, samples: int) -> None:
+    clean = signal(samples, 200.0, [np.exp(1j * phase)], 0.3, 0.1)
+    assert fit_frequency(clean, RATE, 200.0 + away * RATE / samples) == pytest.approx(200.0, rel=1e-7)

@@ -109,3 +109,16 @@ def test_settings_that_cannot_work_are_refused() -> None:
         WeightStepDetector(RATE, min_step=5.0, tolerance=3.0)
     with pytest.raises(ValueError, match="at least 3 windows of 8 samples"):
         WeightStepDetector(RATE, min_step=5.0, window_s=0.001)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("size", [4.5, -4.5, 2.6, 1.0])
+def test_a_change_below_the_smallest_step_is_no_landing_and_its_level_is_the_new_zero(size: float) -> None:
+    t, y = trace(np.random.default_rng(8), 8.0, noise=0.05)
+    small, watch = y + size * (t > 2.0), WeightStepDetector(RATE, min_step=5.0)
+    assert fed(watch, small[t < 5.0]) is None
+    assert watch.state is StepDetectionState.READY
+    assert watch.zero_level == pytest.approx(size, abs=0.05)
+    found = fed(watch, small[t >= 5.0] + 30.0 * (t[t >= 5.0] > 6.0))
+    assert found is not None
+    assert (found.bumps, found.size) == (1, pytest.approx(30.0, abs=0.05))
