@@ -251,7 +251,9 @@ class _FitMonitor:
                     stages.insert(0, (NEAR_MISFIT / misfit / self._enlarged, FIRST_EVALUATIONS, FIRST_TOLERANCE))
                 for descent.weight, *limits in stages:
                     descent.least_cost = np.inf
-                    end, settled = descend(end, box, descent.linearize, descent.cost_and_residuals, (limits[0], limits[1]))
+                    end, settled = descend(
+                        end, box, descent.linearize, descent.cost_and_residuals, (limits[0], limits[1])
+                    )
         except _EvaluationLimitReached:
             if descent.best is None:
                 return None
