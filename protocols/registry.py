@@ -5,12 +5,14 @@ path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to
 reported and left out. Both kinds are loaded at the first look-up of a name that no other protocol has.
 """
 
-import importlib
+import importlib.util
 import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import fields, is_dataclass
+from importlib.abc import InspectLoader
+from inspect import getdoc
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, get_origin, get_type_hints
@@ -63,6 +65,17 @@ class ProtocolRegistry(MutableMapping[str, "type[Protocol]"]):
         """Return the title of a protocol without importing it."""
         kind = self._classes[name]
         return self._titles[name] if isinstance(kind, str) else kind.title
+
+    def summary(self, name: str) -> str:
+        """Return the first line of the description of a protocol; a built-in one is read from its source without importing it."""
+        place = self._classes[name]
+        if isinstance(place, str):
+            module, _, attribute = place.partition(":")
+            loader = getattr(importlib.util.find_spec(module), "loader", None)
+            source = loader.get_source(module) or "" if isinstance(loader, InspectLoader) else ""
+            if found := re.search(rf'^class {attribute}\b.*:\n +"""(.+?)(?:"""|$)', source, re.MULTILINE):
+                return found[1]
+        return (getdoc(self[name]) or self[name].title).splitlines()[0]
 
     def load_others(self) -> None:
         """Load the protocols of installed packages and of the files in the environment, once; broken ones are left out."""

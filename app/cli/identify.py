@@ -4,9 +4,8 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from app.cli.identify_posterior import posterior_figures, posterior_note, posterior_of, posterior_table
 from app.cli.identify_tables import (
     estimate_table,
     identification_command_result,
@@ -28,11 +27,9 @@ from app.common import (
     track,
     usage_errors,
 )
-from app.config import SIMULATED_BENCHES, ConfigError
 from app.identification import (
     CalibrationError,
     Calibrations,
-    Correction,
     IdentificationResult,
     Method,
     ObservationError,
@@ -48,6 +45,9 @@ from app.identification import (
 from model import ParameterError, ParameterSpec
 from model.identification import Calibration, FitOptions, JointFit, compare_calibrations, parameter_spec
 from protocols.runfile import Run, RunReadError
+
+if TYPE_CHECKING:
+    from app.identification import Correction
 
 T = TypeVar("T")
 
@@ -121,7 +121,7 @@ class AcceptCommand:
     json: bool = JSON_OBJECT
     accept: bool = True
 
-    @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
+    @usage_errors(ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
     def execute(self) -> int:
         from app.session import load_protocol_class
 
@@ -215,12 +215,16 @@ def _show_progress(bars: ExitStack, quiet: bool) -> Callable[[int, float], None]
     return show
 
 
-def _correction(options: AcceptCommand) -> Correction | None:
+def _correction(options: AcceptCommand) -> "Correction | None":
     if not options.bench:
         return None
+    from app.config import SIMULATED_BENCHES, ConfigError  # slow to import, and needed with this option alone
+    from app.identification import Correction
+
     if options.bench in SIMULATED_BENCHES:
         raise UsageError(f"--bench {options.bench}: give the corrected bench file itself")
-    return Correction.from_bench_file(Path(options.bench))
+    with usage_errors(ConfigError):
+        return Correction.from_bench_file(Path(options.bench))
 
 
 def _add_proposals(
@@ -231,6 +235,8 @@ def _add_proposals(
     if options.profile:
         tables.append(profile_table(fit, options.profile, options.coverage))
     if options.posterior:
+        from app.cli.identify_posterior import posterior_figures, posterior_note, posterior_of, posterior_table
+
         with usage_errors(ParameterError, about="--posterior"):
             posterior = posterior_of(fit, options.json)
         tables.append(posterior_table(posterior, identification))
@@ -252,7 +258,7 @@ def _parse_parameter(text: str, flag: str, example: str, read: Callable[[str, Pa
         return name, read(value, parameter_spec(name))
 
 
-def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:
+def _accept(identification: IdentificationResult, options: AcceptCommand, correction: "Correction | None") -> str:
     accepted, path = accept_identification(
         identification, options.runs[0].parent, options.runs, options.by, options.note, options.reason, correction
     )

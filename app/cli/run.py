@@ -5,7 +5,6 @@ Other modules of the program are imported where they are used, so that help text
 
 from collections.abc import Sequence
 from dataclasses import replace
-from inspect import getdoc
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -216,14 +215,12 @@ class ProtocolsCommand:
 
             kind = load_protocol_class(self.protocol, print_message)
             rows = _parameter_records(kind)
-            lines = [f"{kind.title}: {_first_line(kind)}"]
+            lines = [f"{kind.title}: {PROTOCOLS.summary(kind.name)}"]
             for row in rows:
                 lines += [f"  {row['parameter']} = {row['default']} {row['unit']}".rstrip()]
                 lines += [f"      {row['what it is']}" + (f"; {row['range']}" if row["range"] else "")]
         else:
-            rows = [
-                {"protocol": name, "what it measures": _first_line(kind)} for name, kind in sorted(PROTOCOLS.items())
-            ]
+            rows = [{"protocol": name, "what it measures": PROTOCOLS.summary(name)} for name in sorted(PROTOCOLS)]
             widest = max(map(len, PROTOCOLS))
             lines = [f"{row['protocol']:{widest}}  {row['what it measures']}" for row in rows]
         return print_answer(rows, lines, self.json)
@@ -242,8 +239,3 @@ def _parameter_records(kind: "type[Protocol]") -> list[dict[str, str]]:
         }
         for field in protocol_fields(kind)
     ]
-
-
-def _first_line(kind: "type[Protocol]") -> str:
-    """Return the first sentence of the protocol's description."""
-    return (getdoc(kind) or kind.title).splitlines()[0]

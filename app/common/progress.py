@@ -1,5 +1,6 @@
 """Progress and cancellation of long operations, and the progress bar of a terminal."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import accumulate, pairwise
@@ -81,19 +82,20 @@ NO_PROGRESS = Progress()
 @contextmanager
 def terminal_progress(description: str, quiet: bool = False) -> Iterator[Progress]:
     """Show a bar with the remaining time on a terminal; nothing elsewhere, or if `quiet`."""
+    if quiet or not sys.stderr.isatty():
+        yield NO_PROGRESS  # the library of the bar takes a tenth of a second to load
+        return
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as ProgressBar
 
-    console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(None),
         TaskProgressColumn(),
         TimeRemainingColumn(),
     )
-    disabled = quiet or not console.is_terminal
-    with ProgressBar(*columns, console=console, disable=disabled, transient=True) as bar:
+    with ProgressBar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(description, total=1.0)
 
         class TerminalProgress(Progress):

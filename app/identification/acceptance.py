@@ -3,14 +3,17 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from app.identification.calibrations import CalibrationError, Calibrations, read_calibrations, write_calibrations
-from app.identification.recalibration import Correction
 from app.identification.specimen_identification import IdentificationResult
 from drivers.watchdog import version
 from model.identification import Calibration
+
+if TYPE_CHECKING:
+    from app.identification.recalibration import Correction
 
 MIN_REASON_LENGTH = 10
 """Letters and digits of a reason."""
@@ -50,7 +53,7 @@ def accept_identification(
     by: str = "",
     note: str = "",
     reason: str = "",
-    correction: Correction | None = None,
+    correction: "Correction | None" = None,
 ) -> tuple[Calibration, Path]:
     """Store an identification as the next version of the specimen's calibration, now active, and return it with its file.
 

@@ -66,7 +66,7 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
         return Adequacy(None, fit.verdict, (), 0)
     evidence = attribution.Evidence(fit)
     harmonics = _harmonic_tests(fit)
-    tests = len(evidence.linear) + len(harmonics) + len(fit.residuals) + 1
+    tests = evidence.cause_count + len(harmonics) + len(fit.residuals) + 1
     chance = evidence.chance([min(f.probability for f in harmonics) * len(harmonics)] if harmonics else [])
     unseen = attribution.undecidable_errors(evidence)
     if chance > SIGNIFICANCE_LEVEL:

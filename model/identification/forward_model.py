@@ -15,7 +15,7 @@ from model.beam import matrices, modal_form, receptance
 from model.identification import nonidealities
 from model.identification import observations as observed
 from model.identification import parameters as fit_parameters
-from model.identification.receptance import Factors, ReceptanceSolver
+from model.identification.receptance import Factors, Peak, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
 Values = Mapping[str, Any]
@@ -46,25 +46,19 @@ def beam_under(run: observed.FrequencyResponseObservation, v: Values) -> Beam:
 
 def equation_factors(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
     """Factors of the Gram parts of Eq. (14), (S, 6) each in M, C and K."""
-    zero = np.zeros(sets)
     L, L3 = beam.L, beam.L**3
     k_s, c_s = skin
-
-    def table(*columns: Any) -> Array:
-        return np.stack([zero + c for c in columns], axis=-1)
-
-    return Factors(
-        table(L * beam.rho1, L * beam.rho2, L * (beam.rho2 + beam.eta), 0, 0, 0),
-        table(L * beam.c0, L * beam.c0, L * (beam.c0 + c_s), 0, 0, 0),
-        table(0, 0, L * k_s, beam.k1 / L3, beam.k2 / L3, beam.k2 / L3),
-    )
+    M, C, K = np.zeros((3, sets, 6))
+    M[:, 0], M[:, 1], M[:, 2] = L * beam.rho1, L * beam.rho2, L * (beam.rho2 + beam.eta)
+    C[:, 0] = C[:, 1] = L * beam.c0
+    C[:, 2] = L * (beam.c0 + c_s)
+    K[:, 2], K[:, 3], K[:, 4] = L * k_s, beam.k1 / L3, beam.k2 / L3
+    K[:, 5] = K[:, 4]
+    return Factors(M, C, K)
 
 
 GeometryPair = tuple[tuple[float, float], tuple[float, float]]
 """Two neighbours of a geometry, L1 / L and L2 / L."""
-
-PEAK_TOLERANCE = 1e-6
-"""Largest relative distance between a frequency and a peak of the response for a match."""
 
 RELATIVE_STEP = 1e-6
 """Step of central differences, as a share of a parameter's scale, or of a ratio of lengths."""
@@ -101,7 +95,8 @@ class FiniteDifferences:
     def derivatives(self, y: Any) -> Any:
         """Derivatives by the free parameters from the values of all sets: (S, ...) -> (P, ...)."""
         P = self._steps.size
-        y = np.broadcast_to(y, (self.set_count, *np.shape(y)[1:])) if np.ndim(y) else np.full(self.set_count, y)
+        if np.ndim(y) == 0 or len(y) != self.set_count:
+            y = np.broadcast_to(y, (self.set_count, *np.shape(y)[1:]))
         return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._steps).reshape(-1, *(1,) * (y.ndim - 1))
 
     def shared_error(self, observation: observed.Observation, acts_on: observed.ErrorTarget) -> Array:
@@ -326,19 +321,17 @@ class ForwardModel:
         def tilt(omega: Array) -> tuple[Array, Array]:
             return nonidealities.crept_tilt(creep[0], omega)
 
-        def find(l1: float, l2: float) -> tuple[Array, Factors]:
+        def find(l1: float, l2: float) -> Peak:
             dense = ReceptanceSolver(l1, l2, self.n)
             if run.meaning == "peak":
                 return dense.resonance_peak(stacked, tilt)
             omega, t = dense.undamped_resonance(stacked)
             per = t / (2 * omega[:, None])
-            return omega, Factors(-(omega**2)[:, None] * per, 0 * per, per)
+            return Peak(omega, Factors(-(omega**2)[:, None] * per, 0 * per, per), omega, omega, False)
 
         geometry = differences.geometry(v)
-        omega, s = find(*geometry)
+        omega, s, curvature, size, peaks = find(*geometry)
         d = sum(np.einsum("rj,prj->pr", own, moved) for own, moved in zip(s, slopes, strict=True))
-        level, curvature, size = ReceptanceSolver(*geometry, self.n).peak_slope(stacked, omega, tilt)
-        peaks = run.meaning == "peak" and bool((np.abs(level) < PEAK_TOLERANCE * np.abs(curvature) * omega).all())
         if peaks and creep.size > 1:
             d = d - differences.derivatives(nonidealities.crept_tilt(creep, omega)[0]) * size / curvature
         for ends, dl in differences.geometry_derivatives(v):
@@ -346,7 +339,7 @@ class ForwardModel:
                 up, down = (ReceptanceSolver(*end, self.n).peak_slope(stacked, omega, tilt)[0] for end in ends)
                 moved = (down - up) / curvature
             else:
-                up, down = (find(*end)[0] for end in ends)
+                up, down = (find(*end).omega for end in ends)
                 moved = up - down
             d = d + np.multiply.outer(dl, moved / (2 * RELATIVE_STEP))
         return _by_clock(run, differences, omega / (2 * np.pi), d / (2 * np.pi))

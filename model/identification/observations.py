@@ -90,7 +90,7 @@ class SharedError:
         """Return the mask of points with these loads, masses, levels, elongations or frequencies on which it acts."""
         if self.at is None:
             return np.ones(np.shape(inputs), bool)
-        return np.asarray(np.isclose(inputs, self.at, rtol=SAME_INPUT, atol=0.0))
+        return np.asarray(np.abs(inputs - self.at) <= SAME_INPUT * abs(self.at))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ at once; for this it is cheaper than poles, and it has no square roots that fail
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ MAX_POLE_STEPS = 20
 POLE_TOLERANCE = 1e-11
 """Last step of the search for a pole, relative to its frequency."""
 
+PEAK_STEP = 1e-7
+"""Last step of Newton's search for a peak, relative to its frequency: what is left is of the order of its square."""
 
 GROUP_WIDTH = 4e-6
 """Relative width of a group of frequencies: of a resonance of quality 50 the interpolated response is wrong by 1e-11."""
@@ -36,6 +39,21 @@ class Factors(NamedTuple):
     def take_rows(self, index: NDArray[np.intp]) -> "Factors":
         """The factors of the runs `index`, repeated with it."""
         return Factors(self.M[index], self.C[index], self.K[index])
+
+
+class Peak(NamedTuple):
+    """Peaks of |H|, or of |H| times a factor."""
+
+    omega: Array
+    """(R,), rad/s."""
+    slopes: Factors
+    """Of omega to the factors M, C, K."""
+    curvature: Array
+    """(R,): slope over omega of half the slope of |H|^2."""
+    square: Array
+    """(R,): |H|^2."""
+    found: bool
+    """Whether every row has a peak."""
 
 
 class FrequencyNodes(NamedTuple):
@@ -148,8 +166,8 @@ class ReceptanceSolver:
         per = -1 / (t * (a.C + 2 * s[:, None] * a.M)).sum(-1)[:, None]
         return s, Factors(per * t * (s * s)[:, None], per * t * s[:, None], per * t)
 
-    def resonance_peak(self, a: Factors, tilt: Tilt | None = None) -> tuple[Array, "Factors"]:
-        """Maximum of |H| near the first resonance: omega (R,), and its slopes to the factors M, C, K.
+    def resonance_peak(self, a: Factors, tilt: Tilt | None = None) -> Peak:
+        """Maximum of |H| near the first resonance.
 
         Newton's method on d|H|^2 / d omega; the slopes follow from the implicit function. A row too damped for a peak gets its
         undamped frequency. With a `tilt` the maximum refers to |H| times a factor.
@@ -158,54 +176,59 @@ class ReceptanceSolver:
         zeta = (square_slopes * a.C).sum(-1) / (2 * first)
         omega = first * np.sqrt(np.maximum(1 - 2 * zeta**2, 0.05))
         for _ in range(30):
-            g, g_omega, _ = self._peak_condition(a, omega, tilt)
+            g, g_omega, _ = self.peak_slope(a, omega, tilt)
             step = np.clip(-g / g_omega, -0.1 * first, 0.1 * first)
             step = np.where(g_omega < 0, step, np.sign(g) * 0.05 * first)
             omega = np.clip(omega + step, 0.02 * first, 2 * first)
-            if np.abs(step).max() < 1e-11 * first.min():
+            if np.abs(step).max() < PEAK_STEP * first.min():
                 break
-        g, g_omega, slopes = self._peak_condition(a, omega, tilt)
+        g, g_omega, square, slopes = self._peak_condition(a, omega, tilt)
         converged = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
         omega = np.where(converged, omega, first)
         level = square_slopes / (2 * first[:, None])
         flat = Factors(-(first**2)[:, None] * level, 0 * level, level)
         down = -1 / np.where(converged, g_omega, 1.0)[:, None]
-        return omega, Factors(*(np.where(converged[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
+        moved = (np.where(converged[:, None], down * each(), f) for each, f in zip(slopes, flat, strict=True))
+        return Peak(omega, Factors(*moved), g_omega, square, bool(converged.all()))
 
     def peak_slope(self, a: Factors, omega: Array, tilt: Tilt | None = None) -> tuple[Array, Array, Array]:
         """Half the slope of |H|^2 over omega at omega (R,), which is 0 at a peak, its own slope over omega, and |H|^2."""
-        g, g_omega, _ = self._peak_condition(a, omega, tilt)
-        return g, g_omega, np.abs(self.response(a, omega)[0]) ** 2
+        return self._peak_condition(a, omega, tilt)[:3]
 
-    def _peak_condition(self, a: Factors, omega: Array, tilt: Tilt | None) -> tuple[Array, Array, Factors]:
-        """Half the slope of |H|^2: g = Re(H* H') = (|H|^2)' / 2, its slope to omega, and its slopes to the factors M, C, K.
+    def _peak_condition(
+        self, a: Factors, omega: Array, tilt: Tilt | None
+    ) -> tuple[Array, Array, Array, list[Callable[[], Array]]]:
+        """Half the slope of |H|^2: g = Re(H* H') = (|H|^2)' / 2, its slope to omega, |H|^2, and functions of its slopes to M, C, K.
 
         With a factor c(omega), g + |H|^2 (ln|c|)', which is 0 where |c H| is largest.
         """
         Z, x, y = self._solve(a, omega)
         w = omega[:, None]
         z1 = 1j * a.C - 2 * w * a.M
-        n = self._n
-        Z1 = (z1 @ self.parts).reshape(-1, n, n)
-        inner = np.linalg.solve(Z, np.stack(((Z1 @ x[..., None])[..., 0], (Z1 @ y[..., None])[..., 0]), axis=-1))
+        Z1 = (z1 @ self.parts).reshape(Z.shape)
+        forces = Z1 @ np.stack((x, y), axis=-1)
+        inner = np.linalg.solve(Z, forces)
         x1, y1 = inner[..., 0], inner[..., 1]
-        H, t = self._H(x), self._part_products(y, x)
-        u = self._part_products(y1, x) + self._part_products(y, x1)
-        H1 = -(t * z1).sum(-1)
-        H2 = (u * z1).sum(-1) + 2 * (t * a.M).sum(-1)
+        H, H1 = self._H(x), -(forces[..., 0] * y).sum(-1)
+        H2 = 2 * (forces[..., 1] * x1).sum(-1) - (y * (Z1.real @ x[..., None])[..., 0]).sum(-1) / omega
         g, g_omega = (H.conj() * H1).real, np.abs(H1) ** 2 + (H.conj() * H2).real
         steepness, bend = (np.zeros(1), np.zeros(1)) if tilt is None else tilt(omega)
-        size = np.abs(H) ** 2
-        g, g_omega = g + steepness * size, g_omega + bend * size + 2 * steepness * g
+        square = np.abs(H) ** 2
+        g, g_omega = g + steepness * square, g_omega + bend * square + 2 * steepness * g
+
+        @cache
+        def products() -> tuple[Any, Any]:
+            return self._part_products(y, x), self._part_products(y1, x) + self._part_products(y, x1)
 
         def slope(z: Any, z_omega: Any) -> Array:
             """Slopes for a factor that adds z to Z and z_omega to its derivative to omega."""
+            t, u = products()
             H_a, H1_a = -t * z, u * z - t * z_omega
             moved = H_a.conj() * H1[:, None] + H.conj()[:, None] * H1_a
             return np.asarray((moved + 2 * steepness[:, None] * H.conj()[:, None] * H_a).real)
 
-        one, none = np.ones_like(w) + 0j, np.zeros_like(w) + 0j
-        return g, g_omega, Factors(slope(-w * w + 0j, -2 * w + 0j), slope(1j * w, 1j * one), slope(one, none))
+        parts = ((-w * w, -2 * w), (1j * w, 1j), (1.0, 0.0))
+        return g, g_omega, square, [partial(slope, *each) for each in parts]
 
     def _solve(self, a: Factors, omega: Array) -> tuple[Any, Any, Any]:
         w = omega[:, None]

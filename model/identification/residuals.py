@@ -27,6 +27,8 @@ class LeastSquaresProblem:
     def __init__(self, observations: ObservationSet, options: FitOptions, constant: float | None = None) -> None:
         """`constant` is a residual that no parameter changes, after the residuals of the runs."""
         self.observations, self.options = observations, options
+        self._evaluated: tuple[Array, tuple[Array, Array]] = (np.zeros(0), (np.zeros(0), np.zeros((0, 0))))
+        """The last point, and its residuals and slopes."""
         self._constant = np.zeros(0) if constant is None else np.array([constant])
         own = options.free_parameters(observations)
         if not own:
@@ -69,7 +71,7 @@ class LeastSquaresProblem:
         if self.options.loss != "linear" or "stiffening" in self.forward_model.effects:
             return self
         few, constant = condensed(self.observations, self.forward_model.effects)
-        if len(few.runs) == len(self.observations.runs) or few.reference_c != self.observations.reference_c:
+        if sum(run.usable.sum() for run in few.runs) == self.forward_model.rows.observed.size or few.reference_c != self.observations.reference_c:
             return self
         if tuple(few.shared_errors) != tuple(self.observations.shared_errors):
             return self
@@ -78,13 +80,17 @@ class LeastSquaresProblem:
 
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""
+        if np.array_equal(theta, self._evaluated[0]):
+            return self._evaluated[1]
         rows = self.forward_model.rows
         values, slopes = self.forward_model.predict_all(theta)
         J = np.zeros((rows.row_count + self._constant.size + self.prior_count, theta.size))
         J[: rows.row_count] = rows.of(slopes).T
         for row, (i, _, sigma) in enumerate(self.priors, len(J) - self.prior_count):
             J[row, i] = 1 / sigma
-        return np.concatenate((rows.of(rows.observed - values), self._constant, self._prior_residuals(theta))), J
+        r = np.concatenate((rows.of(rows.observed - values), self._constant, self._prior_residuals(theta)))
+        self._evaluated = theta.copy(), (r, J)
+        return r, J
 
     def _prior_residuals(self, theta: Array) -> Array:
         return np.array([(value - theta[i]) / sigma for i, value, sigma in self.priors])

@@ -23,7 +23,7 @@ ROUNDING = 1e-12
 START_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-2, 1e-12, 1e12
 """Addition to the squares of the singular values; of a prior alone they are 1."""
 LESS_DAMPING, MORE_DAMPING = 100.0, 4.0
-"""Factors after a step that succeeds at once and after one that fails. Divided by 3, a campaign takes 88 linearizations; by 100, 22."""
+"""Factors after a step that succeeds at once and after one that fails."""
 MAX_CORRECTIONS = 5
 """Largest number of points of one step."""
 WORTH_CORRECTING = 0.1

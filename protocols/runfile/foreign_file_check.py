@@ -75,6 +75,7 @@ def walk(file: "h5py.File") -> Iterator[FileItem]:
     """Yield all objects and links of a file, the root first. Objects are opened one by one, so that a caller can end the walk."""
     from h5py import h5g, h5l, h5o
 
+    soft = h5l.TYPE_SOFT, h5l.TYPE_EXTERNAL
     pending: list[tuple[bytes, int, Any, bytes, int]] = [(b"", 0, None, b"", int(h5l.TYPE_HARD))]
     while pending:
         path, depth, group, name, kind = pending.pop()
@@ -87,15 +88,16 @@ def walk(file: "h5py.File") -> Iterator[FileItem]:
                 opened = file.id
             elif kind == h5l.TYPE_HARD:
                 opened = h5o.open(group, name)
-            elif kind in (h5l.TYPE_SOFT, h5l.TYPE_EXTERNAL):
+            elif kind in soft:
                 target = group.links.get_val(name)
             if isinstance(opened, h5g.GroupID):
                 opened.links.iterate(lambda inside, info, kinds=kinds: kinds.update({inside: info.type}), info=True)
         except READ_ERRORS as error:
             problem = error
         yield FileItem(path, depth, opened, kind, target, tuple(kinds), problem)
-        before = path + b"/" if path else b""
-        pending.extend((before + each, depth + 1, opened, each, kinds[each]) for each in kinds)
+        if kinds:
+            before = path + b"/" if path else b""
+            pending.extend((before + each, depth + 1, opened, each, kinds[each]) for each in kinds)
 
 
 def as_text(name: bytes | str) -> str:
@@ -110,8 +112,9 @@ def check_structure(file: "h5py.File") -> None:
         StructureError: the first forbidden place.
         OSError, RuntimeError, ValueError, KeyError: the file is damaged.
     """
-    from h5py import h5d, h5g, h5l
+    from h5py import h5d, h5g, h5l, h5t
 
+    variable = h5t.VLEN, h5t.STRING
     declared = compressed = objects = 0
     for item in walk(file):
         if item.problem is not None:
@@ -119,7 +122,7 @@ def check_structure(file: "h5py.File") -> None:
         if item.link != h5l.TYPE_HARD:
             _check_link(item, h5l.TYPE_EXTERNAL)
         elif isinstance(item.id, h5d.DatasetID):
-            size, is_compressed = _checked_size(item, h5d.CHUNKED, h5d.VIRTUAL)
+            size, is_compressed = _checked_size(item, h5d.CHUNKED, h5d.VIRTUAL, variable)
             declared += 0 if is_compressed else size
             compressed += size if is_compressed else 0
         elif isinstance(item.id, h5g.GroupID):
@@ -162,11 +165,11 @@ def _check_link(item: FileItem, external: int) -> None:
         raise StructureError(f"{_text(item.path)} is {_describe_link(item.link, item.target)}")
 
 
-def _checked_size(item: FileItem, chunked: int, virtual: int) -> tuple[int, bool]:
+def _checked_size(item: FileItem, chunked: int, virtual: int, variable: tuple[int, int]) -> tuple[int, bool]:
     """Return the bytes that a dataset declares, and whether they are compressed."""
     kind = item.id.get_type()
     width, elements = kind.get_size(), item.id.get_space().get_simple_extent_npoints()
-    if elements > 1 and _is_variable(kind):
+    if elements > 1 and (of := kind.get_class()) in variable and (of == variable[0] or kind.is_variable_str()):
         raise StructureError(f"{_text(item.path)} is an array of texts of any length")
     if item.id.get_offset() is not None:  # in one piece in this file, without filters
         return elements * width, False
@@ -185,13 +188,6 @@ def _checked_size(item: FileItem, chunked: int, virtual: int) -> tuple[int, bool
     if layout == chunked and (size := math.prod(created.get_chunk()) * width) > MAX_CHUNK_BYTES:
         raise StructureError(f"{_text(item.path)} has chunks of {size / 1e6:.4g} MB")
     return elements * width, DEFLATE in filters
-
-
-def _is_variable(kind: Any) -> bool:
-    from h5py import h5t
-
-    item = kind.get_class()
-    return item == h5t.VLEN or (item == h5t.STRING and bool(kind.is_variable_str()))
 
 
 def _describe_link(kind: int, target: Any) -> str:

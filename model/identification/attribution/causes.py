@@ -147,9 +147,9 @@ def labels_of(run: observed.Observation) -> Array:
 
 
 def possible_causes(fit: JointFit, predictions: Mapping[str, Any]) -> tuple[Cause, ...]:
-    """Return every cause that the runs of a fit may have; `predictions` of the usable points, by run.
+    """Return every cause but `exchanges` that the runs of a fit may have; `predictions` of the usable points, by run.
 
-    An exchange of labels and a point have an odd of one over their number, as have all causes of a kind.
+    A point has an odd of one over the number of points, as have all causes of a kind.
     """
     found = [*_held(fit), *_known(fit), *_run_errors(fit), *shaped_causes(fit, predictions), *_points(fit)]
     count: dict[str, int] = {}
@@ -252,14 +252,34 @@ def shaped_causes(fit: JointFit, predictions: Mapping[str, Any]) -> Iterator[Cau
 
 
 def _points(fit: JointFit) -> Iterator[Cause]:
-    """Yield every point of runs of two or more by itself, and every two whose labels may have been exchanged."""
+    """Yield every point of runs of two or more by itself."""
+    for run, usable in _comparable(fit):
+        yield from (Cause("point", run.label, f"point {i + 1} of {run.label}", points=(i,)) for i in usable)
+
+
+def exchanged_points(fit: JointFit) -> dict[str, list[tuple[int, int]]]:
+    """Return by run every two points whose labels may have been exchanged."""
+    labels = {run.label: (labels_of(run), usable) for run, usable in _comparable(fit)}
+    return {
+        name: [(i, j) for at, i in enumerate(usable) for j in usable[at + 1 :] if x[i] != x[j]]
+        for name, (x, usable) in labels.items()
+        if x.size
+    }
+
+
+def exchanges(pairs: Mapping[str, list[tuple[int, int]]]) -> list[Cause]:
+    """Return the exchanges of `exchanged_points` as causes, which share their odds."""
+    count = sum(map(len, pairs.values()))
+    return [
+        Cause("exchange", name, f"exchange in {name}", points=pair, among=count)
+        for name, own in pairs.items()
+        for pair in own
+    ]
+
+
+def _comparable(fit: JointFit) -> Iterator[tuple[observed.Observation, list[int]]]:
+    """Yield the runs without outliers of two usable points or more, with these points."""
     for run, part in zip(fit.observations.runs, fit.run_slices, strict=True):
         usable = np.flatnonzero(run.usable).tolist()
-        if len(usable) < 2 or not fit.used_rows[part].all():
-            continue
-        yield from (Cause("point", run.label, f"point {i + 1} of {run.label}", points=(i,)) for i in usable)
-        x = labels_of(run)
-        for at, i in enumerate(usable if x.size else ()):
-            for j in usable[at + 1 :]:
-                if x[i] != x[j]:
-                    yield Cause("exchange", run.label, f"exchange in {run.label}", points=(i, j))
+        if len(usable) >= 2 and fit.used_rows[part].all():
+            yield run, usable

@@ -14,7 +14,7 @@ from scipy.special import chdtrc, ndtr
 
 from model import Array
 from model.identification import observations as observed
-from model.identification.attribution.causes import Cause, possible_causes
+from model.identification.attribution.causes import Cause, exchanged_points, exchanges, possible_causes
 from model.identification.attribution.effects import Effects
 from model.identification.fit_result import JointFit
 
@@ -64,9 +64,10 @@ class Evidence:
             run.label: p.values
             for run, p in zip(fit.observations.runs, fit.problem.forward_model.predict(fit.theta), strict=True)
         }
-        every = possible_causes(fit, self.predictions)
-        self.causes = tuple(c for c in every if c.kind != "exchange")
-        self._exchanges = tuple(c for c in every if c.kind == "exchange")
+        self.causes = possible_causes(fit, self.predictions)
+        """Causes other than exchanges of labels."""
+        self._exchanged = exchanged_points(fit)
+        self.cause_count = len(self.causes) + sum(map(len, self._exchanged.values()))
         self._effects = Effects(fit, self.causes, self.predictions)
         self._weights, self._prices = self._decompose()
 
@@ -82,7 +83,8 @@ class Evidence:
         """Every cause, the likeliest first."""
         gains = self._gains(self.outside_fit(self.residuals)[:, None])[:, 0]
         found = [CauseEvidence(c, float(g), float(p)) for c, g, p in zip(self.causes, gains, self._prices, strict=True)]
-        found += [CauseEvidence(c, g, 0.0) for c, g in zip(self._exchanges, self._exchange_gains(), strict=True)]
+        gains = self._exchange_gains()
+        found += [CauseEvidence(c, float(g), 0.0) for c, g in zip(exchanges(self._exchanged), gains, strict=True)]
         return tuple(sorted(found, key=lambda e: -e.log_odds))
 
     def effect(self, cause: Cause) -> Array:
@@ -192,17 +194,15 @@ class Evidence:
             out[which] = sum(terms, np.zeros((which.size, residuals.shape[1])))
         return out
 
-    def _exchange_gains(self) -> list[float]:
-        """Return by how much chi-square is smaller with two labels exchanged."""
-        gains, left = [], self.outside_fit(self.residuals)
-        places = {run.label: i for i, run in enumerate(self.fit.observations.runs)}
-        for cause in self._exchanges:
-            run, part = self.fit.observations.runs[places[cause.name]], self.fit.run_slices[places[cause.name]]
-            usable = np.flatnonzero(run.usable).tolist()
-            i, j = (usable.index(point) for point in cause.points)
-            moved = self.predictions[cause.name][i] - self.predictions[cause.name][j]
-            change = np.array([moved, -moved]) / observed.observed_values(run)[1][[i, j]]
-            rows = [part.start + i, part.start + j]
-            q = self.subspace[rows]
-            gains.append(-float(2 * left[rows] @ change + change @ (change - q @ (q.T @ change))))
-        return gains
+    def _exchange_gains(self) -> Array:
+        """Return by how much chi-square is smaller with each two labels exchanged, (exchanges,)."""
+        gains, left = [np.zeros(0)], self.outside_fit(self.residuals)
+        for run, part in zip(self.fit.observations.runs, self.fit.run_slices, strict=True):
+            if pairs := self._exchanged.get(run.label):
+                at = np.searchsorted(np.flatnonzero(run.usable), pairs)
+                moved = -np.diff(self.predictions[run.label][at]) * (1.0, -1.0)
+                change = moved / observed.observed_values(run)[1][at]
+                rows = part.start + at
+                followed = np.einsum("nr,nrk->nk", change, self.subspace[rows])
+                gains.append(-np.sum(change * (2 * left[rows] + change), axis=1) + np.sum(followed**2, axis=1))
+        return np.concatenate(gains)

@@ -121,7 +121,7 @@ def resonance_frequencies(t: Tactor, mass: Array, damped: Mask, n: int) -> tuple
     omega, square = dense.undamped_resonance(a)
     slope = square[:, 4:].sum(-1) / (2 * omega)
     if damped.any():
-        peak, s = dense.resonance_peak(a)
+        peak, s, *_ = dense.resonance_peak(a)
         omega, slope = np.where(damped, peak, omega), np.where(damped, s.K[:, 4:].sum(-1), slope)
     return omega / (2 * np.pi), slope / t.L**3 / (2 * np.pi)
 
@@ -339,7 +339,7 @@ class _PaperIdentification:
             dense = ReceptanceSolver(t.L1 / t.L, t.L2 / t.L, self.options.n)
             return float(
                 np.log(
-                    amplitudes(t, dense.resonance_peak(a)[0] / (2 * np.pi), np.array([volts]), n=self.options.n)[0]
+                    amplitudes(t, dense.resonance_peak(a).omega / (2 * np.pi), np.array([volts]), n=self.options.n)[0]
                     / amplitude
                 )
             )
