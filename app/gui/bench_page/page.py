@@ -195,10 +195,6 @@ class BenchPage(QWidget):
         """Save the addresses beside *Scan*."""
         settings.setValue("bench/hosts", self.editor.hosts_edit.text())
 
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._worker.close()
-
     def show_message(self, text: str) -> None:
         """Show why the bench cannot be opened."""
         self.editor.show_problem(text)

@@ -14,7 +14,7 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
-from app.gui.widgets import add_actions, choose_files, tell
+from app.gui.widgets import add_actions, at_end, choose_files, tell
 from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongations_of
 from app.session import WindowState
 
@@ -43,6 +43,7 @@ class CampaignPage(QStackedWidget):
         super().__init__()
         self.controller, self._location, self._feed = controller, location, feed
         self._overlay = Overlay(overlay.amplifier, overlay.cache)
+        at_end(self, self._overlay.close)
         self._request: CurveRequest | None = None
         self._state: WindowState | None = None
         self._busy = False
@@ -94,10 +95,6 @@ class CampaignPage(QStackedWidget):
         self._overlay.submit(request)
         if (curve := self._overlay.result()) is not None:
             (self.board.live_pane if self._busy else self.board.details.plots).show_model_curve(curve)
-
-    def shutdown(self) -> None:
-        self.controller.shutdown()
-        self._overlay.close()
 
     def save_state(self, settings: QSettings) -> None:
         """Store the recent campaigns and the open one."""

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
-from app.gui.widgets import WrappedRow, column, fill_combo, make_combo, make_label, make_line_edit
+from app.gui.widgets import WrappedRow, at_end, column, fill_combo, make_combo, make_label, make_line_edit
 from app.live import LatestOnlyWorker
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class DesignPanel(QWidget):
         self._page = page
         self._question: DesignQuestion | None = None
         self._worker = LatestOnlyWorker(answer_design, self._answered.emit, "explore design")
+        at_end(self, self._worker.close)
         self.answers: DesignAnswers | None = None
         self.resonance, self.amplitude, self.frequency = (
             make_line_edit(f"explore.design.{name}", about, text=text)
@@ -90,9 +91,6 @@ class DesignPanel(QWidget):
         self.setVisible(shown)
         self._question = None
         self.ask()
-
-    def shutdown(self) -> None:
-        self._worker.close()
 
     def _offer(self, calibration: str) -> None:
         """Offer the sliders, and a calibration, which is chosen when it is new; empty for none."""

@@ -100,11 +100,6 @@ class ExplorePage(QWidget):
             self.toolbar.show_setting(self.model.setting, self.model.session.history)
             self.design.ask()
 
-    def shutdown(self) -> None:
-        self.model.shutdown()
-        self.overlaid.shutdown()
-        self.design.shutdown()
-
     # -- commands --------------------------------------------------------------------------------------------------------
 
     def load_preset(self, name: str) -> None:

@@ -83,10 +83,6 @@ class ProblemPage(QWidget):
             lambda error: self.message_label.show_message(f"{path} cannot be written: {error}", is_error=True),
         )
 
-    def shutdown(self) -> None:
-        """Wait for the report that is being written."""
-        self._worker.close()
-
     def _choose_file(self) -> None:
         name = f"problem_report_{datetime.now().astimezone():%Y%m%dT%H%M%S}.zip"
         choose_files(

@@ -42,7 +42,8 @@ class AuditPane(QWidget):
 
     def __init__(self, reload: Callable[[], object]) -> None:
         super().__init__()
-        self._worker = BackgroundWorker("audit", self)
+        self.progress_row = ProgressRow()
+        self._worker = BackgroundWorker("audit", self, self.progress_row.request_cancel)
         self._folder, self._reload = Path(), reload
         self.head_edit = make_line_edit(
             "laboratory.audit.head",
@@ -57,7 +58,6 @@ class AuditPane(QWidget):
             "Begin the audit trail", self.begin, "choice", "Hash all files of the folder and write the first line"
         )
         self.result_label = make_label(name="laboratory.audit.result")
-        self.progress_row = ProgressRow()
         for button in (self.verify_button, self.begin_button):
             self.progress_row.started.connect(button.setDisabled)
         self.table = ValueTable("laboratory.audit", "entries of the audit trail")
@@ -70,10 +70,6 @@ class AuditPane(QWidget):
             parent=self,
             spacing=4,
         )
-
-    def shutdown(self) -> None:
-        self.progress_row.request_cancel()
-        self._worker.close()
 
     def show_entries(self, folder: Path, entries: Sequence[AuditEntry], problems: Sequence[str]) -> None:
         """Show the entries of a folder, newest first; none: the folder has no trail."""

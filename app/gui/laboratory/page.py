@@ -145,7 +145,8 @@ class LaboratoryPage(QWidget):
     def __init__(self, folder: Callable[[], Path], index: Path | None = None) -> None:
         super().__init__()
         self._folder, self._index = folder, index
-        self._worker = BackgroundWorker("laboratory", self)
+        self.progress_row = ProgressRow()
+        self._worker = BackgroundWorker("laboratory", self, self.progress_row.request_cancel)
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
         self._busy, self._read_due = False, True
@@ -162,7 +163,6 @@ class LaboratoryPage(QWidget):
         self.kind_button.hide()
         self.count_label = make_label(kind="note", wrap=False, name="laboratory.count")
         self.message_label = configure(StatusLine(), "laboratory.message")
-        self.progress_row = ProgressRow()
         self.stack = QStackedWidget()
         self.empty_label = make_label(kind="note-size", name="laboratory.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.stack.addWidget(self.empty_label)
@@ -228,12 +228,6 @@ class LaboratoryPage(QWidget):
         changed = self._records is not None and self._records.folder != self._folder()
         if (self._read_due or changed) and not self.progress_row.running and self.isVisible():
             self.reload()
-
-    def shutdown(self) -> None:
-        self.progress_row.request_cancel()
-        self._worker.close()
-        if "audit" in vars(self):
-            self.audit.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
         settings.setValue("laboratory/view", self.view)

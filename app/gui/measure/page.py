@@ -19,7 +19,7 @@ from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.measure.runs_in_plot import RunsInPlot
 from app.gui.plots import LivePane
-from app.gui.widgets import BackgroundWorker, Mode, add_actions, choose_files, configure, tell
+from app.gui.widgets import BackgroundWorker, Mode, add_actions, at_end, choose_files, configure, tell
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -53,6 +53,8 @@ class MeasurePage(QWidget):
         super().__init__()
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier, shapes)
         self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
+        for each in (self._estimator, self._preflight):
+            at_end(self, each.close)
         self._state: WindowState | None = None
         self._request: CurveRequest | None = None
         self._curve_started, self._last_poll_s = False, 0.0
@@ -194,12 +196,6 @@ class MeasurePage(QWidget):
             self.set_state(self._state)  # another protocol may need another plot
         if (protocol := self.run_panel.protocol) is not None:
             self._request = curve_request_for(protocol, self.run_panel.folder, self.run_panel.specimen)
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._worker.close()
-        self._estimator.close()
-        self._preflight.close()
 
     def restore_state(self, settings: QSettings, restore_form: bool) -> None:
         """Restore saved settings; `restore_form` also restores the form's protocol."""

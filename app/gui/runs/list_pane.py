@@ -29,7 +29,7 @@ class RunListPane(QWidget):
     def __init__(self, folder: Callable[[], Path], index: Path | None) -> None:
         super().__init__()
         self.folder_model = RunFolderModel(folder, index, self)
-        self.model = RunTableModel()
+        self.model = RunTableModel(self)
         self._rows: list[int] | None = None
         self.model.modelReset.connect(self._forget_rows)
         self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()

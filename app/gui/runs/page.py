@@ -21,6 +21,7 @@ from app.gui.widgets import (
     FileDrops,
     Mode,
     add_actions,
+    at_end,
     choose_files,
     tooltip,
 )
@@ -57,6 +58,7 @@ class RunsPage(QStackedWidget):
     ) -> None:
         super().__init__()
         self._overlay = Overlay(overlay.amplifier, overlay.cache)
+        at_end(self, self._overlay.close)
         self._worker = BackgroundWorker("run files", self)
         self._folder = folder
         self.list, self.viewer = RunListPane(folder, index), RunViewer()
@@ -100,15 +102,6 @@ class RunsPage(QStackedWidget):
             self.viewer.plots.show_model_curve(curve)
         elif (shown := self.workspace.comparison) is not None and shown.view.model and not shown.model:
             self.workspace.show_model(model_in(curve, curve.request.amplitude_v))
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self.transfers.shutdown()
-        self.list.folder_model.shutdown()
-        self.list.model.thumbnails.shutdown()
-        self._worker.close()
-        self.workspace.shutdown()
-        self._overlay.close()
 
     # -- commands -------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from PySide6.QtCore import (
     QItemSelectionModel,
     QMimeData,
     QModelIndex,
+    QObject,
     QPersistentModelIndex,
     QRectF,
     Qt,
@@ -70,8 +71,8 @@ ROW_HEIGHT, DAY_HEIGHT, BADGE_PX, HATCH_PX = 40, 28, 18, 6
 class RunTableModel(QAbstractTableModel):
     """Table of run summaries, sortable; dragged rows carry their run files."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
         self.folder = Path()
         self.thumbnails = Thumbnails(self)
         self.thumbnails.changed.connect(self._on_thumbnails)

@@ -53,7 +53,8 @@ class RunTransfers(QObject):
     ) -> None:
         super().__init__(parent)
         self._progress_row, self._folder, self._specimen, self._amplifier = progress_row, folder, specimen, amplifier
-        self._worker, self._trash_worker = BackgroundWorker("transfers", self), BackgroundWorker("trash", self)
+        self._worker = BackgroundWorker("transfers", self, progress_row.request_cancel)
+        self._trash_worker = BackgroundWorker("trash", self)
         self._trashed: list[list[TrashedRun]] = []
         """The deletions that can be undone, the last one at the end."""
 
@@ -119,12 +120,6 @@ class RunTransfers(QObject):
     def _on_trash_error(self, error: Exception) -> None:
         self.message.emit(str(error), True)
         self.finished.emit()
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._progress_row.request_cancel()
-        self._worker.close()
-        self._trash_worker.close()
 
     def _start(self, text: str, work: Callable[[Progress], Any], describe_result: Callable[[Any], str]) -> None:
         """Run a file operation in the background; `describe_result` returns the message about its result."""

@@ -45,6 +45,7 @@ from app.gui.widgets import (
     add_actions,
     column,
     configure,
+    end_all,
     make_combo,
     row,
     tell,
@@ -288,8 +289,7 @@ class MainWindow(QMainWindow):
         if self._session_closed:
             self.heartbeat.stop()
             self._save()
-            for part in (self.tabs, self.central, self.notifier, self.remote, *self._faults):
-                part.shutdown()
+            end_all(self)
             if self.replaced:
                 event.ignore()
                 QApplication.exit()

@@ -3,7 +3,7 @@
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 from PySide6.QtCore import QByteArray, QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QWidget
@@ -34,7 +34,7 @@ class Page(Protocol):
 class PageHost(QStackedWidget):
     """Creates each page when it is first selected or requested; pages do not refer to each other.
 
-    A page may also have `go_back`, `set_active_file`, `save_state` and `shutdown`.
+    A page may also have `go_back`, `set_active_file` and `save_state`.
     """
 
     page_created = Signal(object)
@@ -154,18 +154,12 @@ class PageHost(QStackedWidget):
         for page in self._created.values():
             for splitter in _named_splitters(cast("QWidget", page)):
                 self._settings.setValue(splitter.objectName(), splitter.saveState())
-        for saving in self._pages_with("save_state"):
-            saving.save_state(self._settings)
+            if callable(save := getattr(page, "save_state", None)):
+                save(self._settings)
 
     def release_pages(self) -> list[QWidget]:
-        """Forget the pages other than the first, after `shutdown`, and return them to be deleted."""
+        """Forget the pages other than the first, after `end_all`, and return them to be deleted."""
         return [cast("QWidget", self._created.pop(index)) for index in sorted(self._created) if index]
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._worker.close()
-        for page in self._pages_with("shutdown"):
-            page.shutdown()
 
     def load_pages(
         self, modules: Sequence[str], on_loaded: Callable[[], object], on_made: Callable[[], object]
@@ -184,7 +178,7 @@ class PageHost(QStackedWidget):
 
     def _preload_page(self, index: int, on_made: Callable[[], object]) -> None:
         """Create a page, and later the next missing one: in between, the window paints and responds."""
-        if self._worker.closed:  # a page created after shutdown would not be shut down
+        if self._worker.closed:  # a page created after `end_all` would not be ended
             return
         awaited = index == self.currentIndex() and index not in self._created
         page = self.page(index)
@@ -193,9 +187,6 @@ class PageHost(QStackedWidget):
         missing = next((at for at in range(self.count()) if at not in self._created), None)
         following = on_made if missing is None else partial(self._preload_page, missing, on_made)
         QTimer.singleShot(PRELOAD_PAUSE_MS, self, following)
-
-    def _pages_with(self, method: str) -> Iterator[Any]:
-        return (page for page in self._created.values() if hasattr(page, method))
 
 
 def _named_splitters(page: QWidget) -> Iterator[QSplitter]:

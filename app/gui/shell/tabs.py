@@ -21,7 +21,7 @@ from app.gui.measure import MeasurePage, OperatorOfToday, PresetStore, presets_p
 from app.gui.results import ReportJob
 from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
 from app.gui.status import SessionController
-from app.gui.widgets import SheetIndicators, tell
+from app.gui.widgets import SheetIndicators, at_end, tell
 from app.identification import SpecimenLabel, compare_label
 from app.live import Overlay
 from app.session import WindowState
@@ -69,6 +69,8 @@ class MainTabs(PageHost):
         self._config, self._open_bench = config, open_bench
         self._controller, self._adapter = controller, controller.adapter
         self.overlay = Overlay(amplifier=config.amplifier.amplifier_map)
+        for each in (self.overlay, self._adapter.feed.running_curve):
+            at_end(self, each.close)
         self.measure = MeasurePage(
             protocol,
             self._adapter.feed,
@@ -149,13 +151,6 @@ class MainTabs(PageHost):
         self._settings.setValue("run/folder", self.measure.run_panel.folder_edit.text())
         self._settings.setValue("run/specimen", self.measure.run_panel.specimen_edit.text())
         super().save_state()
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self.results.shutdown()
-        self.overlay.close()
-        self._adapter.feed.running_curve.close()
-        super().shutdown()
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
@@ -282,10 +277,6 @@ class ResultActions:
         """Lay runs over the curves of the Explore page."""
         self._tabs.setCurrentIndex(EXPLORE)
         self._tabs.explore.overlaid.add(paths)
-
-    def shutdown(self) -> None:
-        """End a report that is being written."""
-        self._report_job.shutdown()
 
 
 class VisibleSubject:

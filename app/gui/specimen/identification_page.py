@@ -87,8 +87,8 @@ class IdentificationPage(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._worker = BackgroundWorker("identification", self)
         self._cancelled = threading.Event()
+        self._worker = BackgroundWorker("identification", self, self._cancelled.set)
         self._also: tuple[str, ...] = ()
         self._plain = False
         self._fitted_runs: tuple[Path, ...] = ()
@@ -205,11 +205,6 @@ class IdentificationPage(QWidget):
         """The runs that are ticked."""
         items = [self.run_list.item(at) for at in range(self.run_list.count())]
         return tuple(item.data(PATH_ROLE) for item in items if item.checkState() is Qt.CheckState.Checked)
-
-    def shutdown(self) -> None:
-        """Cancel the fit and stop the background thread."""
-        self._cancelled.set()
-        self._worker.close()
 
     def outdate(self) -> None:
         """Fit again when the page is shown next: the sheet has changed."""

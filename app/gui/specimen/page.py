@@ -124,10 +124,6 @@ class SpecimenPage(QWidget):
         if self._history.redo():
             self._save()
 
-    def shutdown(self) -> None:
-        """Wait for the file that is being written."""
-        self._worker.close()
-
     # -- inside ----------------------------------------------------------------------------------------------------------
 
     def _load(self, specimen: str, problem: str = "") -> None:

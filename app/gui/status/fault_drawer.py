@@ -125,9 +125,6 @@ class FaultDrawer(OverlayCard):
         first = next(iter(self.fault_boxes.values())) if self.controls is None else self.controls.first_widget
         self.open(first)
 
-    def shutdown(self) -> None:
-        self._worker.close()
-
     def _switch_fault(self, name: str, active: bool) -> None:
         """Inject or clear a fault, or with no name clear all; then read the active faults."""
 

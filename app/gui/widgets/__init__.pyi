@@ -7,6 +7,8 @@ from .actions import shortcuts_by_group as shortcuts_by_group
 from .actions import tooltip as tooltip
 from .actions import update_actions as update_actions
 from .background import BackgroundWorker as BackgroundWorker
+from .background import at_end as at_end
+from .background import end_all as end_all
 from .barcode_scanner import KeyBurstFilter as KeyBurstFilter
 from .dropped_files import RUN_SUFFIXES as RUN_SUFFIXES
 from .dropped_files import TABLE_SUFFIXES as TABLE_SUFFIXES

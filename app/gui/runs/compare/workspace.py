@@ -170,10 +170,6 @@ class ComparisonWorkspace(QWidget):
         self.show_note(str(error))
         self.failed.emit(error)
 
-    def shutdown(self) -> None:
-        """Stop the background thread."""
-        self._worker.close()
-
     def show_comparison(self, comparison: Comparison, folder: Path) -> None:
         """Show a comparison; views are saved in the folder."""
         self._folder = folder
