@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,7 +27,6 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
-    make_choice,
     make_scroll_area,
     make_toggle,
     row,
@@ -80,10 +80,8 @@ class BenchSwitch(WrappingPane):
         self.buttons[current].setChecked(True)
 
     def _make_button(self, name: str) -> QPushButton:
-        button = make_choice("", name, checkable=True)
-        if name:
-            button.clicked.connect(lambda _=False: self.selected.emit(name))
-        return configure(button, f"bench.show.{name}", kind="choice", autoExclusive=True)
+        act = partial(self.selected.emit, name) if name else None
+        return make_button("", act, "choice", name, f"bench.show.{name}", checkable=True, autoExclusive=True)
 
     def hasHeightForWidth(self) -> bool:
         """Return False: its least height follows from its width, and the page below shrinks to nothing."""

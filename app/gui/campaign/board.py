@@ -24,7 +24,8 @@ from app.gui.widgets import (
     add_actions,
     column,
     configure,
-    make_choice,
+    give_menu,
+    make_button,
     make_label,
     make_panel,
     make_progress_bar,
@@ -72,13 +73,11 @@ class CampaignHeader(QWidget):
             toolTip="The results of this campaign come from a simulated bench; the open bench is real",
         )  # fmt: skip
         self.sheet_button = SheetButton("campaign")
-        self.menu_button = configure(
-            make_choice("…", "Actions of the campaign and of the selected item"), "campaign.menu"
+        tip = "Actions of the campaign and of the selected item"
+        self.menu_button = make_button(
+            "…", None, "choice", tip, "campaign.menu", accessibleName="actions of the campaign"
         )
-        self.menu_button.setAccessibleName("actions of the campaign")
-        self.menu = Menu(self.menu_button)
-        self.menu.aboutToShow.connect(lambda: fill_menu(self.menu))
-        self.menu_button.setMenu(self.menu)
+        self.menu = give_menu(self.menu_button, fill_menu)
         line = row(
             self.name_label, self.bar, (self.progress_label, 1), self.simulated_label, self.sheet_button, self.menu_button,
             spacing=12,
@@ -241,7 +240,6 @@ class CampaignBoard(QWidget):
     def _fill_menu(self, menu: Menu) -> None:
         """Fill the menu with the actions allowed on the selected item and those of the campaign."""
         allowed = () if self._busy else self.details.allowed_actions
-        menu.clear()
         menu.add_named(self, [f"campaign.item.{each}" for each in ITEM_ACTIONS if each in allowed])
         menu.addSeparator()
         menu.add_named(self.window(), CAMPAIGN_ACTIONS)

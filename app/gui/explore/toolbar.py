@@ -20,7 +20,6 @@ from app.gui.widgets import (
     clear_layout,
     configure,
     make_button,
-    make_choice,
     make_combo,
     make_line_edit,
     make_pane,
@@ -101,10 +100,9 @@ class ExploreToolbar(QObject):
             for kind, tip in (("JSON", tooltip("explore.copy-json")), ("TOML", "Every parameter as TOML for --set"))
         )
         self.sheet_button = SheetButton("explore")
-        self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
-        self.design_button = make_choice(
-            "Design …", "Which added mass for a natural frequency, and which drive for an amplitude", checkable=True
-        )
+        self.identify_button = make_button("Identify …", None, "choice", tooltip("identification"), "explore.identify")
+        tip = "Which added mass for a natural frequency, and which drive for an amplitude"
+        self.design_button = make_button("Design …", None, "choice", tip, checkable=True)
         self.run_chips: dict[Path, QPushButton] = {}
         """A button for each overlaid run, which shows its result."""
         self.remove_buttons: dict[Path, QPushButton] = {}
@@ -156,8 +154,8 @@ class ExploreToolbar(QObject):
         clear_layout(self.runs_row)
         self.run_chips, self.remove_buttons = {}, {}
         for run in runs:
-            chip = make_choice(run.label, f"{run.path}: show its result", checkable=True)
-            chip.setChecked(run.path == chosen)
+            tip, is_chosen = f"{run.path}: show its result", run.path == chosen
+            chip = make_button(run.label, None, "choice", tip, checkable=True, checked=is_chosen)
             chip.clicked.connect(lambda checked, path=run.path: self._choose_run(path if checked else None))
             tip = f"Take {run.label} away"
             removing = make_button("✕", partial(self._page.overlaid.remove, run), "choice", tip, accessibleName=tip)

@@ -26,7 +26,7 @@ from app.gui.widgets import (
     StatusLine,
     column,
     configure,
-    make_choice,
+    make_button,
     make_label,
     row,
 )
@@ -159,8 +159,8 @@ class LaboratoryPage(QWidget):
         self.views.select(SPECIMENS)
         self.simulated_mark = make_label("SIMULATED", "simulated-mark", wrap=False, name="laboratory.simulated")
         self.simulated_mark.hide()
-        self.kind_button = make_choice("Simulated runs", "Real and simulated runs are never mixed", checkable=True)
-        self.kind_button.hide()
+        tip = "Real and simulated runs are never mixed"
+        self.kind_button = make_button("Simulated runs", self.reload, "choice", tip, checkable=True, visible=False)
         self.count_label = make_label(kind="note", wrap=False, name="laboratory.count")
         self.message_label = configure(StatusLine(), "laboratory.message")
         self.stack = QStackedWidget()
@@ -179,7 +179,6 @@ class LaboratoryPage(QWidget):
         column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, spacing=6)
         column(contents, parent=self)
         self.views.chosen.connect(self.show_view)
-        self.kind_button.clicked.connect(lambda _: self.reload())
 
     # -- interface to the main window ----------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ from app.gui.plots.chart import Chart
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL, layers_of
 from app.gui.plots.picture import Picture
 from app.gui.plots.response import LOWER, ResponseView, RunInPlot, Threshold
-from app.gui.widgets import Menu, configure, make_choice
+from app.gui.widgets import Menu, make_button
 from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol, RunEnded, Series
@@ -102,11 +102,9 @@ class ResultPlots(QStackedWidget):
         self.coming: tuple[float, ...] = ()
         """Frequencies that are still to be measured."""
         self.selection = EntrySelection(self.draw, self.repeat_requested.emit)
-        self.curves_button = make_choice("Show the curves")
-        self.curves_button.clicked.connect(self._swap)
-        self.lower_button = configure(
-            make_choice("Residual", "Plot below: measured less model", checkable=True), "plot.lower"
-        )
+        self.curves_button = make_button("Show the curves", self._swap, "choice")
+        tip = "Plot below: measured less model"
+        self.lower_button = make_button("Residual", None, "choice", tip, "plot.lower", checkable=True)
         self.lower_button.clicked.connect(lambda on: self.choose_lower(self._offered()[0] if on else NOTHING))
         for button in (self.selection.button, self.curves_button, self.lower_button):
             self.chart.head_layout.insertWidget(3, button)

@@ -44,7 +44,7 @@ class RemoteController(QObject):
         self._shown: tuple[WindowState, str, str] | None = None
         self._beat_s = time.monotonic()
         self._worker = BackgroundWorker("web page", self)
-        at_end(self, lambda: self.server and self.server.stop())  # when its worker is closed
+        at_end(self, self._stop_server)  # after its worker
         self.server: RemoteView | None = None
         """Made in the background when the page is first opened: its imports take some hundredths of a second."""
         self.url = self.stop_url = self.problem = ""
@@ -75,6 +75,10 @@ class RemoteController(QObject):
         if url != self.stop_url:
             self.stop_url = url
             self.changed.emit()  # queued: it is another thread
+
+    def _stop_server(self) -> None:
+        if self.server is not None:
+            self.server.stop()
 
     def beat(self) -> None:
         """Note that the window is alive."""

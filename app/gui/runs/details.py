@@ -21,7 +21,7 @@ from app.gui.widgets import (
     column,
     configure,
     grid,
-    make_choice,
+    make_button,
     make_label,
     make_line_edit,
     make_scroll_area,
@@ -92,7 +92,7 @@ class RunDetailsPane(QWidget):
         self.tags_edit.editingFinished.connect(self._save_notes)
         self.note_edit.focus_lost.connect(self._save_notes)
         self.open_button, self.continue_button, self.explore_button = (
-            configure(make_choice(text, tip), f"runs.{name}")
+            make_button(text, None, "choice", tip, f"runs.{name}")
             for text, tip, name in (
                 ("Open", "Enter", "open"),
                 ("Continue", tooltip("runs.continue"), "continue-button"),
@@ -101,8 +101,9 @@ class RunDetailsPane(QWidget):
         )
         self.result_plots = configure(_LowResultPlots(), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120)
         self.result_plots.hide()
-        self.export_button = configure(
-            make_choice("Export", tooltip("runs.export")), "runs.export", accessibleName="export the selected runs"
+        about = "export the selected runs"
+        self.export_button = make_button(
+            "Export", None, "choice", tooltip("runs.export"), "runs.export", accessibleName=about
         )
         menu = Menu(self.export_button)
         for kind in FORMATS:

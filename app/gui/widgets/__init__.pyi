@@ -33,7 +33,6 @@ from .layouts import configure as configure
 from .layouts import fill_combo as fill_combo
 from .layouts import grid as grid
 from .layouts import make_button as make_button
-from .layouts import make_choice as make_choice
 from .layouts import make_combo as make_combo
 from .layouts import make_label as make_label
 from .layouts import make_labelled_grid as make_labelled_grid
@@ -50,6 +49,7 @@ from .layouts import set_tone as set_tone
 from .layouts import show_text as show_text
 from .log_view import LogView as LogView
 from .menu import Menu as Menu
+from .menu import give_menu as give_menu
 from .overlays import OverlayCard as OverlayCard
 from .overlays import OverlayHost as OverlayHost
 from .overlays import Place as Place

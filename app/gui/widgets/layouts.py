@@ -134,18 +134,19 @@ def clear_layout(layout: QLayout) -> None:
 
 def make_button(
     text: str,
-    on_click: Callable[[], object],
+    on_click: Callable[[], object] | None = None,
     kind: str = "",
     tip: str = "",
     name: str = "",
     key: str = "",
     **properties: object,
 ) -> QPushButton:
-    """Return a button that calls `on_click`, styled as `kind` of the style sheet, with the cap of its `key`."""
+    """Return a button that calls `on_click`, if given, styled as `kind` of the style sheet, with the cap of its `key`."""
     if kind:
         properties["kind"] = kind
     button = configure(QPushButton(text), name, toolTip=tip, **properties)
-    button.clicked.connect(lambda _checked=False: on_click())
+    if on_click is not None:
+        button.clicked.connect(lambda _checked=False: on_click())
     if key:
         show_key(button, key)
     return button
@@ -259,14 +260,9 @@ def make_splitter(
     return splitter
 
 
-def make_choice(text: str, tip: str = "", checkable: bool = False) -> QPushButton:
-    """Return a button in the style of a choice; a checkable one shows whether it is chosen."""
-    return configure(QPushButton(text), kind="choice", toolTip=tip, checkable=checkable)
-
-
 def make_toggle(text: str, tip: str, name: str, shown: QWidget) -> QPushButton:
     """Return a button that shows a widget, which is hidden at first, and hides it again."""
-    button = configure(make_choice(text, tip, checkable=True), name)
+    button = make_button(text, None, "choice", tip, name, checkable=True)
     shown.hide()
     button.toggled.connect(shown.setVisible)
     return button

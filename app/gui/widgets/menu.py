@@ -1,9 +1,22 @@
 """Menu that leaves Stop in reach: an open menu takes the keyboard and the mouse from the window below it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QMouseEvent
-from PySide6.QtWidgets import QAbstractButton, QMenu, QWidget
+from PySide6.QtWidgets import QAbstractButton, QMenu, QPushButton, QToolButton, QWidget
+
+
+def give_menu(button: QPushButton | QToolButton, fill: Callable[["Menu"], object]) -> "Menu":
+    """Give a button a menu that is filled whenever it is opened, and return it."""
+    menu = Menu(button)
+
+    def fill_anew() -> None:
+        menu.clear()
+        fill(menu)
+
+    menu.aboutToShow.connect(fill_anew)
+    button.setMenu(menu)
+    return menu
 
 
 class Menu(QMenu):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QPushButton, QStackedWidget, QWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, Format
 from app.comparison import (
@@ -31,11 +31,10 @@ from app.gui.widgets import (
     Segments,
     choose_files,
     column,
-    configure,
     fill_combo,
     fill_table,
+    give_menu,
     make_button,
-    make_choice,
     make_combo,
     make_label,
     make_pane,
@@ -43,7 +42,6 @@ from app.gui.widgets import (
     make_scroll_area,
     make_splitter,
     row,
-    show_key,
     show_text,
     tooltip,
 )
@@ -83,10 +81,9 @@ class ComparisonWorkspace(QWidget):
         self.plot.tools.places_changed.connect(self.layers.show_values)
         self.heading = make_label(kind="heading", wrap=False, name="compare.heading")
         self.note_label = make_label(kind="note", name="compare.note", visible=False)
-        self.back_button = configure(QPushButton("Back"), "compare.back")
-        show_key(self.back_button, "Esc")
-        self.views_button = configure(make_choice("Views", "Saved views of this folder"), "compare.views")
-        self.export_button = configure(make_choice("Export", "Picture, or data in every format"), "compare.export")
+        self.back_button = make_button("Back", name="compare.back", key="Esc")
+        self.views_button = make_button("Views", None, "choice", "Saved views of this folder", "compare.views")
+        self.export_button = make_button("Export", None, "choice", "Picture, or data in every format", "compare.export")
         self.quantity = make_combo("compare.quantity", "quantity", [("", "")])
         self.relation = Segments("compare.relation", "shown as", RELATIONS)
         self.over = make_combo(
@@ -94,7 +91,8 @@ class ComparisonWorkspace(QWidget):
             "waterfall over",
             [(f"waterfall over {each}" if each else "on one axis", each) for each in ORDERS],
         )
-        self.model = configure(make_choice("Model", "The model's curve with its band", checkable=True), "compare.model")
+        tip = "The model's curve with its band"
+        self.model = make_button("Model", None, "choice", tip, "compare.model", checkable=True)
         self.tables = Segments("compare.tables", "table", TABLES)
         self.tables.select(0)
         self.peaks = make_read_only_table((), "compare.peaks", "peaks", stretched="none")
@@ -102,10 +100,8 @@ class ComparisonWorkspace(QWidget):
         self._connect()
 
     def _build(self) -> None:
-        for button, fill in ((self.views_button, self._fill_views), (self.export_button, self._fill_exports)):
-            menu = Menu(button)
-            menu.aboutToShow.connect(partial(fill, menu))
-            button.setMenu(menu)
+        give_menu(self.views_button, self._fill_views)
+        give_menu(self.export_button, self._fill_exports)
         keys = [
             make_button(
                 text, partial(self.layers.perform, what), "choice", tooltip(f"compare.{what}"), f"compare.{what}"
@@ -260,7 +256,6 @@ class ComparisonWorkspace(QWidget):
     # -- menus -------------------------------------------------------------------------------------------------------
 
     def _fill_views(self, menu: Menu) -> None:
-        menu.clear()
         for name in views_in(self._folder):
             menu.addAction(name, partial(self.open_view, self._folder / f"{name}{VIEW_SUFFIX}"))
         menu.addSeparator()
@@ -270,7 +265,6 @@ class ComparisonWorkspace(QWidget):
         menu.addAction("Save the view …", ask)
 
     def _fill_exports(self, menu: Menu) -> None:
-        menu.clear()
         menu.addAction("Picture (PNG, SVG, PDF) …", self.plot.tools.files.choose_picture)
         menu.addSeparator()
         for kind in FORMATS:
