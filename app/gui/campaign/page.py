@@ -15,7 +15,7 @@ from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
 from app.gui.widgets import add_actions, at_end, choose_files, tell
-from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongations_of
+from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, curve_request_of
 from app.session import WindowState
 
 if TYPE_CHECKING:
@@ -178,14 +178,7 @@ class CampaignPage(QStackedWidget):
 
     def _show_review(self, review: ResultReview) -> None:
         self.board.show_review(review)
-        run = review.run
-        amplitude_v, elongations = (
-            float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2,
-            elongations_of(run.points),
-        )
-        self._review_request = CurveRequest(
-            1.05 * run.max_hz, amplitude_v, run.path.parent, run.record.specimen, elongations, run.record.protocol
-        )
+        self._review_request = curve_request_of(review.run)
 
     def open(self, path: Path) -> None:
         if self.controller.summary is not None and path.absolute() == self.controller.summary.path.absolute():

@@ -25,7 +25,7 @@ from app.gui.widgets import (
     choose_files,
     tooltip,
 )
-from app.live import CurveRequest, Overlay, elongations_of
+from app.live import Overlay, curve_request_of
 from app.session import WindowState
 from protocols.runfile import RunReadError
 
@@ -223,11 +223,7 @@ class RunsPage(QStackedWidget):
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
         self.viewer.show_run(run)
-        amplitude_v = float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2
-        folder, elongations = run.path.parent, elongations_of(run.points)
-        self._overlay.submit(
-            CurveRequest(1.05 * run.max_hz, amplitude_v, folder, run.record.specimen, elongations, run.record.protocol)
-        )
+        self._overlay.submit(curve_request_of(run))
         self.setCurrentWidget(self.viewer)
         self.viewer.back_button.setFocus()
 
@@ -261,7 +257,7 @@ class RunsPage(QStackedWidget):
     def _connect_signals(self) -> None:
         self.list.folder_model.failed.connect(self._on_error)
         self.list.selection_changed.connect(self._on_selection_changed)
-        self.list.open_requested.connect(self.open_selected)
+        self.list.table.open_requested.connect(self.open_selected)
         self.list.table.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.list.table.customContextMenuRequested.connect(
             lambda at: self.list.make_menu(self).popup(self.list.table.viewport().mapToGlobal(at))

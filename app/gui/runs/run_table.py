@@ -268,6 +268,7 @@ class RunTableView(QTableView):
     """Table in which Enter opens the selected run; not a shortcut, because Enter answers a prompt first."""
 
     open_requested = Signal()
+    """The first selected run is to be opened."""
 
     def __init__(self, model: RunTableModel) -> None:
         super().__init__()
@@ -279,6 +280,7 @@ class RunTableView(QTableView):
         )  # fmt: skip
         self.setItemDelegate(RunDelegate(self))
         model.modelReset.connect(self._make_place_for_days)
+        self.doubleClicked.connect(lambda _: self.open_requested.emit())
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         header = self.horizontalHeader()
         # A header that knows the selection asks for the flags of every cell of it when it is painted.

@@ -130,9 +130,7 @@ class ComparisonWorkspace(QWidget):
         self.relation.chosen.connect(lambda relation: self._change(relation=relation))
         self.model.toggled.connect(lambda on: self._change(model=on))
         self.tables.chosen.connect(lambda at: self.stack.setCurrentIndex(int(str(at))))
-        self.layers.toggled.connect(self._toggle)
-        self.layers.moved.connect(self._move)
-        self.layers.reference_chosen.connect(lambda name: self._change(reference=name))
+        self.layers.requested.connect(self._change_layer)
 
     def open_runs(self, paths: Sequence[Path], view: ComparisonView | None = None) -> None:
         """Read runs in the background and show them."""
@@ -204,20 +202,20 @@ class ComparisonWorkspace(QWidget):
             return
         self._show(self.comparison.with_view(self.comparison.view.model_copy(update=changes)))
 
-    def _toggle(self, name: str) -> None:
-        if self.comparison is not None:
-            hidden = dict.fromkeys(self.comparison.view.hidden)
+    def _change_layer(self, what: str, name: str) -> None:
+        """Hide or show a run, make it the reference, or move it up or down."""
+        assert self.comparison is not None
+        if what == "hide":
+            hidden = self.comparison.view.hidden
             kept = tuple(each for each in hidden if each != name)
             self._change(hidden=kept if name in hidden else (*kept, name))
-
-    def _move(self, name: str, places: int) -> None:
-        if self.comparison is None:
-            return
-        names = [run.path.name for run in self.comparison.runs]
-        at = names.index(name)
-        to = min(max(at + places, 0), len(names) - 1)
-        names.insert(to, names.pop(at))
-        self._change(runs=tuple(names))
+        elif what == "reference":
+            self._change(reference=name)
+        else:
+            names = [run.path.name for run in self.comparison.runs]
+            at = names.index(name)
+            names.insert(max(at - 1, 0) if what == "up" else at + 1, names.pop(at))
+            self._change(runs=tuple(names))
 
     def _show(self, comparison: Comparison) -> None:
         previous, self.comparison = self.comparison, comparison
