@@ -76,8 +76,10 @@ class CalibrationPanel(QWidget):
         self.apply_button = make_button("Use this calibration", self.apply, "go", name="bench.calibration.apply")
         self.message_label = configure(StatusLine(), "bench.calibration.message")
         # A fixed height: the buttons below do not move with the text.
-        self.result_label = make_label(kind="large", name="bench.calibration.result", minimumHeight=RESULT_HEIGHT)
-        self.result_label.setAlignment(Qt.AlignmentFlag.AlignTop)
+        top = Qt.AlignmentFlag.AlignTop
+        self.result_label = make_label(
+            "", "large", True, "bench.calibration.result", minimumHeight=RESULT_HEIGHT, alignment=top
+        )
         self.table = make_read_only_table(
             COLUMNS,
             "bench.calibration.points",

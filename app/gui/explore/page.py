@@ -22,6 +22,7 @@ from app.gui.face import class_of, px, set_length
 from app.gui.results import ResultCard
 from app.gui.widgets import (
     RUN_SUFFIXES,
+    UPRIGHT,
     FileDrops,
     Mode,
     StatusLine,
@@ -216,9 +217,7 @@ class ExplorePage(QWidget):
         )  # fmt: skip
 
     def _left_column(self) -> QWidget:
-        scroll = make_scroll_area(
-            focusPolicy=Qt.FocusPolicy.NoFocus, horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff
-        )
+        scroll = make_scroll_area(**UPRIGHT)
         scroll.setWidget(self.sliders)
         self.sliders.setAutoFillBackground(False)
         bar = self.toolbar

@@ -15,6 +15,7 @@ from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
 from app.gui.results import rich_table
 from app.gui.widgets import (
+    UPRIGHT,
     BackgroundWorker,
     WrappedRow,
     column,
@@ -80,8 +81,7 @@ class ChartPane(ViewPane):
         self.figure_label = make_label(kind="answer", wrap=False, name="laboratory.chart.figure")
         self.unit_label = make_label("%", "unit", wrap=False)
         self.error_label = make_label(kind="note", name="laboratory.chart.error")
-        self.evidence_label = make_label(name="laboratory.chart.evidence")
-        self.evidence_label.setTextFormat(Qt.TextFormat.RichText)
+        self.evidence_label = make_label(name="laboratory.chart.evidence", textFormat=Qt.TextFormat.RichText)
         self.notes_label = make_label(kind="note", name="laboratory.chart.notes")
         self.plot = ControlChartPlot()
         self.broken = ValueTable("laboratory.chart.broken", "values that break a rule")
@@ -97,10 +97,7 @@ class ChartPane(ViewPane):
             self.evidence_label, spacing=8,
         )  # fmt: skip
         signals = make_panel(make_label("Signals", "heading"), (self.broken, 1), self.notes_label, spacing=8)
-        self._side = make_scroll_area(
-            finding, (signals, 1), spacing=8, focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-        )  # fmt: skip
+        self._side = make_scroll_area(finding, (signals, 1), spacing=8, **UPRIGHT)
         self._shown = make_pane(row((make_panel(self.plot, margins=(1, 1, 1, 1)), 1), self._side, spacing=8))
         column(bar, (self._shown, 1), parent=self, spacing=6)
         for combo in (self.golden, self.quantity):

@@ -16,6 +16,7 @@ from app.gui.results import ResultCard
 from app.gui.runs.compare import ComparisonPlot, DifferencesPane
 from app.gui.widgets import (
     SELECTABLE,
+    UPRIGHT,
     Menu,
     ProgressRow,
     column,
@@ -117,18 +118,8 @@ class RunDetailsPane(QWidget):
             (self.note_edit, 1, 1),
         )
         buttons = row(self.open_button, self.continue_button, self.explore_button, None, self.export_button, spacing=6)
-        area = make_scroll_area(
-            (self.plot, 1),
-            (self.result_plots, 1),
-            (self.empty_label, 1),
-            self.facts_label,
-            self.differences,
-            self.card,
-            fields,
-            spacing=6,
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-        )
+        plots = ((self.plot, 1), (self.result_plots, 1), (self.empty_label, 1))
+        area = make_scroll_area(*plots, self.facts_label, self.differences, self.card, fields, spacing=6, **UPRIGHT)
         content = area.widget()
         self._content_layout = None if content is None else content.layout()
         column(

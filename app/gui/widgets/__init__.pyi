@@ -25,6 +25,7 @@ from .key_caps import show_key as show_key
 from .labels import ElidedLabel as ElidedLabel
 from .labels import StatusLine as StatusLine
 from .layouts import SELECTABLE as SELECTABLE
+from .layouts import UPRIGHT as UPRIGHT
 from .layouts import Item as Item
 from .layouts import TrueMinus as TrueMinus
 from .layouts import clear_layout as clear_layout

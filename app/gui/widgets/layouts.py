@@ -38,6 +38,11 @@ NO_MARGINS: Margins = (0, 0, 0, 0)
 PANEL_MARGINS: Margins = (12, 12, 12, 12)
 
 SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
+UPRIGHT: dict[str, object] = {
+    "focusPolicy": Qt.FocusPolicy.NoFocus,
+    "horizontalScrollBarPolicy": Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+}
+"""Properties of a scroll area that scrolls vertically only, and does not take the keyboard."""
 
 
 def configure(widget: W, name: str = "", **properties: object) -> W:
@@ -113,10 +118,10 @@ def grid(
 
 
 def make_label(text: str = "", kind: str = "", wrap: bool = True, name: str = "", **properties: object) -> QLabel:
-    """Return a label of plain text, styled as `kind` of the style sheet."""
+    """Return a label of plain text, unless `properties` have another format, styled as `kind` of the style sheet."""
     if kind:
         properties["kind"] = kind
-    return configure(QLabel(text), name, wordWrap=wrap, textFormat=Qt.TextFormat.PlainText, **properties)
+    return configure(QLabel(text), name, **{"wordWrap": wrap, "textFormat": Qt.TextFormat.PlainText} | properties)
 
 
 def show_text(label: QLabel, text: str) -> None:
