@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QWidget
 
 from app.common import UsageError
@@ -21,6 +20,7 @@ from app.live import LiveFeed
 from app.session import build_protocol
 from model import AmplifierMap
 from protocols import HELD_LEVELS, PROTOCOLS, TONES
+from protocols.base import Protocol
 
 ABOUT_TEXT = (
     "A level or a tone by hand is a run like any other: it is armed with the prompts for high voltage, kept within the drive limits, stored, "
@@ -35,13 +35,14 @@ class LivePanel(QWidget):
         feed: of the samples.
         amplifier: of the open bench.
         simulated: whether it is simulated.
+        run: starts the run of a protocol.
     """
 
-    run_requested = Signal(object)
-
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool) -> None:
+    def __init__(
+        self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool, run: Callable[[Protocol], object]
+    ) -> None:
         super().__init__()
-        self._simulated = simulated
+        self._simulated, self._run = simulated, run
         self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier)
         self.plot: TimePlot | None = None
         self.level_edit, self.level_s_edit, self.frequency_edit, self.swing_edit, self.tone_s_edit = (
@@ -115,7 +116,7 @@ class LivePanel(QWidget):
             self.message_label.show_message(str(error), is_error=True)
             return
         self.message_label.show_message("")
-        self.run_requested.emit(protocol)
+        self._run(protocol)
 
 
 def _sentence(*parts: QWidget | str) -> QHBoxLayout:

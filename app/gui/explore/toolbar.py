@@ -191,4 +191,4 @@ class ExploreToolbar(QObject):
         except UnitError:
             hz = float("nan")
         if 1 <= hz <= RANGES_HZ[-1]:
-            self._page.plot.show_cursor(hz)
+            self._page.plot.tools.set_cursor(hz)

@@ -371,7 +371,7 @@ class MainWindow(QMainWindow):
         self.look.text_size_changed.connect(self.rail.fit)
         for drawer in self._faults:
             drawer.faults_changed.connect(self.ribbon.show_faults)
-        self.ribbon.clicked.connect(lambda _=False: self._toggle_faults())
+            self.ribbon.clicked.connect(drawer.toggle)
         self.status_line.log_requested.connect(self.toggle_log)
         self._key_bursts = KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)
@@ -397,10 +397,6 @@ class MainWindow(QMainWindow):
                 "log": self.toggle_log,
             },
         )
-
-    def _toggle_faults(self) -> None:
-        for drawer in self._faults:
-            drawer.toggle()
 
     def _restore(self, form: InitialForm) -> None:
         geometry = self._settings.value("window/geometry")

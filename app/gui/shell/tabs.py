@@ -80,7 +80,7 @@ class MainTabs(PageHost):
             PresetStore(presets_path()),
             config.simulation_parameters.modes if config.simulated else None,
         )
-        self.results, self.subject = ResultActions(self, self.show_message), VisibleSubject(self)
+        self.results, self.subject = ResultActions(self), VisibleSubject(self)
         panel = self.measure.run_panel
         panel.result_card.requested.connect(self.results.perform)
         panel.label_scanned.connect(self._compare_label)
@@ -200,13 +200,10 @@ class MainTabs(PageHost):
         return page
 
     def _make_bench(self) -> bench_pages.BenchPage:
-        page = bench_pages.BenchPage(self._adapter, self._config, self._open_bench)
+        page = bench_pages.BenchPage(self._controller, self._config, self._open_bench)
         page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
         page.run_requested.connect(self.start_run)
-        page.commissioning_requested.connect(self._controller.commission)
-        page.stop_requested.connect(self._controller.stop)
-        page.speed_requested.connect(self._controller.change_speed)
         return page
 
     def _make_laboratory(self) -> laboratory_pages.LaboratoryPage:
@@ -238,12 +235,10 @@ class ResultActions:
 
     Args:
         tabs: the pages.
-        show_message: shows a message.
     """
 
-    def __init__(self, tabs: MainTabs, show_message: Callable[[str], object]) -> None:
-        self._tabs = tabs
-        self._report_job = ReportJob(show_message, tabs)
+    def __init__(self, tabs: MainTabs) -> None:
+        self._tabs, self._report_job = tabs, ReportJob(tabs.show_message, tabs)
 
     def perform(self, action: str, path: Path) -> None:
         """Carry out an action of a result card that starts no run."""

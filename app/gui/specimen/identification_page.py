@@ -81,7 +81,6 @@ class IdentificationPage(QWidget):
 
     title = "Identification"
     closed = Signal()
-    accepted = Signal()
     progressed = Signal(int, float)
     """Evaluations and chi-square of a fit that is running; from its thread."""
 
@@ -198,7 +197,7 @@ class IdentificationPage(QWidget):
             decision = f"; {version.decision}" if version.decision else ""
             return f"Accepted as version {version.version} of {result.specimen}, now active, in {path}{decision}"
 
-        self._worker.submit(store, self._on_accepted, self._on_refused)
+        self._worker.submit(store, partial(self.accept_message.show_message, persistent=True), self._on_refused)
 
     @property
     def chosen_runs(self) -> tuple[Path, ...]:
@@ -279,10 +278,6 @@ class IdentificationPage(QWidget):
         self.reason_edit.setVisible(bool(doubt))
         self.accept_button.setEnabled(True)
         self._content.show()
-
-    def _on_accepted(self, text: str) -> None:
-        self.accept_message.show_message(text, persistent=True)
-        self.accepted.emit()
 
     def _on_refused(self, error: Exception) -> None:
         self.accept_button.setEnabled(True)

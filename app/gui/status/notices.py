@@ -33,7 +33,7 @@ class Notices(QObject):
     def __init__(self, controller: SessionController, window: QWidget, host: OverlayHost) -> None:
         super().__init__(window)
         self._controller, self._no_bench, self._asked_at_s, self._replaced_at_s = controller, False, 0.0, 0.0
-        self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, self._on_reconnect)
+        self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, controller.reconnect)
         self.closing = MessageCard(
             "notices.closing",
             "question",
@@ -46,7 +46,7 @@ class Notices(QObject):
             "notices.problem",
             "danger",
             "red_line",
-            make_button("Connect again", self._on_reconnect, "go", name="problem.reconnect", key="F6"),
+            make_button("Connect again", controller.reconnect, "go", name="problem.reconnect", key="F6"),
             make_button("Dismiss", controller.acknowledge, "main", name="problem.dismiss", key="F4"),
         )
         for card in (self.problem, self.unsafe, self.closing, self.prompt):
@@ -54,7 +54,7 @@ class Notices(QObject):
         self.problem.closed.connect(controller.acknowledge)
         self.closing.closed.connect(self.cancel_closing)
         self._answer_action = add_action(window, ACTIONS["answer"], self._on_enter)
-        add_actions(window, {"acknowledge": self._on_dismiss, "reconnect": self._on_reconnect})
+        add_actions(window, {"acknowledge": self._on_dismiss, "reconnect": controller.reconnect})
         self._update_answer()
 
     @property
@@ -144,6 +144,3 @@ class Notices(QObject):
             return
         elif time.monotonic() - self._replaced_at_s >= INPUT_GUARD_S:
             self._controller.acknowledge()
-
-    def _on_reconnect(self) -> None:
-        self._controller.reconnect()

@@ -176,7 +176,7 @@ def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
-    page.plot.show_cursor(80.0)
+    page.plot.tools.set_cursor(80.0)
     settled(page)
     assert page.toolbar.frequency.text() == "80"
     envelope = page.shape_plot.layer("envelope")
