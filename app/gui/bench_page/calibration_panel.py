@@ -7,7 +7,7 @@ from datetime import UTC, date, datetime, timedelta
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.common import UnitError, to_number, typeset
+from app.common import UnitError, sentence_case, to_number, typeset
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
 from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
@@ -175,7 +175,7 @@ class CalibrationPanel(QWidget):
                 raise UnitError("give a value in µm")
             return to_number(f"{text} µm" if text.lstrip("+-−").replace(".", "", 1).isdigit() else text, "m")
         except UnitError as error:
-            self._complain(f"{quantity[:1].upper()}{quantity[1:]}: {error}")
+            self._complain(f"{sentence_case(quantity)}: {error}")
             edit.setFocus()
             return None
 
@@ -192,7 +192,7 @@ class CalibrationPanel(QWidget):
             text = str(error) if len(self.points) > 1 else HELP_TEXT
         else:
             text = _describe(self.result, len(self.points))
-        self.result_label.setText(f"{text[:1].upper()}{text[1:]}")
+        self.result_label.setText(sentence_case(text))
         self.apply_button.setEnabled(self.result is not None)
         self.remove_button.setEnabled(bool(self.points))
         residuals_m = [None] * len(self.points) if self.result is None else self.result.residuals_m

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap, QResizeEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
-from app.common import Severity
+from app.common import Severity, sentence_case
 from app.gui.face import tokens
 from app.gui.widgets import (
     BackgroundWorker,
@@ -74,10 +74,6 @@ class CommissioningPanel(QWidget):
         for widget in (self.progress_bar, self.stop_button, self.table, self.picture_label):
             widget.hide()
 
-    def set_enabled(self, enabled: bool) -> None:
-        """Allow a commissioning to be started, or not."""
-        self.start_button.setEnabled(enabled)
-
     def follow(self, job: CommissioningJob) -> None:
         """Show a commissioning that begins."""
         self.job, self._shown = job, False
@@ -114,7 +110,7 @@ class CommissioningPanel(QWidget):
             widget.hide()
         self.progress_label.setText("")
         if job.result is None:
-            self.message_label.show_message(f"{job.error[:1].upper()}{job.error[1:]}", is_error=True)
+            self.message_label.show_message(sentence_case(job.error), is_error=True)
             return
         done = job.result
         verdict = worst_verdict(done.result.checks)

@@ -80,11 +80,6 @@ class LivePanel(QWidget):
         )
         column(panel, parent=self)
 
-    def set_enabled(self, enabled: bool) -> None:
-        """Allow a run by hand, or not."""
-        self.level_button.setEnabled(enabled)
-        self.tone_button.setEnabled(enabled)
-
     def tick(self) -> None:
         """Redraw the traces."""
         if self.plot is None:

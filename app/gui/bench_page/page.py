@@ -190,7 +190,7 @@ class BenchPage(QWidget):
 
     def show_message(self, text: str) -> None:
         """Show why the bench cannot be opened."""
-        self.editor.show_problem(text)
+        self.editor.message_label.show_message(text, is_error=True)
 
     @property
     def draft(self) -> BenchDraft | None:
@@ -295,8 +295,8 @@ class BenchPage(QWidget):
         self.connect_button.setEnabled(draft is not None and not busy)
         if self._state is not None:
             self.wiring.set_state(self._state, self.is_open, self._can_run)
-        self.commissioning.set_enabled(self._can_run)
-        self.live.set_enabled(self._can_run)
+        for button in (self.commissioning.start_button, self.live.level_button, self.live.tone_button):
+            button.setEnabled(self._can_run)
         if draft is None:
             return
         where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"

@@ -79,7 +79,7 @@ class ExplorePage(QWidget):
         plots, answer = self._right_columns()
         self._columns = row(self.left, (plots, 1), answer, parent=self, margins=(4, 4, 4, 4), spacing=12)
         self._connect_signals()
-        FileDrops(self, {RUN_SUFFIXES: self.overlaid.add})
+        FileDrops(self, RUN_SUFFIXES, self.overlaid.add)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._update_series()
         self._show_setting()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -243,21 +243,18 @@ class FormHistory(QObject):
     def undo(self) -> None:
         """Show the previous protocol."""
         self._remember()
-        if self._panel.form.isEnabled() and self._history.undo():
-            self._show_protocol()
+        self._step(self._history.undo)
 
     def redo(self) -> None:
         """Show the protocol that was undone."""
-        if self._panel.form.isEnabled() and self._history.redo():
-            self._show_protocol()
+        self._step(self._history.redo)
 
     def _remember(self) -> None:
         if (protocol := self._panel.protocol) is not None:
             self._history.push(protocol, _changed_field(self._history.current, protocol))
 
-    def _show_protocol(self) -> None:
-        protocol = self._history.current
-        if protocol is not None:
+    def _step(self, step: Callable[[], bool]) -> None:
+        if self._panel.form.isEnabled() and step() and (protocol := self._history.current) is not None:
             self._panel.set_protocol(protocol)
 
 

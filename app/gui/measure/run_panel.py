@@ -41,7 +41,7 @@ from app.services import FormResult
 from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
 from protocols import PROTOCOLS, rehearse
-from protocols.base import Protocol, RunConditions
+from protocols.base import Protocol
 
 BenchGetter = Callable[[], Bench | None]
 
@@ -390,10 +390,7 @@ class OperatorOfToday(QObject):
 
     def read(self) -> None:
         """Show the stored operator; the file is read in the background."""
-        self._worker.submit(remembered_conditions, self._show)
-
-    def _show(self, conditions: RunConditions) -> None:
-        self._panel.show_operator(conditions.operator)
+        self._worker.submit(remembered_conditions, lambda conditions: self._panel.show_operator(conditions.operator))
 
     def _store(self, name: str) -> None:
         def store() -> None:

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QStackedWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import Format, LoadedRun, RunState, RunSummary, TraceWindow, load_run, load_trace_window
 from app.comparison import MAX_RUNS, ComparedRun, Comparison, ComparisonView, model_in, model_request
@@ -85,13 +85,9 @@ class RunsPage(QStackedWidget):
 
     def activate(self) -> None:
         """Take the keyboard focus."""
-        shown = self.currentWidget()
-        widgets = {self.viewer: self.viewer.back_button, self.workspace: self.workspace.layers}
-        (
-            widgets.get(shown, self.list.table)
-            if isinstance(shown, RunViewer | ComparisonWorkspace)
-            else self.list.table
-        ).setFocus()
+        first: dict[QWidget | None, QWidget]
+        first = {self.viewer: self.viewer.back_button, self.workspace: self.workspace.layers}
+        first.get(self.currentWidget(), self.list.table).setFocus()
 
     def tick(self) -> None:
         """Refresh values that change between events; called at every tick while the page is visible."""
@@ -160,9 +156,10 @@ class RunsPage(QStackedWidget):
 
     def import_files(self, paths: list[Path]) -> None:
         """Copy run files into the folder, and import tables."""
-        if runs := [path for path in paths if path.suffix == ".h5"]:
+        runs = [path for path in paths if path.suffix.lower() in RUN_SUFFIXES]
+        if runs:
             self.transfers.copy_in(runs)
-        if tables := [path for path in paths if path.suffix != ".h5"]:
+        if tables := [path for path in paths if path not in runs]:
             self.transfers.import_tables(tables)
 
     # -- inside --------------------------------------------------------------------------------------------------------
@@ -209,7 +206,7 @@ class RunsPage(QStackedWidget):
         button.setToolTip(f"Cannot continue: {why}" if why else tooltip("runs.continue"))
 
     def _choose_imports(self) -> None:
-        kinds = " ".join(f"*{suffix}" for suffix in sorted({".h5", *TABLE_SUFFIXES}))
+        kinds = " ".join(f"*{suffix}" for suffix in sorted(RUN_SUFFIXES | TABLE_SUFFIXES))
         choose_files(
             self, "Import run files and tables", self.import_files, f"Runs and tables ({kinds})", str(self._folder()),
             Mode.ExistingFiles,
@@ -262,7 +259,7 @@ class RunsPage(QStackedWidget):
         self.list.table.customContextMenuRequested.connect(
             lambda at: self.list.make_menu(self).popup(self.list.table.viewport().mapToGlobal(at))
         )
-        FileDrops(self, {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables}, own=False)
+        FileDrops(self, RUN_SUFFIXES | TABLE_SUFFIXES, self.import_files, own=False)
         self.details.continue_button.clicked.connect(self.continue_selected)
         self.transfers.finished.connect(self.list.folder_model.rescan)
         self.transfers.message.connect(self.details.show_message)

@@ -254,7 +254,7 @@ class IdentificationPage(QWidget):
         self._show_fitting(False)
         self.heading.setText(f"Identification of {result.specimen}")
         self.simulated_label.setVisible(result.observations.simulated)
-        self._show_verdict()
+        self._show_verdict(result)
         heading = [assumed_line(result), dimensions_line(result), held_parameters(result)]
         if exact := unstated_errors(result):
             heading.append(f"exact for want of a stated uncertainty: {', '.join(exact)}.")
@@ -303,10 +303,8 @@ class IdentificationPage(QWidget):
         also = f" with {', '.join(self._also)} free" if self._also else ""
         self.message_label.show_message(f"fitting {count}{also} …" if fitting else "", persistent=True)
 
-    def _show_verdict(self) -> None:
-        if self.result is None:
-            return
-        adequacy = self.result.adequacy
+    def _show_verdict(self, result: IdentificationResult) -> None:
+        adequacy = result.adequacy
         adequate = None if adequacy is None else adequacy.adequate
         message = "not tested" if adequacy is None else adequacy.message
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
@@ -345,7 +343,7 @@ class IdentificationPage(QWidget):
         return make_pane(row(button, None))
 
     def _make_proposal(self, explanation: Explanation) -> QWidget:
-        name, fit = explanation.cause.name, explanation.fit
+        name = explanation.cause.name
         moved = "; ".join(
             f"{s.name} {s.before:.4g} → {format_with_uncertainty(s.after, s.standard_error)}"
             for s in explanation.shifts
@@ -354,7 +352,6 @@ class IdentificationPage(QWidget):
         text = make_label(
             f"May be the cause: {explanation.cause_text}. {chi}." + (f" It moves {moved}." if moved else "")
         )
-        assert fit is not None
         parts: list[QWidget] = []
         if explanation.cause.proposable and name not in self._also:
             parts.append(

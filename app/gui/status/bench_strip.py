@@ -1,7 +1,6 @@
 """Strip of the bench, of one height in every state: sign, measured volts, aim, run, Pause and STOP."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QRectF, Qt
@@ -224,9 +223,6 @@ class BenchStrip(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._place_buttons()
-
-    def _place_buttons(self) -> None:
         grid, top, height = class_of(self), px(8), px(48)
         right = self.width() - px(12)
         self.stop_button.setGeometry(right - px(grid.stop), top, px(grid.stop), height)
@@ -326,12 +322,8 @@ class BenchStrip(QWidget):
 
 def _shortened(text: str) -> tuple[str, ...]:
     """Return a text, and what is left of it without its last parts."""
-    return tuple(_without_last_parts(text))
-
-
-def _without_last_parts(text: str) -> Iterator[str]:
-    yield text
+    texts = [text]
     for mark in ("; ", ", "):
-        while mark in text:
-            text = text.rpartition(mark)[0]
-            yield text
+        while mark in texts[-1]:
+            texts.append(texts[-1].rpartition(mark)[0])
+    return tuple(texts)

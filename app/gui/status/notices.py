@@ -11,7 +11,7 @@ from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
 from app.gui.status.unsafe_card import UnsafeCard
-from app.gui.widgets import ACTIONS, OverlayCard, OverlayHost, add_action, add_actions, make_button
+from app.gui.widgets import ACTIONS, OverlayHost, add_action, add_actions, make_button
 from app.session import KNOWN_S, WindowState
 
 RUN_ACTIVE_TEXT = "A run is in progress. Go to rest first, then close?"
@@ -123,9 +123,8 @@ class Notices(QObject):
         self._answer_action.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
     @staticmethod
-    def _awaits_answer(card: OverlayCard) -> bool:
-        buttons = card.buttons if isinstance(card, MessageCard | PromptCard) else []
-        return not card.isHidden() and bool(buttons) and not buttons[0].isHidden()
+    def _awaits_answer(card: MessageCard | PromptCard) -> bool:
+        return not card.isHidden() and bool(card.buttons) and not card.buttons[0].isHidden()
 
     def _on_close_confirmed(self) -> None:
         if time.monotonic() - self._asked_at_s >= INPUT_GUARD_S:

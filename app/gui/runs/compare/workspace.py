@@ -128,7 +128,7 @@ class ComparisonWorkspace(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self._change(quantity=self.quantity.currentData() or ""))
         self.over.currentIndexChanged.connect(lambda _: self._change(over=self.over.currentData()))
         self.relation.chosen.connect(lambda relation: self._change(relation=relation))
-        self.model.toggled.connect(lambda on: self._change(model=on))
+        self.model.clicked.connect(lambda on: self._change(model=on))
         self.tables.chosen.connect(lambda at: self.stack.setCurrentIndex(int(str(at))))
         self.layers.requested.connect(self._change_layer)
 
@@ -227,9 +227,7 @@ class ComparisonWorkspace(QWidget):
             combo.setCurrentIndex(max(combo.findData(value), 0))
             combo.blockSignals(False)
         self.relation.select(view.relation)
-        self.model.blockSignals(True)
         self.model.setChecked(view.model)
-        self.model.blockSignals(False)
         self.heading.setText(f"{len(comparison.runs)} runs compared" if len(comparison.runs) > 1 else "1 run")
         self.show_note("; ".join(comparison.left_out))
         self.plot.show_comparison(comparison)
