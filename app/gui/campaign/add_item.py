@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 from pydantic import ValidationError
 from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QLabel
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import UnitError
 from app.gui.widgets import (
     UPRIGHT,
+    LowPane,
     ProtocolForm,
     StatusLine,
     column,
@@ -40,7 +41,7 @@ MAX_LISTED = 12
 """Values of a series that are listed."""
 
 
-class AddItemPane(QWidget):
+class AddItemPane(LowPane):
     """Fields of a new item of the campaign."""
 
     add_requested = Signal(object)
@@ -98,10 +99,6 @@ class AddItemPane(QWidget):
         for edit in (self.values_edit, self.name_edit):
             edit.returnPressed.connect(self._request)
         self.protocol_box.setCurrentIndex(self.protocol_box.findData(DEFAULT_PROTOCOL))
-
-    def hasHeightForWidth(self) -> bool:
-        """Return False: the page scrolls only where the least size has no room."""
-        return False
 
     def begin(self, names: Sequence[str]) -> None:
         """Begin a new item; `names`: the items of the campaign."""

@@ -18,6 +18,7 @@ from app.gui.face import CLASS_S, class_of, px, set_length
 from app.gui.plots import LivePane
 from app.gui.widgets import (
     ElidedLabel,
+    LowPane,
     Menu,
     SheetButton,
     StatusLine,
@@ -107,7 +108,7 @@ def _other_kind(summary: CampaignSummary, state: WindowState) -> str:
     return f"the campaign is {kinds[summary.simulated]}, the open bench is {kinds[state.simulated]}"
 
 
-class CampaignBoard(QWidget):
+class CampaignBoard(LowPane):
     """Shows an open campaign; emits the operator's actions as signals."""
 
     action_requested = Signal(str, str)
@@ -144,10 +145,6 @@ class CampaignBoard(QWidget):
             {f"campaign.item.{action}": partial(self._request_of_item, action) for action in ITEM_ACTIONS}
             | {name: partial(self.item_list.move_selected, by) for name, by in moves.items()},
         )
-
-    def hasHeightForWidth(self) -> bool:
-        """Return False: the page scrolls only where its least size has no room."""
-        return False
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

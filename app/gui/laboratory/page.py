@@ -21,6 +21,7 @@ from app.gui.laboratory.fleet_pane import FleetPane
 from app.gui.laboratory.view_pane import ViewPane
 from app.gui.widgets import (
     BackgroundWorker,
+    LowPane,
     ProgressRow,
     Segments,
     StatusLine,
@@ -123,13 +124,6 @@ def read_records(
     )
 
 
-class _Contents(QWidget):
-    """Contents that scroll only below their least height: a scroll area gives texts that wrap their preferred one."""
-
-    def hasHeightForWidth(self) -> bool:
-        return False
-
-
 class LaboratoryPage(QWidget):
     """Four views of one folder; each is created when it is first shown.
 
@@ -175,7 +169,7 @@ class LaboratoryPage(QWidget):
             spacing=6,
             margins=(0, 2, 0, 0),
         )
-        contents = _Contents()
+        contents = LowPane()
         column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, spacing=6)
         column(contents, parent=self)
         self.views.chosen.connect(self.show_view)

@@ -41,12 +41,6 @@ MAX_LABELS = 12
 SIGMAS = 2.0
 
 
-def shown_units(kind: type[Protocol]) -> list[tuple[float, str]]:
-    """Return factor and name of the units in which x and y of a protocol are displayed."""
-    columns = point_columns(kind.point_type)
-    return [shown_unit(columns[name][0])[:2] for name in kind.axes]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PointsView:
     """The points of a protocol on its axes, with its fit lines and their residuals, and the model's curve."""
@@ -67,8 +61,9 @@ class PointsView:
         ]  # fmt: skip
 
     def picture(self) -> Picture:
-        (x_factor, x_unit), (y_factor, y_unit) = shown_units(self.kind)
         x_name, y_name = self.kind.axes
+        columns = point_columns(self.kind.point_type)
+        (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(columns[name][0]) for name in self.kind.axes)
         rows = self.rows()
         points: list[Any] = [self.points[i] for i in rows]
         x, y, errors = (

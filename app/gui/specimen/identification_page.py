@@ -268,7 +268,9 @@ class IdentificationPage(QWidget):
         notes += [result.verdict, *result.notes]
         lines = [f"{sentence_case(text).rstrip('.')}." for text in (*heading, *notes) if text]
         self.text_label.setText("\n".join(lines))
-        self._fill_table(result)
+        statistical = result.statistical_errors
+        fill_table(self.table, [_cells(each, statistical.get(each.name)) for each in result.identified])
+        fit_to_rows(self.table)
         bars = budget_bars(result)
         self.budget_title.setVisible(bool(bars))
         self.budget_plot.show_bars(bars)
@@ -310,11 +312,6 @@ class IdentificationPage(QWidget):
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
         self.finding_label.setText(f"{sentence_case(message)}.")
         set_tone(self.verdict_label, ADEQUACY_SEVERITY[adequate])
-
-    def _fill_table(self, result: IdentificationResult) -> None:
-        statistical = result.statistical_errors
-        fill_table(self.table, [_cells(e, statistical.get(e.name)) for e in result.identified])
-        fit_to_rows(self.table)
 
     def _show_proposals(self, result: IdentificationResult) -> None:
         clear_layout(self._proposal_rows)

@@ -128,14 +128,21 @@ class StripButton(QAbstractButton):
         fill, edge, ink = self._colors(colors)
         kind, small = ("stop", "mark") if self._is_stop else ("heading", "caption")
         wide = text_width(self.text(), kind) > self.width() - px(8)
-        faint = ink if self._is_stop or self.isEnabled() else self._key_color(colors)
+        faint = {"amber": BLACK, "red": WHITE}.get(self.ground, colors.text2)
         with painting(self) as painter:
             draw_box(painter, QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), px(6), fill, edge)
             if self.hasFocus():
                 draw_ring(painter, self.rect().adjusted(2, 2, -2, -2), ink)
             word = QRectF(0, px(5), self.width(), px(22))
             draw_text(painter, word, self.text(), ink, small if wide else kind, CENTRE)
-            draw_text(painter, word.translated(0, px(20)), self.key, faint, "", CENTRE)
+            draw_text(
+                painter,
+                word.translated(0, px(20)),
+                self.key,
+                ink if self._is_stop or self.isEnabled() else faint,
+                "",
+                CENTRE,
+            )
 
     def _colors(self, colors: Tokens) -> tuple[str, str, str]:
         """Return fill, edge and text."""
@@ -150,9 +157,6 @@ class StripButton(QAbstractButton):
             shown = ink if self.isEnabled() else faint.name(QColor.NameFormat.HexArgb)
             return "transparent", shown, shown
         return colors.surface, colors.outline, colors.text if self.isEnabled() else colors.text2
-
-    def _key_color(self, colors: Tokens) -> str:
-        return {"amber": BLACK, "red": WHITE}.get(self.ground, colors.text2)
 
 
 class BenchStrip(QWidget):

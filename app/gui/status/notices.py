@@ -134,7 +134,7 @@ class Notices(QObject):
         if self._awaits_answer(self.closing):
             self._on_close_confirmed()
         elif self._awaits_answer(self.prompt):
-            self.prompt.answer_first()
+            self.prompt.buttons[0].click()
 
     def _on_dismiss(self) -> None:
         if self._awaits_answer(self.closing):

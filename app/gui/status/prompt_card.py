@@ -139,10 +139,6 @@ class PromptCard(OverlayCard):
         self.laser_label.setVisible(shown)
         self.laser_note.setVisible(shown)
 
-    def answer_first(self) -> None:
-        if self.buttons:
-            self.buttons[0].click()
-
     def _answer(self, choice: str) -> None:
         if not self.accepts_input:
             return

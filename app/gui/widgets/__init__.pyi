@@ -66,5 +66,6 @@ from .sheet_button import SheetIndicators as SheetIndicators
 from .sheet_button import SheetStatus as SheetStatus
 from .told import Told as Told
 from .told import tell as tell
+from .wrapped_row import LowPane as LowPane
 from .wrapped_row import WrappedRow as WrappedRow
 from .wrapped_row import WrappingPane as WrappingPane

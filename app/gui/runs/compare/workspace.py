@@ -232,7 +232,8 @@ class ComparisonWorkspace(QWidget):
         self.show_note("; ".join(comparison.left_out))
         self.plot.show_comparison(comparison)
         self.layers.show_layers(comparison)
-        if previous is None or not _same_runs(previous, comparison) or previous.quantity != comparison.quantity:
+        paths, before = ([] if each is None else [run.path for run in each.runs] for each in (comparison, previous))
+        if previous is None or before != paths or previous.quantity != comparison.quantity:
             self._fill_peaks(comparison)
             self.differences.show_runs([run.summary for run in comparison.runs])
         if view.model and not comparison.model:
@@ -270,7 +271,3 @@ class ComparisonWorkspace(QWidget):
         choose_files(
             self, "Folder for the exported data", lambda paths: self.export(paths[0], kind), start=str(self._folder), mode=Mode.Directory
         )  # fmt: skip
-
-
-def _same_runs(a: Comparison, b: Comparison) -> bool:
-    return [run.path for run in a.runs] == [run.path for run in b.runs]
