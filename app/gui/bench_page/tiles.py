@@ -4,6 +4,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -100,7 +101,7 @@ class Tile(QFrame):
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
         links = Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
-        rich: dict[str, object] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": links}
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": links}
         self.problem_label = make_label("", "caution", True, f"bench.{role}.problem", visible=False, **rich)
         self.problem_label.linkActivated.connect(self.remedy_requested)
         self.live_label = make_label(kind="present", wrap=False, name=f"bench.{role}.live")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame
@@ -68,7 +68,7 @@ class DecisionPane(QFrame):
         self.card = ResultCard("review", ("report",), scrolls=True)
         set_style_kind(self.card, "")
         self.quality_label = make_label(name="campaign.quality", visible=False)
-        rich: dict[str, object] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
         self.compared_label = make_label(name="campaign.compared", visible=False, **rich)
         self.buttons = {
             action: make_button(text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", key=key)

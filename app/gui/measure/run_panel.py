@@ -103,7 +103,7 @@ class RunPanel(QWidget):
             placeholderText="who measures today?",
             toolTip="Who measures, until midnight; stored in every run. Empty: the login of the computer",
         )
-        rich: dict[str, object] = {"textFormat": Qt.TextFormat.AutoText, "textInteractionFlags": SELECTABLE}
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.AutoText, "textInteractionFlags": SELECTABLE}
         self.rehearsal_label = make_label(name="measure.rehearsal", **rich)
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.result_card = ResultCard()

@@ -184,8 +184,8 @@ class TimePlot(Chart):
         ticks = (low, self._amplifier.rest_v, high)
         drive = Panel(title=DRIVE_TITLE, low=low - margin, high=high + margin, ticks=ticks)
         further = [Panel(title=axis_title(name, shown_unit(unit).unit)) for name, unit in self._channels[1:]]
-        *upper, lowest = Panel(title=", ".join(self._feed.moved)), drive, *further
-        panels = [*(replace(each, x_labels=False) for each in upper), lowest]
+        panels = [Panel(title=", ".join(self._feed.moved)), drive, *further]
+        panels = [replace(each, x_labels=each is panels[-1]) for each in panels]
         self._trace_ranges = [(-INITIAL_RANGE_UM, INITIAL_RANGE_UM), None, *(None for _ in further)]
         since = "rising edge" if span.triggered else "now"
         self.show_picture(

@@ -4,6 +4,7 @@ from collections.abc import Sequence, Set
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
@@ -139,7 +140,7 @@ class ResultCard(QFrame):
         )
         self.total_label.linkActivated.connect(self._request)
         self.noise_label = make_label(wrap=False, name=f"{prefix}.noise")
-        rich: dict[str, object] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
         self.more_label, self.checks_label = (
             make_label(kind="small", name=f"{prefix}.{part}", **rich) for part in ("more", "checks")
         )

@@ -21,6 +21,7 @@ from app.gui.widgets import (
     ProgressRow,
     column,
     configure,
+    give_menu,
     grid,
     make_button,
     make_label,
@@ -97,17 +98,7 @@ class RunDetailsPane(QWidget):
         self.export_button = make_button(
             "Export", None, "choice", tooltip("runs.export"), "runs.export", accessibleName=about
         )
-        menu = Menu(self.export_button)
-        for kind in FORMATS:
-            action = menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
-            action.setObjectName(f"runs.export-{kind}")
-        menu.addSeparator()
-        picture = menu.addAction("Picture of the plot (PNG, SVG, PDF) …", self._save_picture)
-        picture.setObjectName("runs.export-picture")
-        menu.aboutToShow.connect(
-            lambda: picture.setEnabled(not (self.plot.isHidden() and self.result_plots.isHidden()))
-        )
-        self.export_button.setMenu(menu)
+        give_menu(self.export_button, self._fill_exports)
         self._build()
 
     def _build(self) -> None:
@@ -134,9 +125,14 @@ class RunDetailsPane(QWidget):
         )
         self.plot.hide()  # until something is chosen
 
-    def _save_picture(self) -> None:
-        """Ask for the file of the picture of the plot that is shown."""
-        (self.result_plots.chart if self.plot.isHidden() else self.plot).tools.files.choose_picture()
+    def _fill_exports(self, menu: Menu) -> None:
+        """Fill the menu with the formats of the data, and the picture of the plot that is shown."""
+        for kind in FORMATS:
+            menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
+        menu.addSeparator()
+        files = (self.result_plots.chart if self.plot.isHidden() else self.plot).tools.files
+        picture = menu.addAction("Picture of the plot (PNG, SVG, PDF) …", files.choose_picture)
+        picture.setEnabled(not (self.plot.isHidden() and self.result_plots.isHidden()))
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""

@@ -1,7 +1,7 @@
 """Declarative layouts, labels, buttons and other configured widgets."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QRectF, QSignalBlocker, Qt
 from PySide6.QtGui import QFont, QPaintEvent, QValidator
@@ -38,7 +38,7 @@ NO_MARGINS: Margins = (0, 0, 0, 0)
 PANEL_MARGINS: Margins = (12, 12, 12, 12)
 
 SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
-UPRIGHT: dict[str, object] = {
+UPRIGHT: dict[str, Any] = {
     "focusPolicy": Qt.FocusPolicy.NoFocus,
     "horizontalScrollBarPolicy": Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
 }
