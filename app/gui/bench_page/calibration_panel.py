@@ -5,7 +5,7 @@ from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QFrame, QLineEdit
 
 from app.common import UnitError, sentence_case, to_number, typeset
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
@@ -39,7 +39,7 @@ UNCERTAINTY_TIP = "of one position; half the stated tolerance divided by 1.7 for
 COLUMNS = ("position (µm)", "volts", "residual (µm)")
 
 
-class CalibrationPanel(QWidget):
+class CalibrationPanel(QFrame):
     """Two or more points, the line through them, and the sensor's gain and zero.
 
     Args:
@@ -224,10 +224,8 @@ class CalibrationPanel(QWidget):
             row(self.apply_button, None),
             None,
         )
-        panel = make_panel(
-            make_label("Calibrate the sensor", "heading", wrap=False), row((left, 3), (self.table, 2), (self.plot, 3))
-        )
-        column(panel, parent=self)
+        heading = make_label("Calibrate the sensor", "heading", wrap=False)
+        make_panel(heading, row((left, 3), (self.table, 2), (self.plot, 3)), frame=self)
 
 
 def _describe(calibration: SensorCalibration, count: int) -> str:

@@ -5,14 +5,13 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap, QResizeEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QFrame, QLabel
 
 from app.common import Severity, sentence_case
 from app.gui.face import tokens
 from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
-    column,
     configure,
     fill_table,
     make_button,
@@ -35,7 +34,7 @@ PROGRESS_STEPS = 1000
 COLUMNS = ("", "measured at the output", "figure", "limits", "unit", "worst")
 
 
-class CommissioningPanel(QWidget):
+class CommissioningPanel(QFrame):
     """Starts and shows a commissioning.
 
     Args:
@@ -60,7 +59,7 @@ class CommissioningPanel(QWidget):
             COLUMNS, "bench.commission.table", "checks of the commissioning", minimumHeight=260
         )
         self.picture_label = configure(QLabel(), "bench.commission.traces", accessibleName="page of traces")
-        panel = make_panel(
+        make_panel(
             make_label("Commission the source and the interlock", "heading", wrap=False),
             make_label(ABOUT_TEXT),
             row(self.start_button, (self.progress_label, 1), self.stop_button),
@@ -69,8 +68,8 @@ class CommissioningPanel(QWidget):
             self.verdict_label,
             self.table,
             self.picture_label,
+            frame=self,
         )
-        column(panel, parent=self)
         for widget in (self.progress_bar, self.stop_button, self.table, self.picture_label):
             widget.hide()
 

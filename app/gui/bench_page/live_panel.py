@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLineEdit, QWidget
 
 from app.common import UsageError
 from app.gui.plots import TimePlot
@@ -28,7 +28,7 @@ ABOUT_TEXT = (
 )
 
 
-class LivePanel(QWidget):
+class LivePanel(QFrame):
     """The live view; the traces are made when it is first shown.
 
     Args:
@@ -61,7 +61,7 @@ class LivePanel(QWidget):
         self._place = QWidget()
         self._place_layout = column(parent=self._place)
         self._place.setMinimumHeight(240)
-        panel = make_panel(
+        make_panel(
             make_label("Live view", "heading", wrap=False),
             self._place,
             make_label(ABOUT_TEXT),
@@ -77,8 +77,8 @@ class LivePanel(QWidget):
                 self.tone_button,
             ),
             self.message_label,
+            frame=self,
         )
-        column(panel, parent=self)
 
     def tick(self) -> None:
         """Redraw the traces."""

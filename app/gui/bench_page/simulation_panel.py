@@ -5,7 +5,7 @@ from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QFrame, QWidget
 
 from app.config import BenchConfig, SimulationTable, simulation_tables, table_at, with_simulation_tables
 from app.gui.bench_page.table_form import TableForm
@@ -36,7 +36,7 @@ TITLES = {
 }
 
 
-class SimulationPanel(QWidget):
+class SimulationPanel(QFrame):
     """Settings of a simulated bench; hidden for a real one.
 
     Args:
@@ -59,14 +59,12 @@ class SimulationPanel(QWidget):
         tip = "True values that a measurement on the simulated bench should find"
         self.open_button = make_toggle(title, tip, "bench.simulation.open", self._content)
         self.open_button.toggled.connect(self._make_forms)
-        column(
-            make_panel(
-                make_label("Simulated bench", "heading", wrap=False),
-                *(() if controls is None else (controls,)),
-                row(self.open_button, self.faults_button, None),
-                self._content,
-            ),
-            parent=self,
+        make_panel(
+            make_label("Simulated bench", "heading", wrap=False),
+            *(() if controls is None else (controls,)),
+            row(self.open_button, self.faults_button, None),
+            self._content,
+            frame=self,
         )
 
     @property

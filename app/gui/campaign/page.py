@@ -272,7 +272,6 @@ class CampaignPage(QStackedWidget):
                 self.controller.find_campaigns(self._location()[0])
                 self._show_part(self.start_pane)
 
-        header_actions = {"add": self._show_add, "new": show_start, "open": self._choose_campaign_file}
         self.board.action_requested.connect(self.perform_action)
         self.board.item_list.item_moved.connect(
             lambda name, before: self.controller.modify(
@@ -283,8 +282,10 @@ class CampaignPage(QStackedWidget):
             self,
             {
                 "campaign.queue": lambda: self.perform_action("halt the queue" if self._busy else "run without hands"),
+                "campaign.add": self._show_add,
+                "campaign.new": show_start,
+                "campaign.open": self._choose_campaign_file,
                 "campaign.undo": self.controller.undo,
                 "campaign.redo": lambda: self.controller.undo(forward=True),
-                **{f"campaign.{name}": act for name, act in header_actions.items()},
             },
         )

@@ -157,9 +157,9 @@ def make_button(
     return button
 
 
-def make_panel(*items: Item, margins: Margins = PANEL_MARGINS, spacing: int = 6, kind: str = "panel") -> QFrame:
-    """Return a frame around a column of items."""
-    frame = configure(QFrame(), kind=kind)
+def make_panel(*items: Item, margins: Margins = PANEL_MARGINS, spacing: int = 6, frame: QFrame | None = None) -> QFrame:
+    """Return a frame, or the given one, around a column of items."""
+    frame = configure(frame or QFrame(), kind="panel")
     column(*items, parent=frame, margins=margins, spacing=spacing)
     return frame
 
