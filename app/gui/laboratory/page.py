@@ -139,8 +139,8 @@ class LaboratoryPage(QWidget):
     def __init__(self, folder: Callable[[], Path], index: Path | None = None) -> None:
         super().__init__()
         self._folder, self._index = folder, index
-        self.progress_row = ProgressRow()
-        self._worker = BackgroundWorker("laboratory", self, self.progress_row.request_cancel)
+        self.progress_row = ProgressRow("laboratory")
+        self._worker = BackgroundWorker("laboratory views", self)
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
         self._busy, self._read_due = False, True
@@ -260,7 +260,7 @@ class LaboratoryPage(QWidget):
             records = read_records(folder, index, simulated, progress, excluded)
             return before if before is not None and records == before else records
 
-        self.progress_row.run(self._worker, "reading runs", work, self._on_read, self._on_error)
+        self.progress_row.run("reading runs", work, self._on_read, self._on_error)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 

@@ -72,7 +72,7 @@ class RunDetailsPane(QWidget):
         self.card = ResultCard("runs.card", ("next", "report"))
         """Of a single selected run."""
         self.differences = DifferencesPane(MAX_SIDE_BY_SIDE)
-        self.progress_row = ProgressRow()
+        self.progress_row = ProgressRow("transfers")
         # No height but the least: the pane scrolls only where that has no room.
         low = QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         self.plot = configure(ComparisonPlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT, sizePolicy=low)

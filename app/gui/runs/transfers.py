@@ -53,7 +53,6 @@ class RunTransfers(QObject):
     ) -> None:
         super().__init__(parent)
         self._progress_row, self._folder, self._specimen, self._amplifier = progress_row, folder, specimen, amplifier
-        self._worker = BackgroundWorker("transfers", self, progress_row.request_cancel)
         self._trash_worker = BackgroundWorker("trash", self)
         self._trashed: list[list[TrashedRun]] = []
         """The deletions that can be undone, the last one at the end."""
@@ -140,4 +139,4 @@ class RunTransfers(QObject):
             self.message.emit(f"{error}{more if isinstance(error, UsageError) else ''}", True)
 
         self.message.emit("", False)
-        progress_row.run(self._worker, text, work, done, failed)
+        progress_row.run(text, work, done, failed)

@@ -63,7 +63,6 @@ from .read_only_table import make_read_only_table as make_read_only_table
 from .segments import Segments as Segments
 from .sheet_button import SheetButton as SheetButton
 from .sheet_button import SheetIndicators as SheetIndicators
-from .sheet_button import SheetStatus as SheetStatus
 from .told import Told as Told
 from .told import tell as tell
 from .wrapped_row import LowPane as LowPane
