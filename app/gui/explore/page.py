@@ -137,7 +137,7 @@ class ExplorePage(QWidget):
         self.status_line.show_message(f"Fitted: {result.summary}", persistent=True)  # until the next change
 
     def _on_fitting(self, fitting: bool) -> None:
-        self.toolbar.show_fitting(fitting)
+        self.toolbar.fit_button.setText("Cancel the fit" if fitting else "Fit to the runs")
         if fitting:
             self.status_line.show_message("fitting …", persistent=True)
 

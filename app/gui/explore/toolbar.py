@@ -91,7 +91,9 @@ class ExploreToolbar(QObject):
         self.overlay_button = make_button("Add runs …", page.runs_requested.emit, "choice", tip)
         tip = "Run files that are not in the folder of the page Runs"
         self.file_button = make_button("From files …", page.choose_files, "choice", tip)
-        self.fit_button = make_button("Fit to the runs", self._fit, "choice", tooltip("explore.fit"))
+        self.fit_button = make_button(
+            "Fit to the runs", lambda: page.overlaid.fit(model.setting), "choice", tooltip("explore.fit")
+        )
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
         self.study_button = make_button("Save study …", page.choose_study_file, "choice", tooltip("explore.study"))
@@ -173,13 +175,6 @@ class ExploreToolbar(QObject):
         for each, chip in self.run_chips.items():
             chip.setChecked(each == path)
         self._page.show_result_of(path)
-
-    def show_fitting(self, fitting: bool) -> None:
-        """Make the fit button cancel while a fit runs."""
-        self.fit_button.setText("Cancel the fit" if fitting else "Fit to the runs")
-
-    def _fit(self) -> None:
-        self._page.overlaid.fit(self._page.model.setting)
 
     def _on_preset(self, index: int) -> None:
         if name := self.preset_box.itemData(index):

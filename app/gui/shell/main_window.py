@@ -286,7 +286,6 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
-            self.heartbeat.stop()
             self._save()
             end_all(self)
             if self.replaced:

@@ -57,11 +57,6 @@ class Notices(QObject):
         add_actions(window, {"acknowledge": self._on_dismiss, "reconnect": controller.reconnect})
         self._update_answer()
 
-    @property
-    def accepts_input(self) -> bool:
-        """Whether the prompt has been visible long enough to be read."""
-        return self.prompt.accepts_input
-
     def set_state(self, view: WindowState) -> None:
         self._no_bench = not view.connected and bool(view.problem)
         if view.unsafe and self.unsafe.isHidden() and not self.problem.isHidden():

@@ -58,8 +58,8 @@ def test_f9_begins_at_the_present_speed_and_tab_leads_on_to_the_faults(qt: QAppl
     assert QTest.qWaitForWindowActive(frame, 30_000)
     panel.toggle()
     assert panel.controls is not None
-    assert panel.controls.speed_buttons[20.0].hasFocus()
-    QTest.keyClick(panel.controls.speed_buttons[20.0], Qt.Key.Key_Left)
+    assert panel.controls.speeds.buttons[20.0].hasFocus()
+    QTest.keyClick(panel.controls.speeds.buttons[20.0], Qt.Key.Key_Left)
     assert chosen == [5.0]
     assert panel.controls.answered_by.selected is AnsweredBy.USER, "who looks at faults answers prompts"
     panel.controls.answered_by.buttons[AnsweredBy.USER].setFocus()

@@ -180,7 +180,7 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message
     ]
     assert prompt.drawing.isVisible()
     assert prompt.laser_note.text() == "laser now; moves by about 68 µm"  # 0.05 kg × 9.807 m/s² × 138 µm/N
-    until(lambda: stage.window.notices.accepts_input, "for the guard")
+    until(lambda: stage.window.notices.prompt.accepts_input, "for the guard")
     stage.press(key)
     assert stage.window.adapter.mailbox.answer(21) == message
 
