@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QLabel, QPlainTextEdit, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QPlainTextEdit, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, RunSummary
 from app.common import typeset
@@ -38,11 +38,24 @@ from protocols.base import RunEnded, RunStatus
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
 READING_TEXT = "The runs of the folder are being read …"
-MIN_PLOT_HEIGHT = 160
+MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT = 320, 160
 MAX_SIDE_BY_SIDE = 3
 """Runs whose differences fit beside the list; more are in the comparison."""
 MAX_REASON_LENGTH = 280
 """Characters of the reasons of a run's verdict that are shown next to the list."""
+
+
+class _Low:
+    """Prefers its least height: the pane scrolls only where that has no room."""
+
+    def sizeHint(self) -> QSize:
+        return QSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
+
+
+class _LowComparisonPlot(_Low, ComparisonPlot): ...
+
+
+class _LowResultPlots(_Low, ResultPlots): ...
 
 
 class _NoteEdit(QPlainTextEdit):
@@ -73,9 +86,7 @@ class RunDetailsPane(QWidget):
         """Of a single selected run."""
         self.differences = DifferencesPane(MAX_SIDE_BY_SIDE)
         self.progress_row = ProgressRow("transfers")
-        # No height but the least: the pane scrolls only where that has no room.
-        low = QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
-        self.plot = configure(ComparisonPlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT, sizePolicy=low)
+        self.plot = configure(_LowComparisonPlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText="good, second try")
         self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
@@ -90,9 +101,7 @@ class RunDetailsPane(QWidget):
                 ("Explore", tooltip("runs.explore"), "explore"),
             )
         )
-        self.result_plots = configure(
-            ResultPlots(), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120, sizePolicy=low
-        )
+        self.result_plots = configure(_LowResultPlots(), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120)
         self.result_plots.hide()
         about = "export the selected runs"
         self.export_button = make_button(
