@@ -107,7 +107,6 @@ class ExploreToolbar(QObject):
         self.design_button = make_button("Design …", None, "choice", tip, checkable=True)
         self.run_chips: dict[Path, QPushButton] = {}
         """A button for each overlaid run, which shows its result."""
-        self.remove_buttons: dict[Path, QPushButton] = {}
         self._build()
 
     def _build(self) -> None:
@@ -154,7 +153,7 @@ class ExploreToolbar(QObject):
         """Show two buttons for each overlaid run: one shows its result, one takes it away."""
         chosen = self.chosen_run
         clear_layout(self.runs_row)
-        self.run_chips, self.remove_buttons = {}, {}
+        self.run_chips = {}
         for run in runs:
             tip, is_chosen = f"{run.path}: show its result", run.path == chosen
             chip = make_button(run.label, None, "choice", tip, checkable=True, checked=is_chosen)
@@ -162,7 +161,7 @@ class ExploreToolbar(QObject):
             tip = f"Take {run.label} away"
             removing = make_button("✕", partial(self._page.overlaid.remove, run), "choice", tip, accessibleName=tip)
             self.runs_row.addWidget(make_pane(row(chip, removing, spacing=0)))
-            self.run_chips[run.path], self.remove_buttons[run.path] = chip, removing
+            self.run_chips[run.path] = chip
         if chosen is not None and chosen not in self.run_chips:
             self._page.show_result_of(None)
 

@@ -83,11 +83,6 @@ class PromptCard(OverlayCard):
         )
 
     @property
-    def text(self) -> str:
-        """The whole instruction."""
-        return self._prompt.prompt.text if self._prompt is not None else ""
-
-    @property
     def accepts_input(self) -> bool:
         """Whether the prompt has been visible long enough to be read."""
         return time.monotonic() - self._shown_at_s >= INPUT_GUARD_S
