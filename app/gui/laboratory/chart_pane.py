@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QSpinBox
 
-from app.common import Severity, Table, round_figure, sentence_case, typeset
+from app.common import Severity, round_figure, sentence_case, typeset
 from app.fleet import BASELINE, MIN_BASELINE, ChartView, DriftCause, Fleet, GoldenChart, golden_candidates, view_charts
 from app.gui.face import class_of, px
 from app.gui.laboratory.chart_plot import ControlChartPlot
@@ -129,13 +129,8 @@ class ChartPane(ViewPane):
             latest_only="charts",
         )
 
-    @property
-    def exported_table(self) -> Table:
-        assert self.view is not None
-        return self.view.points
-
     def _show_view(self, view: ChartView | None) -> None:
-        self.view = view
+        self.view, self.exported_table = view, None if view is None else view.points
         charts = () if view is None else view.charts
         drifted = next((chart.sensor for chart in charts if chart.cause.is_drift), None)
         fill_combo(self.sensor, [(chart.sensor or "unknown sensor", chart.sensor) for chart in charts], drifted)

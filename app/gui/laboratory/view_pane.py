@@ -38,18 +38,14 @@ class ViewPane(QWidget):
         self._fleet: Fleet | None = None
         self._folder = Path()
         self.view: Any = None
+        self.exported_table: Table | None = None
+        """Of the view."""
         tip = f"{sentence_case(self.EXPORTED)} as CSV, SI, every digit"
         self.export_button = make_button("Export …", self._choose_export, "choice", tip, self.BUTTON_NAME)
 
-    @property
-    def exported_table(self) -> Table:
-        """The table of the view that is exported."""
-        raise NotImplementedError
-
     def export(self, path: Path) -> None:
         """Write the table of the view as CSV in the background."""
-        if self.view is not None:
-            table = self.exported_table
+        if (table := self.exported_table) is not None:
             self._worker.submit(
                 lambda: table.to_csv(path),
                 lambda _: self._show_message(f"Written: {path}", False),
