@@ -23,7 +23,7 @@ from app.gui.widgets import (
     ElidedLabel,
     WrappedRow,
     WrappingPane,
-    choose_files,
+    choose_file,
     column,
     configure,
     make_button,
@@ -93,7 +93,7 @@ class BenchSwitch(WrappingPane):
         chosen.setFocus()
 
     def _browse(self) -> None:
-        choose_files(self, "Open a bench file", lambda paths: self.selected.emit(str(paths[0])), "Bench files (*.toml)")
+        choose_file(self, "Open a bench file", lambda path: self.selected.emit(str(path)), "Bench files (*.toml)")
 
 
 class BenchPage(QWidget):

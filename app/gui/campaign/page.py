@@ -14,7 +14,7 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
-from app.gui.widgets import add_actions, at_end, choose_files, tell
+from app.gui.widgets import add_actions, at_end, choose_file, tell
 from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, curve_request_of
 from app.session import WindowState
 
@@ -251,9 +251,7 @@ class CampaignPage(QStackedWidget):
 
     def _choose_campaign_file(self) -> None:
         folder, _ = self._location()
-        choose_files(
-            self, "Open a campaign", lambda paths: self.open(paths[0]), "Campaigns (*.campaign.json)", str(folder)
-        )
+        choose_file(self, "Open a campaign", self.open, "Campaigns (*.campaign.json)", str(folder))
 
     def _connect_signals(self) -> None:
         self.controller.changed.connect(self._on_campaign_changed)

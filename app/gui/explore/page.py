@@ -28,6 +28,7 @@ from app.gui.widgets import (
     StatusLine,
     WrappingPane,
     add_actions,
+    choose_file,
     choose_files,
     column,
     make_label,
@@ -211,8 +212,8 @@ class ExplorePage(QWidget):
 
     def choose_study_file(self) -> None:
         """Ask for a file, and save the study."""
-        choose_files(
-            self, "Save as study", lambda paths: self.model.save_study(paths[0], self.result), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
+        choose_file(
+            self, "Save as study", lambda path: self.model.save_study(path, self.result), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
             Mode.AnyFile,
         )  # fmt: skip
 

@@ -15,7 +15,7 @@ from app.gui.widgets import (
     BackgroundWorker,
     Mode,
     StatusLine,
-    choose_files,
+    choose_file,
     column,
     configure,
     make_button,
@@ -85,11 +85,6 @@ class ProblemPage(QWidget):
 
     def _choose_file(self) -> None:
         name = f"problem_report_{datetime.now().astimezone():%Y%m%dT%H%M%S}.zip"
-        choose_files(
-            self,
-            "Save the problem report",
-            lambda paths: self.save(paths[0]),
-            "Zip files (*.zip)",
-            str(Path.home() / name),
-            Mode.AnyFile,
+        choose_file(
+            self, "Save the problem report", self.save, "Zip files (*.zip)", str(Path.home() / name), Mode.AnyFile
         )

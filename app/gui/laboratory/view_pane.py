@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QWidget
 
 from app.common import Table, sentence_case
 from app.fleet import Fleet
-from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, make_combo
+from app.gui.widgets import BackgroundWorker, Mode, choose_file, make_button, make_combo
 
 
 class ViewPane(QWidget):
@@ -62,14 +62,8 @@ class ViewPane(QWidget):
 
     def _choose_export(self) -> None:
         mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
-        choose_files(
-            self,
-            f"Export {self.EXPORTED}",
-            lambda paths: self.export(paths[0]),
-            "CSV (*.csv)",
-            str(self._folder / f"{self.FILE_STEM}{mark}.csv"),
-            Mode.AnyFile,
-        )
+        proposed = str(self._folder / f"{self.FILE_STEM}{mark}.csv")
+        choose_file(self, f"Export {self.EXPORTED}", self.export, "CSV (*.csv)", proposed, Mode.AnyFile)
 
 
 def make_filter_combo(name: str, accessible_name: str, *choices: tuple[str, object]) -> QComboBox:

@@ -22,6 +22,7 @@ from app.gui.widgets import (
     Mode,
     add_actions,
     at_end,
+    choose_file,
     choose_files,
     tooltip,
 )
@@ -241,8 +242,8 @@ class RunsPage(QStackedWidget):
 
     def _choose_export_folder(self, kind: Format) -> None:
         if chosen := self.list.selected:
-            choose_files(
-                self, "Folder for the exported files", lambda paths: self.export_selected(paths[0], kind, chosen),
+            choose_file(
+                self, "Folder for the exported files", lambda path: self.export_selected(path, kind, chosen),
                 start=str(self._folder()), mode=Mode.Directory,
             )  # fmt: skip
 

@@ -15,7 +15,7 @@ from app.gui import specimen as specimen_pages
 from app.gui.help import FirstRunHint, ShortcutSheet, TutorialBand, WelcomePage
 from app.gui.shell.page_host import BENCH, MEASURE, TITLES
 from app.gui.shell.tabs import MainTabs
-from app.gui.widgets import OverlayHost, add_actions, choose_files, shortcuts_by_group
+from app.gui.widgets import OverlayHost, add_actions, choose_file, shortcuts_by_group
 
 if TYPE_CHECKING:
     from app.archive import ProblemFacts
@@ -49,8 +49,8 @@ class CentralStack(OverlayHost):
         self.welcome.tutorial_requested.connect(self.start_tutorial)
         self.welcome.setup_button.clicked.connect(lambda: self.select_page(BENCH))
         self.welcome.browse_button.clicked.connect(
-            lambda: choose_files(
-                self, "Open a bench file", lambda paths: self.bench_chosen.emit(str(paths[0])), "Bench files (*.toml)"
+            lambda: choose_file(
+                self, "Open a bench file", lambda path: self.bench_chosen.emit(str(path)), "Bench files (*.toml)"
             )
         )
         self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple

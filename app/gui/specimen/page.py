@@ -16,7 +16,7 @@ from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
     add_actions,
-    choose_files,
+    choose_file,
     column,
     configure,
     make_button,
@@ -206,13 +206,10 @@ class SpecimenPage(QWidget):
         self._worker.submit(lambda: _read_picture(path), shown, self._on_error, latest_only="picture")
 
     def _choose_picture(self) -> None:
-        choose_files(
-            self,
-            "Photograph of the specimen",
-            lambda paths: self.form.set_photograph(paths[0].absolute(), self._folder.absolute()),
-            PICTURES,
-            str(self._folder),
-        )
+        def show(path: Path) -> None:
+            self.form.set_photograph(path.absolute(), self._folder.absolute())
+
+        choose_file(self, "Photograph of the specimen", show, PICTURES, str(self._folder))
 
 
 def _read_picture(path: str) -> QImage | None:

@@ -14,6 +14,7 @@ from .dropped_files import RUN_SUFFIXES as RUN_SUFFIXES
 from .dropped_files import TABLE_SUFFIXES as TABLE_SUFFIXES
 from .dropped_files import FileDrops as FileDrops
 from .file_dialog import Mode as Mode
+from .file_dialog import choose_file as choose_file
 from .file_dialog import choose_files as choose_files
 from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow

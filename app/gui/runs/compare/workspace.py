@@ -29,7 +29,7 @@ from app.gui.widgets import (
     Menu,
     Mode,
     Segments,
-    choose_files,
+    choose_file,
     column,
     fill_combo,
     fill_table,
@@ -185,9 +185,9 @@ class ComparisonWorkspace(QWidget):
         assert self.comparison is not None
         return self.comparison.view.model_copy(update={"cursors": tuple(self.plot.tools.cursors)})
 
-    def save(self, paths: list[Path]) -> None:
+    def save(self, path: Path) -> None:
         """Save the view."""
-        path = paths[0].with_name(paths[0].name.removesuffix(VIEW_SUFFIX) + VIEW_SUFFIX)
+        path = path.with_name(path.name.removesuffix(VIEW_SUFFIX) + VIEW_SUFFIX)
         try:
             save_view(self.view, path)
         except ComparisonError as error:
@@ -257,7 +257,7 @@ class ComparisonWorkspace(QWidget):
             menu.addAction(name, partial(self.open_view, self._folder / f"{name}{VIEW_SUFFIX}"))
         menu.addSeparator()
         ask = partial(
-            choose_files, self, "Save the view", self.save, f"Views (*{VIEW_SUFFIX})", str(self._folder / f"comparison{VIEW_SUFFIX}"), Mode.AnyFile
+            choose_file, self, "Save the view", self.save, f"Views (*{VIEW_SUFFIX})", str(self._folder / f"comparison{VIEW_SUFFIX}"), Mode.AnyFile
         )  # fmt: skip
         menu.addAction("Save the view …", ask)
 
@@ -268,6 +268,6 @@ class ComparisonWorkspace(QWidget):
             menu.addAction(FORMAT_NAMES[kind], partial(self._choose_folder, kind))
 
     def _choose_folder(self, kind: Format) -> None:
-        choose_files(
-            self, "Folder for the exported data", lambda paths: self.export(paths[0], kind), start=str(self._folder), mode=Mode.Directory
+        choose_file(
+            self, "Folder for the exported data", lambda path: self.export(path, kind), start=str(self._folder), mode=Mode.Directory
         )  # fmt: skip
