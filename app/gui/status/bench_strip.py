@@ -189,26 +189,21 @@ class BenchStrip(QWidget):
 
     def set_state(self, view: WindowState) -> None:
         self._state = view
-        self._show(self._controller.strip())
+        self.show_view(self._controller.strip(), view)
 
     def tick(self) -> None:
         """Paint other volts at once, their age and the time left every REPAINT_S; called at every tick of the window."""
-        if self.view is None:
+        if self.view is None or self._state is None:
             return
         view = self._controller.strip()
         if view.measured != self.view.measured or (
             view != self.view and time.monotonic() - self._painted_s >= REPAINT_S
         ):
-            self._show(view)
-
-    def _show(self, view: StripView) -> None:
-        assert self._state is not None
-        self._painted_s = time.monotonic()
-        self.show_view(view, self._state)
+            self.show_view(view, self._state)
 
     def show_view(self, view: StripView, state: WindowState) -> None:
         """Show what is known of the bench."""
-        look = look_of(view)
+        look, self._painted_s = look_of(view), time.monotonic()
         changed, self.view = view != self.view, view
         self.stop_button.show_texts("STOP", "F12 or Esc" if stops_by_escape(view.state) else "F12", look.tint)
         self.stop_button.setToolTip("Go to rest and end the run: F12" + " or Esc" * stops_by_escape(view.state))

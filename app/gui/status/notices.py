@@ -32,7 +32,7 @@ class Notices(QObject):
 
     def __init__(self, controller: SessionController, window: QWidget, host: OverlayHost) -> None:
         super().__init__(window)
-        self._controller, self._no_bench, self._asked_at_s, self._replaced_at_s = controller, False, 0.0, 0.0
+        self._controller, self._asked_at_s, self._replaced_at_s = controller, 0.0, 0.0
         self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, controller.reconnect)
         self.closing = MessageCard(
             "notices.closing",
@@ -58,12 +58,11 @@ class Notices(QObject):
         self._update_answer()
 
     def set_state(self, view: WindowState) -> None:
-        self._no_bench = not view.connected and bool(view.problem)
         if view.unsafe and self.unsafe.isHidden() and not self.problem.isHidden():
             self._replaced_at_s = time.monotonic()  # F4 that was meant for the problem does not answer the unsafe card
         self.unsafe.show_state(view)
         self.problem.show_message("" if view.unsafe else typeset(sentence_case(view.problem)))
-        self.problem.buttons[0].setVisible(self._no_bench)
+        self.problem.buttons[0].setVisible(not view.connected and bool(view.problem))
         self._show_prompt(view)
         self._update_answer()
 
