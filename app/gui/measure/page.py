@@ -203,14 +203,14 @@ class MeasurePage(QWidget):
             self.run_panel.set_protocol(protocol)
         span = settings.value("measure/span")
         if isinstance(span, int | str) and str(span).isdigit():
-            self.live_pane.select_span(int(span))
+            self.live_pane.first_span = int(span)
 
     def save_state(self, settings: QSettings) -> None:
         """Save settings."""
         if (protocol := self.run_panel.protocol) is not None:
             saved = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
             settings.setValue("measure/form", json.dumps(saved))
-        settings.setValue("measure/span", self.live_pane.selected_span)
+        settings.setValue("measure/span", self.live_pane.time_plot.selected_span)
 
 
 def _saved_form(settings: QSettings) -> Protocol | None:

@@ -53,7 +53,8 @@ class LivePane(QSplitter):
         """Lets the user choose recorded runs to add to the plot."""
         self.planned: tuple[float, ...] = ()
         """Frequency of each entry of the present run; NaN of one without a sine."""
-        self._span = 0
+        self.first_span = 0
+        """Index of the span of the live traces when they are made."""
         self._outdated = False
         self._threshold: Any = None
         self._before: tuple[str, Any, float] | None = None
@@ -81,24 +82,12 @@ class LivePane(QSplitter):
         """The live traces, below."""
         plot = TimePlot(self._feed, self._amplifier)
         self._places[1].addWidget(plot)
-        plot.select_span(self._span)
+        plot.select_span(self.first_span)
         return plot
 
-    @property
-    def selected_span(self) -> int:
-        """Index of the span of the live traces."""
-        return self.time_plot.selected_span if "time_plot" in vars(self) else self._span
-
-    def select_span(self, index: int) -> None:
-        self._span = index
-        if "time_plot" in vars(self):
-            self.time_plot.select_span(index)
-
     def show_threshold(self, threshold: Any) -> None:
-        """Show a perception threshold; None is the abdomen's."""
+        """Take the perception threshold of plots that are not made yet; None is the abdomen's."""
         self._threshold = threshold
-        if "plots" in vars(self):
-            self.plots.show_threshold(threshold)
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
         """Show the current or last run; without one, the empty plot of the protocol `otherwise`.
