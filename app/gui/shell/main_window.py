@@ -162,15 +162,6 @@ class MainWindow(QMainWindow):
                 f"Not started: {self.state.blocked_reason or 'the form has a fault, which is marked'}."
             )
 
-    def _on_card_requested(self, action: str, _path: Path) -> None:
-        """Start another run from the result card; the pages do the rest."""
-        if action == "again":
-            self.start_run()
-        elif action == "continue":
-            self.controller.repeat_entries((), self.tabs.folder)
-        elif action == "budget":
-            self.tabs.identification_requested.emit()
-
     def escape(self) -> None:
         """Stop from arming until rest is measured; otherwise close what lies on top, or go one step back."""
         if self.state.busy or stops_by_escape(self.state.bench_state):
@@ -373,10 +364,7 @@ class MainWindow(QMainWindow):
         self.controller.changed.connect(self._show_state)
         self.notices.close_confirmed.connect(self.close_session)
         self.measure_page.run_panel.run_pressed.connect(self.start_run)
-        self.measure_page.live_pane.repeat_requested.connect(
-            lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
-        )
-        self.measure_page.run_panel.result_card.requested.connect(self._on_card_requested)
+        self.measure_page.live_pane.repeat_requested.connect(self.tabs.repeat_entries)
         self.central.welcome.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)

@@ -216,6 +216,10 @@ class MainTabs(PageHost):
         """Start a run of the specimen of the Measure page, if one can begin."""
         self._controller.start_run(protocol, self.folder, self.specimen)
 
+    def repeat_entries(self, entries: tuple[int, ...] = ()) -> None:
+        """Measure some entries of the last run again, or without any the missing ones."""
+        self._controller.repeat_entries(entries, self.folder)
+
     def _start_campaign_run(self, request: RunRequest) -> None:
         if self._controller.can_start:
             self._controller.start_campaign_run(request, self.campaign.accept_run(request))
@@ -241,8 +245,14 @@ class ResultActions:
         self._tabs, self._report_job = tabs, ReportJob(tabs.show_message, tabs)
 
     def perform(self, action: str, path: Path) -> None:
-        """Carry out an action of a result card that starts no run."""
-        if action == "open":
+        """Carry out an action of a result card."""
+        if action == "again":
+            self._tabs.measure.run_panel.run_pressed.emit()
+        elif action == "continue":
+            self._tabs.repeat_entries()
+        elif action == "budget":
+            self._tabs.identification_requested.emit()
+        elif action == "open":
             self.open_run(path)
         elif action == "explore":
             self.overlay_runs([path])
