@@ -132,7 +132,6 @@ class DecisionPane(QFrame):
     def show_review(self, review: ResultReview) -> None:
         """Show a result beside its limits, the result before, the paper's model and other specimens."""
         self.card.show_summary(review.run.result)
-        self.card.show()
         marks = [f"{SEVERITY_SYMBOLS[each.severity]} {each.text}" for each in review.indicators]
         show_text(self.quality_label, typeset(", ".join(marks)))
         found = {each.severity for each in review.indicators}

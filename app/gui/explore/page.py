@@ -161,7 +161,6 @@ class ExplorePage(QWidget):
     def _show_card(self, result: ResultSummary) -> None:
         if self.toolbar.chosen_run == Path(result.path):
             self.card.show_summary(result)
-            self.card.show()
 
     def _show_setting(self) -> None:
         if self.isVisible():

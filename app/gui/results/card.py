@@ -234,6 +234,7 @@ class ResultCard(QFrame):
             resuming.setText(f"Continue{of}")
         self.note_label.setText(NOTE)
         self._fit()
+        self.show()
 
     @property
     def _is_acceptable(self) -> bool:

@@ -197,7 +197,6 @@ class RunDetailsPane(QWidget):
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""
         kind = PROTOCOLS.get(run.record.protocol)
         self.card.show_summary(run.result)
-        self.card.show()
         show_text(self.facts_label, self._people)
         if kind is None or not (run.points or run.series) or self.plot.isVisibleTo(self):
             return

@@ -64,7 +64,6 @@ class RunViewer(QWidget):
         self.run = run
         self.heading.setText(run.record.title)
         self.card.show_summary(run.result)
-        self.card.show()
         judged = run.record.verdict.outcome is not Outcome.NOT_JUDGED
         how = "" if judged else format_outcome(run.record.state, run.record.reason)
         begun = f"{run.record.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.record.duration_s)}"

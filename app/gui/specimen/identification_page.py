@@ -349,18 +349,11 @@ class IdentificationPage(QWidget):
         text = make_label(
             f"May be the cause: {explanation.cause_text}. {chi}." + (f" It moves {moved}." if moved else "")
         )
-        parts: list[QWidget] = []
-        if explanation.cause.proposable and name not in self._also:
-            parts.append(
-                make_button(
-                    f"Fit with {name}",
-                    lambda: self.identify((*self._also, name)),
-                    "choice",
-                    f"The fit in which {name} is free as well",
-                    f"identification.also.{name}",
-                )
-            )
-        return make_pane(row((text, 1), *parts, spacing=10))
+        if not explanation.cause.proposable or name in self._also:
+            return make_pane(text)
+        tip, act = f"The fit in which {name} is free as well", lambda: self.identify((*self._also, name))
+        button = make_button(f"Fit with {name}", act, "choice", tip, f"identification.also.{name}")
+        return make_pane(row((text, 1), button, spacing=10))
 
     def _clear(self) -> None:
         self.result = None
