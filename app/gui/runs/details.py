@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QFocusEvent
@@ -80,7 +81,8 @@ class RunDetailsPane(QWidget):
         self.is_reading = False
         """Whether the runs of the folder are still being read."""
         self.heading = make_label(kind="caption", name="runs.heading")
-        self.message_label = make_label(name="runs.message", visible=False, openExternalLinks=True)
+        links: dict[str, Any] = {"textFormat": Qt.TextFormat.AutoText, "openExternalLinks": True}
+        self.message_label = make_label(name="runs.message", visible=False, **links)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.card = ResultCard("runs.card", ("next", "report"))
         """Of a single selected run."""

@@ -63,7 +63,7 @@ class RunTransfers(QObject):
         def describe(exported: tuple[int, list[str]]) -> str:
             count, left_out = exported
             written = [f"{pluralize(count, 'file')} written to {folder_link(folder)}"]
-            return "\n".join([*written, *(f"Without raw data: {reason}." for reason in left_out)])
+            return "<br>".join([*written, *(f"Without raw data: {escape(reason)}." for reason in left_out)])
 
         work = partial(export_runs, paths, folder, kind)
         self._start(f"exporting {pluralize(len(paths), 'run')} …", work, describe)

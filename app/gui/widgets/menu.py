@@ -37,12 +37,13 @@ class Menu(QMenu):
                 self.addAction(action)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        pressed = QKeySequence(event.keyCombination())
+        window, pressed = self._window(), QKeySequence(event.keyCombination())
         for name in self.PASSED_ON:
-            action = self._window().findChild(QAction, name)
+            action = window.findChild(QAction, name)
             if action is not None and pressed in action.shortcuts():
                 self.close()
-                if name == "stop" or self._is_busy():
+                # Escape stops a run that is active, and otherwise only closes the menu.
+                if name == "stop" or getattr(getattr(window, "state", None), "busy", False):
                     action.trigger()
                 return
         super().keyPressEvent(event)
@@ -60,8 +61,3 @@ class Menu(QMenu):
         parent = self.parentWidget()
         assert parent is not None
         return parent.window()
-
-    def _is_busy(self) -> bool:
-        """Return whether a run is active: Escape then stops it, and otherwise only closes the menu."""
-        state = getattr(self._window(), "state", None)
-        return bool(getattr(state, "busy", False))
