@@ -85,7 +85,7 @@ class MainTabs(PageHost):
         panel.result_card.requested.connect(self.results.perform)
         panel.label_scanned.connect(self._compare_label)
         self._operator = OperatorOfToday(panel, self._worker, self)
-        self._threshold = FolderThreshold(self._worker, self._created.values, self.show_message)
+        self._threshold = FolderThreshold(self._worker, self.created_pages.values, self.show_message)
         self.page_created.connect(self._threshold.show_on_new)
         makers: tuple[Callable[[], Page], ...] = (
             lambda: self.measure,
