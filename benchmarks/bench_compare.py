@@ -30,6 +30,7 @@ from app.config.bench_file import load_bench
 from app.gui.application import qt_application
 from app.gui.runs.compare import ComparisonWorkspace
 from app.gui.runs.page import RunsPage
+from app.gui.widgets import end_all
 from app.live import Overlay
 from model import Relation
 from tests.helpers.run_files import finished_run
@@ -161,7 +162,7 @@ def listing(here: Path) -> dict[str, float]:
             for at in (4, 5, 0)
         ),
     }
-    page.shutdown()
+    end_all(page)
     page.close()
     page.deleteLater()
     return figures

@@ -21,6 +21,7 @@ from app.gui.application import qt_application
 from app.gui.explore.model import PAINT_PAUSE_S
 from app.gui.explore.page import ExplorePage
 from app.gui.explore.plot import ExplorePlot
+from app.gui.widgets import end_all
 from model.response.fast_response import response_curve
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen
@@ -51,7 +52,7 @@ def main() -> None:
             f"{np.percentile(spent, 90):.1f} ms; {100 * np.mean(np.array(spent) < FRAME_MS):.0f} % within a frame; "
             f"processor time of all threads {busy:.1f} ms"
         )
-    page.shutdown()
+    end_all(page)
     f = np.linspace(1, 250, 300)
     quick = min(seconds(lambda: response_curve(Specimen(), f), 15))
     thorough = min(seconds(lambda: amplifier_response(Specimen().tactor, f), 15))

@@ -215,7 +215,7 @@ def prompt(studio: Studio) -> None:
     studio.until(lambda: window.state.prompt is not None)
     while window.state.prompt.prompt.action != "place-weight":
         ask = window.state.prompt.ask_id
-        studio.until(lambda: window.notices.accepts_input)
+        studio.until(lambda: window.notices.prompt.accepts_input)
         window.notices.prompt.buttons[0].click()
         studio.until(lambda ask=ask: window.state.prompt is not None and window.state.prompt.ask_id != ask)
     studio.settle(1.0)

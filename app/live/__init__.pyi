@@ -13,7 +13,7 @@ from .model_overlay import ModelCurves as ModelCurves
 from .model_overlay import Overlay as Overlay
 from .model_overlay import ResponseCurves as ResponseCurves
 from .model_overlay import curve_request_for as curve_request_for
-from .model_overlay import elongations_of as elongations_of
+from .model_overlay import curve_request_of as curve_request_of
 from .preflight import PreflightCheck as PreflightCheck
 from .preflight import PreflightRequest as PreflightRequest
 from .session_link import Connect as Connect

@@ -1,12 +1,12 @@
 """Overlay of the model's curve with its error band under measured points, computed in a background thread and cached."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from protocols import aspects_of
 from protocols.base import ModelState, Protocol
 
 if TYPE_CHECKING:
+    from app.archive import LoadedRun
     from model import Specimen
     from model.studies import EstimateSet
 
@@ -56,6 +57,14 @@ def curve_request_for(protocol: Protocol, folder: Path | None = None, specimen: 
     elongations = tuple(sorted(set(getattr(protocol, "elongations_m", ()))))
     amplitude_v = getattr(protocol, "peak_to_peak_v", 5.0) / 2
     return CurveRequest(top_hz, amplitude_v, folder, specimen, elongations, protocol.name)
+
+
+def curve_request_of(run: "LoadedRun") -> CurveRequest:
+    """Return the request of the curve for the points of a recorded run."""
+    amplitude_v, specimen = float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2, run.record.specimen
+    elongations = {float(getattr(point, "elongation", math.nan)) for point in run.points}
+    elongations_m = tuple(sorted(each for each in elongations if not math.isnan(each)))
+    return CurveRequest(1.05 * run.max_hz, amplitude_v, run.path.parent, specimen, elongations_m, run.record.protocol)
 
 
 ResponseCurves = Mapping[str, Series]
@@ -210,9 +219,3 @@ class Overlay:
         )
         reach = band.upper - band.centre
         return reach[: frequency.size], reach[frequency.size :]
-
-
-def elongations_of(points: Iterable[Any]) -> tuple[float, ...]:
-    """Return the membrane elongations of the measured points, rising, without the free tactor."""
-    elongations = {float(getattr(point, "elongation", math.nan)) for point in points}
-    return tuple(sorted(elongation for elongation in elongations if not math.isnan(elongation)))

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QFrame, QLineEdit
 
-from app.common import UnitError, to_number, typeset
+from app.common import UnitError, sentence_case, to_number, typeset
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
 from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
@@ -39,7 +39,7 @@ UNCERTAINTY_TIP = "of one position; half the stated tolerance divided by 1.7 for
 COLUMNS = ("position (µm)", "volts", "residual (µm)")
 
 
-class CalibrationPanel(QWidget):
+class CalibrationPanel(QFrame):
     """Two or more points, the line through them, and the sensor's gain and zero.
 
     Args:
@@ -76,8 +76,10 @@ class CalibrationPanel(QWidget):
         self.apply_button = make_button("Use this calibration", self.apply, "go", name="bench.calibration.apply")
         self.message_label = configure(StatusLine(), "bench.calibration.message")
         # A fixed height: the buttons below do not move with the text.
-        self.result_label = make_label(kind="large", name="bench.calibration.result", minimumHeight=RESULT_HEIGHT)
-        self.result_label.setAlignment(Qt.AlignmentFlag.AlignTop)
+        top = Qt.AlignmentFlag.AlignTop
+        self.result_label = make_label(
+            "", "large", True, "bench.calibration.result", minimumHeight=RESULT_HEIGHT, alignment=top
+        )
         self.table = make_read_only_table(
             COLUMNS,
             "bench.calibration.points",
@@ -173,7 +175,7 @@ class CalibrationPanel(QWidget):
                 raise UnitError("give a value in µm")
             return to_number(f"{text} µm" if text.lstrip("+-−").replace(".", "", 1).isdigit() else text, "m")
         except UnitError as error:
-            self._complain(f"{quantity[:1].upper()}{quantity[1:]}: {error}")
+            self._complain(f"{sentence_case(quantity)}: {error}")
             edit.setFocus()
             return None
 
@@ -190,7 +192,7 @@ class CalibrationPanel(QWidget):
             text = str(error) if len(self.points) > 1 else HELP_TEXT
         else:
             text = _describe(self.result, len(self.points))
-        self.result_label.setText(f"{text[:1].upper()}{text[1:]}")
+        self.result_label.setText(sentence_case(text))
         self.apply_button.setEnabled(self.result is not None)
         self.remove_button.setEnabled(bool(self.points))
         residuals_m = [None] * len(self.points) if self.result is None else self.result.residuals_m
@@ -222,10 +224,8 @@ class CalibrationPanel(QWidget):
             row(self.apply_button, None),
             None,
         )
-        panel = make_panel(
-            make_label("Calibrate the sensor", "heading", wrap=False), row((left, 3), (self.table, 2), (self.plot, 3))
-        )
-        column(panel, parent=self)
+        heading = make_label("Calibrate the sensor", "heading", wrap=False)
+        make_panel(heading, row((left, 3), (self.table, 2), (self.plot, 3)), frame=self)
 
 
 def _describe(calibration: SensorCalibration, count: int) -> str:

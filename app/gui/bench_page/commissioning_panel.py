@@ -5,14 +5,13 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap, QResizeEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QFrame, QLabel
 
-from app.common import Severity
+from app.common import Severity, sentence_case
 from app.gui.face import tokens
 from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
-    column,
     configure,
     fill_table,
     make_button,
@@ -35,7 +34,7 @@ PROGRESS_STEPS = 1000
 COLUMNS = ("", "measured at the output", "figure", "limits", "unit", "worst")
 
 
-class CommissioningPanel(QWidget):
+class CommissioningPanel(QFrame):
     """Starts and shows a commissioning.
 
     Args:
@@ -60,7 +59,7 @@ class CommissioningPanel(QWidget):
             COLUMNS, "bench.commission.table", "checks of the commissioning", minimumHeight=260
         )
         self.picture_label = configure(QLabel(), "bench.commission.traces", accessibleName="page of traces")
-        panel = make_panel(
+        make_panel(
             make_label("Commission the source and the interlock", "heading", wrap=False),
             make_label(ABOUT_TEXT),
             row(self.start_button, (self.progress_label, 1), self.stop_button),
@@ -69,14 +68,10 @@ class CommissioningPanel(QWidget):
             self.verdict_label,
             self.table,
             self.picture_label,
+            frame=self,
         )
-        column(panel, parent=self)
         for widget in (self.progress_bar, self.stop_button, self.table, self.picture_label):
             widget.hide()
-
-    def set_enabled(self, enabled: bool) -> None:
-        """Allow a commissioning to be started, or not."""
-        self.start_button.setEnabled(enabled)
 
     def follow(self, job: CommissioningJob) -> None:
         """Show a commissioning that begins."""
@@ -114,7 +109,7 @@ class CommissioningPanel(QWidget):
             widget.hide()
         self.progress_label.setText("")
         if job.result is None:
-            self.message_label.show_message(f"{job.error[:1].upper()}{job.error[1:]}", is_error=True)
+            self.message_label.show_message(sentence_case(job.error), is_error=True)
             return
         done = job.result
         verdict = worst_verdict(done.result.checks)

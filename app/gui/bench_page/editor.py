@@ -121,10 +121,6 @@ class BenchEditor(QWidget):
             lambda: find_devices(hosts, server), lambda scan: self._show_scan(*scan), self._on_scan_error
         )
 
-    def show_problem(self, text: str) -> None:
-        """Show an error."""
-        self.message_label.show_message(text, is_error=True)
-
     def use_calibration(self, values: dict[str, Any]) -> None:
         """Put the values of a calibration into the sensor's tile; a preset must not look like their source."""
         self.sensor.form.update_record(**values)
@@ -141,7 +137,7 @@ class BenchEditor(QWidget):
 
     def _on_scan_error(self, error: Exception) -> None:
         self.scan_button.setEnabled(True)
-        self.show_problem(str(error))
+        self.message_label.show_message(str(error), is_error=True)
 
     def _on_edited(self) -> None:
         if self.draft is None:
@@ -157,5 +153,5 @@ class BenchEditor(QWidget):
             self.draft = self.draft.with_tables(**tables)
         except ConfigError as error:
             problem = str(error)
-        self.show_problem(problem)
+        self.message_label.show_message(problem, is_error=True)
         self.changed.emit()

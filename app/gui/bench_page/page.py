@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,22 +17,21 @@ from app.gui.bench_page.commissioning_panel import CommissioningPanel
 from app.gui.bench_page.editor import BenchEditor
 from app.gui.bench_page.live_panel import LivePanel
 from app.gui.bench_page.wiring_panel import WiringPanel
-from app.gui.status import SimulationControls
+from app.gui.status import SessionController, SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     ElidedLabel,
     WrappedRow,
     WrappingPane,
-    choose_files,
+    choose_file,
     column,
     configure,
     make_button,
-    make_choice,
     make_scroll_area,
     make_toggle,
     row,
 )
-from app.live import CommissioningJob, SessionAdapter
+from app.live import CommissioningJob
 from app.session import WindowState, build_protocol
 from protocols import PROTOCOLS, WIRING_CHECK
 
@@ -80,10 +80,8 @@ class BenchSwitch(WrappingPane):
         self.buttons[current].setChecked(True)
 
     def _make_button(self, name: str) -> QPushButton:
-        button = make_choice("", name, checkable=True)
-        if name:
-            button.clicked.connect(lambda _=False: self.selected.emit(name))
-        return configure(button, f"bench.show.{name}", kind="choice", autoExclusive=True)
+        act = partial(self.selected.emit, name) if name else None
+        return make_button("", act, "choice", name, f"bench.show.{name}", checkable=True, autoExclusive=True)
 
     def hasHeightForWidth(self) -> bool:
         """Return False: its least height follows from its width, and the page below shrinks to nothing."""
@@ -95,14 +93,14 @@ class BenchSwitch(WrappingPane):
         chosen.setFocus()
 
     def _browse(self) -> None:
-        choose_files(self, "Open a bench file", lambda paths: self.selected.emit(str(paths[0])), "Bench files (*.toml)")
+        choose_file(self, "Open a bench file", lambda path: self.selected.emit(str(path)), "Bench files (*.toml)")
 
 
 class BenchPage(QWidget):
     """One page of the window.
 
     Args:
-        adapter: for live values of the open bench.
+        controller: of the session with the open bench.
         config: of the open bench.
         open_bench: path of its file, or name of the simulated bench.
     """
@@ -112,15 +110,11 @@ class BenchPage(QWidget):
     """Path or name of the bench to connect to."""
     run_requested = Signal(object)
     """A protocol for the open bench."""
-    commissioning_requested = Signal(object)
-    """A `CommissioningJob` for the open bench."""
-    stop_requested = Signal()
-    speed_requested = Signal(object)
-    """Speed of the simulated bench; None is the virtual clock."""
 
-    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str) -> None:
+    def __init__(self, controller: SessionController, config: BenchConfig, open_bench: str) -> None:
         super().__init__()
-        self._adapter, self._config, self._open_bench = adapter, config, open_bench
+        self._controller, self._config, self._open_bench = controller, config, open_bench
+        self._adapter = adapter = controller.adapter
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
         self.benches = BenchSwitch(self._begin_bench)
@@ -146,17 +140,16 @@ class BenchPage(QWidget):
         self.calibrate_button = make_toggle(
             "Calibrate …", "Two or more positions with their volts", "bench.calibrate", self.calibration
         )
-        controls = None
+        controls, run = None, self.run_requested.emit
         if adapter.simulation is not None:
-            controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.session")
-        wiring_check = PROTOCOLS[WIRING_CHECK]
-        self.wiring = WiringPanel(lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
+            controls = SimulationControls(adapter.simulation, controller.change_speed, "bench.session")
+        self.wiring = WiringPanel(lambda: run(build_protocol(PROTOCOLS[WIRING_CHECK], {})))
         self.editor = BenchEditor(self._worker, controls, self.wiring, self.calibrate_button)
-        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated)
+        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, run)
         self.live_button = make_toggle(
             "Live view, level and tone by hand", "Traces, to align the laser", "bench.live", self.live
         )
-        self.commissioning = CommissioningPanel(self._worker, self.commission, self.stop_requested.emit)
+        self.commissioning = CommissioningPanel(self._worker, self.commission, controller.stop)
         self._build()
         self.show_bench(open_bench)
 
@@ -195,13 +188,9 @@ class BenchPage(QWidget):
         """Save the addresses beside *Scan*."""
         settings.setValue("bench/hosts", self.editor.hosts_edit.text())
 
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._worker.close()
-
     def show_message(self, text: str) -> None:
         """Show why the bench cannot be opened."""
-        self.editor.show_problem(text)
+        self.editor.message_label.show_message(text, is_error=True)
 
     @property
     def draft(self) -> BenchDraft | None:
@@ -261,7 +250,7 @@ class BenchPage(QWidget):
         """Commission the source of the open bench, and its interlock."""
         job = CommissioningJob(self._config, self._adapter)
         self.commissioning.follow(job)
-        self.commissioning_requested.emit(job)
+        self._controller.commission(job)
 
     # -- inside ----------------------------------------------------------------------------------------------------------
 
@@ -306,8 +295,8 @@ class BenchPage(QWidget):
         self.connect_button.setEnabled(draft is not None and not busy)
         if self._state is not None:
             self.wiring.set_state(self._state, self.is_open, self._can_run)
-        self.commissioning.set_enabled(self._can_run)
-        self.live.set_enabled(self._can_run)
+        for button in (self.commissioning.start_button, self.live.level_button, self.live.tone_button):
+            button.setEnabled(self._can_run)
         if draft is None:
             return
         where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"
@@ -354,7 +343,6 @@ class BenchPage(QWidget):
         self.calibrate_button.toggled.connect(self._show_calibration)
         # The table has its place only after the layout, and a check that has ended hides its prompts.
         self.wiring.ended.connect(lambda: QTimer.singleShot(0, self, self._show_wiring))
-        self.live.run_requested.connect(self.run_requested)
         self.calibration.applied.connect(self.editor.use_calibration)
         self.benches.selected.connect(self.show_bench)
         self.editor.changed.connect(self._update_buttons)

@@ -5,13 +5,13 @@ from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QFrame, QWidget
 
 from app.config import BenchConfig, SimulationTable, simulation_tables, table_at, with_simulation_tables
 from app.gui.bench_page.table_form import TableForm
 from app.gui.bench_page.tiles import TileGrid
 from app.gui.status import SimulationControls
-from app.gui.widgets import column, configure, make_choice, make_label, make_panel, row, show_key
+from app.gui.widgets import column, make_button, make_label, make_panel, make_toggle, row
 
 MAIN_FIELDS = 4
 
@@ -36,7 +36,7 @@ TITLES = {
 }
 
 
-class SimulationPanel(QWidget):
+class SimulationPanel(QFrame):
     """Settings of a simulated bench; hidden for a real one.
 
     Args:
@@ -51,28 +51,20 @@ class SimulationPanel(QWidget):
         self.forms: dict[tuple[str, ...], TableForm] = {}
         """The forms by the keys of their tables; made when they are first shown."""
         self._simulation: Mapping[str, Any] | None = None
-        self.faults_button = configure(make_choice("Faults …", "Inject and clear faults"), "bench.faults")
-        show_key(self.faults_button, "F9")
-        self.faults_button.clicked.connect(self._toggle_faults)
-        self.open_button = configure(
-            make_choice(
-                "True parameters: specimen, instruments, operator",
-                "True values that a measurement on the simulated bench should find",
-                checkable=True,
-            ),
-            "bench.simulation.open",
+        self.faults_button = make_button(
+            "Faults …", self._toggle_faults, "choice", "Inject and clear faults", "bench.faults", "F9"
         )
         self._content = QWidget()
-        self._content.hide()
-        self.open_button.toggled.connect(self._show_forms)
-        column(
-            make_panel(
-                make_label("Simulated bench", "heading", wrap=False),
-                *(() if controls is None else (controls,)),
-                row(self.open_button, self.faults_button, None),
-                self._content,
-            ),
-            parent=self,
+        title = "True parameters: specimen, instruments, operator"
+        tip = "True values that a measurement on the simulated bench should find"
+        self.open_button = make_toggle(title, tip, "bench.simulation.open", self._content)
+        self.open_button.toggled.connect(self._make_forms)
+        make_panel(
+            make_label("Simulated bench", "heading", wrap=False),
+            *(() if controls is None else (controls,)),
+            row(self.open_button, self.faults_button, None),
+            self._content,
+            frame=self,
         )
 
     @property
@@ -97,12 +89,10 @@ class SimulationPanel(QWidget):
         for keys, form in self.forms.items():
             form.set_record(self._record(keys))
 
-    def _show_forms(self, shown: bool) -> None:
-        if shown and not self.forms:
-            self._make_forms()
-        self._content.setVisible(shown)
-
     def _make_forms(self) -> None:
+        """Make the forms when they are first shown."""
+        if self.forms:
+            return
         panels = []
         for keys, kind in simulation_tables().items():
             form = TableForm(".".join(("simulation", *keys)), kind, tuple(kind.model_fields)[:MAIN_FIELDS])

@@ -4,6 +4,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -99,12 +100,9 @@ class Tile(QFrame):
         self.state_icon = IconView(14)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
-        self.problem_label = make_label(visible=False)
         links = Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
-        configure(
-            self.problem_label, f"bench.{role}.problem", kind="caution", textFormat=Qt.TextFormat.RichText,
-            textInteractionFlags=links,
-        )  # fmt: skip
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": links}
+        self.problem_label = make_label("", "caution", True, f"bench.{role}.problem", visible=False, **rich)
         self.problem_label.linkActivated.connect(self.remedy_requested)
         self.live_label = make_label(kind="present", wrap=False, name=f"bench.{role}.live")
         self.live_note = make_label(kind="note", wrap=False, name=f"bench.{role}.live-note")

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QFrame
 
 from app.gui.plots import CheckTable
-from app.gui.widgets import column, make_button, make_label, make_panel, row
+from app.gui.widgets import make_button, make_label, make_panel, row
 from app.session import WindowState
 from protocols import WIRING_CHECK
 from protocols.base import RunEnded
@@ -17,7 +17,7 @@ ABOUT_TEXT = (
 )
 
 
-class WiringPanel(QWidget):
+class WiringPanel(QFrame):
     """Starts the wiring check and shows its last verdict."""
 
     ended = Signal()
@@ -33,12 +33,12 @@ class WiringPanel(QWidget):
         self.table.setMinimumHeight(330)
         self.table.setObjectName("bench.check.table")
         self.table.hide()
-        panel = make_panel(
+        make_panel(
             row(make_label("Wiring check", "heading", wrap=False), (self.status_label, 1), self.start_button),
             make_label(ABOUT_TEXT),
             self.table,
+            frame=self,
         )
-        column(panel, parent=self)
 
     def set_state(self, view: WindowState, is_open: bool, enabled: bool) -> None:
         """Show the state of the check; its last outcome belongs to the open bench, and is hidden while another one is shown."""

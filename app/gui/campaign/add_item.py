@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pydantic import ValidationError
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtWidgets import QLabel
 
 import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import UnitError
 from app.gui.widgets import (
+    UPRIGHT,
+    LowPane,
     ProtocolForm,
     StatusLine,
     column,
@@ -39,7 +41,7 @@ MAX_LISTED = 12
 """Values of a series that are listed."""
 
 
-class AddItemPane(QWidget):
+class AddItemPane(LowPane):
     """Fields of a new item of the campaign."""
 
     add_requested = Signal(object)
@@ -64,13 +66,7 @@ class AddItemPane(QWidget):
         self.add_button = make_button("Add", self._request, "go", name="add.add", key="Enter")
         cancel = make_button("Cancel", self.closed.emit, name="add.cancel", key="Esc")
         self._form_place = column()
-        form_area = make_scroll_area(
-            self._form_place,
-            None,
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-            minimumHeight=MIN_FORM_HEIGHT,
-        )
+        form_area = make_scroll_area(self._form_place, None, minimumHeight=MIN_FORM_HEIGHT, **UPRIGHT)
         fields = grid(spacing=(8, 6), stretch={1: 1})
         editors = (self.protocol_box, self.varied_box, self.values_edit, self.name_edit, self.after_box)
         for at, editor in enumerate(editors):
@@ -103,10 +99,6 @@ class AddItemPane(QWidget):
         for edit in (self.values_edit, self.name_edit):
             edit.returnPressed.connect(self._request)
         self.protocol_box.setCurrentIndex(self.protocol_box.findData(DEFAULT_PROTOCOL))
-
-    def hasHeightForWidth(self) -> bool:
-        """Return False: the page scrolls only where the least size has no room."""
-        return False
 
     def begin(self, names: Sequence[str]) -> None:
         """Begin a new item; `names`: the items of the campaign."""

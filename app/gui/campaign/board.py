@@ -18,13 +18,15 @@ from app.gui.face import CLASS_S, class_of, px, set_length
 from app.gui.plots import LivePane
 from app.gui.widgets import (
     ElidedLabel,
+    LowPane,
     Menu,
     SheetButton,
     StatusLine,
     add_actions,
     column,
     configure,
-    make_choice,
+    give_menu,
+    make_button,
     make_label,
     make_panel,
     make_progress_bar,
@@ -72,13 +74,11 @@ class CampaignHeader(QWidget):
             toolTip="The results of this campaign come from a simulated bench; the open bench is real",
         )  # fmt: skip
         self.sheet_button = SheetButton("campaign")
-        self.menu_button = configure(
-            make_choice("…", "Actions of the campaign and of the selected item"), "campaign.menu"
+        tip = "Actions of the campaign and of the selected item"
+        self.menu_button = make_button(
+            "…", None, "choice", tip, "campaign.menu", accessibleName="actions of the campaign"
         )
-        self.menu_button.setAccessibleName("actions of the campaign")
-        self.menu = Menu(self.menu_button)
-        self.menu.aboutToShow.connect(lambda: fill_menu(self.menu))
-        self.menu_button.setMenu(self.menu)
+        self.menu = give_menu(self.menu_button, fill_menu)
         line = row(
             self.name_label, self.bar, (self.progress_label, 1), self.simulated_label, self.sheet_button, self.menu_button,
             spacing=12,
@@ -108,7 +108,7 @@ def _other_kind(summary: CampaignSummary, state: WindowState) -> str:
     return f"the campaign is {kinds[summary.simulated]}, the open bench is {kinds[state.simulated]}"
 
 
-class CampaignBoard(QWidget):
+class CampaignBoard(LowPane):
     """Shows an open campaign; emits the operator's actions as signals."""
 
     action_requested = Signal(str, str)
@@ -145,10 +145,6 @@ class CampaignBoard(QWidget):
             {f"campaign.item.{action}": partial(self._request_of_item, action) for action in ITEM_ACTIONS}
             | {name: partial(self.item_list.move_selected, by) for name, by in moves.items()},
         )
-
-    def hasHeightForWidth(self) -> bool:
-        """Return False: the page scrolls only where its least size has no room."""
-        return False
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -241,7 +237,6 @@ class CampaignBoard(QWidget):
     def _fill_menu(self, menu: Menu) -> None:
         """Fill the menu with the actions allowed on the selected item and those of the campaign."""
         allowed = () if self._busy else self.details.allowed_actions
-        menu.clear()
         menu.add_named(self, [f"campaign.item.{each}" for each in ITEM_ACTIONS if each in allowed])
         menu.addSeparator()
         menu.add_named(self.window(), CAMPAIGN_ACTIONS)

@@ -182,10 +182,6 @@ class CampaignController(QObject):
         elif has_result and before and not queued:  # a series continues with a value that was never measured
             self._prepare(lambda campaign: campaigns.next_value(campaign.item_state(before)), self._request_run)
 
-    def shutdown(self) -> None:
-        self._file_worker.close()
-        self._fit_worker.close()
-
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _prepare(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame
@@ -15,6 +15,7 @@ from app.gui.results import ResultCard, rich_table
 from app.gui.widgets import (
     ACTIONS,
     SELECTABLE,
+    UPRIGHT,
     column,
     configure,
     make_button,
@@ -67,8 +68,8 @@ class DecisionPane(QFrame):
         self.card = ResultCard("review", ("report",), scrolls=True)
         set_style_kind(self.card, "")
         self.quality_label = make_label(name="campaign.quality", visible=False)
-        self.compared_label = make_label(name="campaign.compared", visible=False, textInteractionFlags=SELECTABLE)
-        self.compared_label.setTextFormat(Qt.TextFormat.RichText)
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
+        self.compared_label = make_label(name="campaign.compared", visible=False, **rich)
         self.buttons = {
             action: make_button(text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", key=key)
             for action, (text, key) in BUTTONS.items()
@@ -83,8 +84,7 @@ class DecisionPane(QFrame):
             self.card,
             column(self.quality_label, self.compared_label, margins=(12, 0, 12, 0), spacing=8),
             None,
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            **UPRIGHT,
         )
         *main, reject, repeat = self.buttons.values()
         beside = row((reject, 1), (repeat, 1), spacing=8)
@@ -132,7 +132,6 @@ class DecisionPane(QFrame):
     def show_review(self, review: ResultReview) -> None:
         """Show a result beside its limits, the result before, the paper's model and other specimens."""
         self.card.show_summary(review.run.result)
-        self.card.show()
         marks = [f"{SEVERITY_SYMBOLS[each.severity]} {each.text}" for each in review.indicators]
         show_text(self.quality_label, typeset(", ".join(marks)))
         found = {each.severity for each in review.indicators}

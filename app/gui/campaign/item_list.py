@@ -30,7 +30,7 @@ STATUS_SYMBOLS = {
     "doubtful": ("warning", "amber_text"),
     "stale": ("again", "amber_text"),
     "missing": ("waiting", "text2"),
-    "waiting": ("dots", "text2"),
+    "waiting": ("more", "text2"),
     "unfinished": ("pause", "amber_text"),
     "failed": ("error", "red_text"),
     "running": ("play", "accent_text"),

@@ -14,8 +14,8 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
-from app.gui.widgets import add_actions, choose_files, tell
-from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongations_of
+from app.gui.widgets import add_actions, at_end, choose_file, tell
+from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, curve_request_of
 from app.session import WindowState
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ class CampaignPage(QStackedWidget):
         super().__init__()
         self.controller, self._location, self._feed = controller, location, feed
         self._overlay = Overlay(overlay.amplifier, overlay.cache)
+        at_end(self, self._overlay.close)
         self._request: CurveRequest | None = None
         self._state: WindowState | None = None
         self._busy = False
@@ -94,10 +95,6 @@ class CampaignPage(QStackedWidget):
         self._overlay.submit(request)
         if (curve := self._overlay.result()) is not None:
             (self.board.live_pane if self._busy else self.board.details.plots).show_model_curve(curve)
-
-    def shutdown(self) -> None:
-        self.controller.shutdown()
-        self._overlay.close()
 
     def save_state(self, settings: QSettings) -> None:
         """Store the recent campaigns and the open one."""
@@ -181,14 +178,7 @@ class CampaignPage(QStackedWidget):
 
     def _show_review(self, review: ResultReview) -> None:
         self.board.show_review(review)
-        run = review.run
-        amplitude_v, elongations = (
-            float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2,
-            elongations_of(run.points),
-        )
-        self._review_request = CurveRequest(
-            1.05 * run.max_hz, amplitude_v, run.path.parent, run.record.specimen, elongations, run.record.protocol
-        )
+        self._review_request = curve_request_of(review.run)
 
     def open(self, path: Path) -> None:
         if self.controller.summary is not None and path.absolute() == self.controller.summary.path.absolute():
@@ -261,9 +251,7 @@ class CampaignPage(QStackedWidget):
 
     def _choose_campaign_file(self) -> None:
         folder, _ = self._location()
-        choose_files(
-            self, "Open a campaign", lambda paths: self.open(paths[0]), "Campaigns (*.campaign.json)", str(folder)
-        )
+        choose_file(self, "Open a campaign", self.open, "Campaigns (*.campaign.json)", str(folder))
 
     def _connect_signals(self) -> None:
         self.controller.changed.connect(self._on_campaign_changed)
@@ -282,7 +270,6 @@ class CampaignPage(QStackedWidget):
                 self.controller.find_campaigns(self._location()[0])
                 self._show_part(self.start_pane)
 
-        header_actions = {"add": self._show_add, "new": show_start, "open": self._choose_campaign_file}
         self.board.action_requested.connect(self.perform_action)
         self.board.item_list.item_moved.connect(
             lambda name, before: self.controller.modify(
@@ -293,8 +280,10 @@ class CampaignPage(QStackedWidget):
             self,
             {
                 "campaign.queue": lambda: self.perform_action("halt the queue" if self._busy else "run without hands"),
+                "campaign.add": self._show_add,
+                "campaign.new": show_start,
+                "campaign.open": self._choose_campaign_file,
                 "campaign.undo": self.controller.undo,
                 "campaign.redo": lambda: self.controller.undo(forward=True),
-                **{f"campaign.{name}": act for name, act in header_actions.items()},
             },
         )

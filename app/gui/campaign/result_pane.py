@@ -17,7 +17,7 @@ from app.gui.widgets import (
     column,
     configure,
     fill_combo,
-    make_choice,
+    make_button,
     make_combo,
     make_label,
     make_scroll_area,
@@ -56,9 +56,8 @@ class ResultPane(QWidget):
                 ("review.figure", "figure over the varied parameter", "Quantity drawn over the parameter of the series"),
             )
         )  # fmt: skip
-        self.details_button = configure(
-            make_choice("Details", "State, settings, and what the item depends on", checkable=True), "campaign.details"
-        )
+        tip = "State, settings, and what the item depends on"
+        self.details_button = make_button("Details", self._show_part, "choice", tip, "campaign.details", checkable=True)
         self.plots = ResultPlots()
         self.plots.chart.has_title = False  # the heading above names it
         self.plots.choose_lower(RESIDUAL)
@@ -74,7 +73,6 @@ class ResultPane(QWidget):
         column(head, (self.stack, 1), parent=self, spacing=4)
         self.run_box.activated.connect(lambda _: self._select_run(self.run_box.currentData()))
         self.figure_box.activated.connect(lambda _: self._draw())
-        self.details_button.clicked.connect(lambda _: self._show_part())
 
     @property
     def reviewed_path(self) -> Path | None:

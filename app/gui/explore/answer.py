@@ -26,8 +26,7 @@ class AnswerColumn(QWidget):
             for name, kind in (("largest", "answer"), ("natural", "present"), ("felt", "present"))
         )
         self.about, self.times = make_label(kind="note"), make_label(kind="note")
-        self.changes = make_label(name="explore.answer.changes")
-        self.changes.setTextFormat(Qt.TextFormat.RichText)
+        self.changes = make_label(name="explore.answer.changes", textFormat=Qt.TextFormat.RichText)
         self.changes_panel = make_panel(make_label("What the change does", "heading"), self.changes)
         answer = make_panel(
             row(make_label("Model, not measured", "pill", wrap=False), None),

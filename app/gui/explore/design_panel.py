@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
 from app.gui.face import set_length
-from app.gui.widgets import WrappedRow, column, fill_combo, make_combo, make_label, make_line_edit
+from app.gui.widgets import WrappedRow, at_end, column, fill_combo, make_combo, make_label, make_line_edit
 from app.live import LatestOnlyWorker
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class DesignPanel(QWidget):
         self._page = page
         self._question: DesignQuestion | None = None
         self._worker = LatestOnlyWorker(answer_design, self._answered.emit, "explore design")
-        self.answers: DesignAnswers | None = None
+        at_end(self, self._worker.close)
         self.resonance, self.amplitude, self.frequency = (
             make_line_edit(f"explore.design.{name}", about, text=text)
             for name, text, about in (
@@ -79,7 +79,7 @@ class DesignPanel(QWidget):
                 self._page.specimen() if self.source_box.currentIndex() > 0 else None,
             )
         except UnitError as error:
-            self._show_message(str(error))
+            self._show_texts("", "", "", str(error))
             return
         if question != self._question:
             self._question = question
@@ -92,9 +92,6 @@ class DesignPanel(QWidget):
         self._question = None
         self.ask()
 
-    def shutdown(self) -> None:
-        self._worker.close()
-
     def _offer(self, calibration: str) -> None:
         """Offer the sliders, and a calibration, which is chosen when it is new; empty for none."""
         is_new = self.source_box.count() == 1
@@ -105,17 +102,11 @@ class DesignPanel(QWidget):
         if question != self._question:
             return
         if isinstance(answers, Exception):
-            self._show_message(str(answers))
-            return
-        self.answers = answers
-        self.mass_label.setText(answers.mass)
-        self.drive_label.setText(answers.drive)
-        self.power_label.setText(answers.power)
-        self.source_label.setText(answers.source)
+            self._show_texts("", "", "", str(answers))
+        else:
+            self._show_texts(answers.mass, answers.drive, answers.power, answers.source)
 
-    def _show_message(self, text: str) -> None:
-        self.answers = None
-        self.mass_label.setText("")
-        self.drive_label.setText("")
-        self.power_label.setText("")
-        self.source_label.setText(text)
+    def _show_texts(self, *texts: str) -> None:
+        labels = (self.mass_label, self.drive_label, self.power_label, self.source_label)
+        for label, text in zip(labels, texts, strict=True):
+            label.setText(text)

@@ -16,7 +16,7 @@ from app.explore import (
     make_study,
     write_study,
 )
-from app.gui.widgets import BackgroundWorker
+from app.gui.widgets import BackgroundWorker, at_end
 from app.live import LatestOnlyWorker
 from model import ParameterError
 
@@ -40,6 +40,7 @@ class ExploreModel(QObject):
         self.requested: ExploreRequest | None = None
         self._study_worker = BackgroundWorker("explore study", self)
         self.worker = LatestOnlyWorker(ResponseEngine().compute, self.computed.emit, "explore model", PAINT_PAUSE_S)
+        at_end(self, self.worker.close)
 
     @property
     def setting(self) -> ExploreSetting:
@@ -110,10 +111,6 @@ class ExploreModel(QObject):
         except (ValueError, KeyError, TypeError, AttributeError):
             return
         self.changed.emit()
-
-    def shutdown(self) -> None:
-        self.worker.close()
-        self._study_worker.close()
 
     def _apply(self, change: Callable[[], object]) -> None:
         """Change the setting; if the model rejects it, show why and keep the old one."""

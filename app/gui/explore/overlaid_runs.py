@@ -31,8 +31,9 @@ class OverlaidRuns(QObject):
         super().__init__(parent)
         self.fit_with = fit
         self.runs: tuple[MeasuredResponse, ...] = ()
-        self._file_worker, self._fit_worker = BackgroundWorker("explore", self), BackgroundWorker("explore fit", self)
         self._cancelled = threading.Event()
+        self._file_worker = BackgroundWorker("explore", self)
+        self._fit_worker = BackgroundWorker("explore fit", self, self._cancelled.set)
         self._fitting = False
 
     def add(self, paths: Sequence[Path]) -> None:
@@ -65,11 +66,6 @@ class OverlaidRuns(QObject):
         self._fit_worker.submit(
             lambda: find(runs, setting, self._cancelled.is_set), self._on_fitted, self._on_fit_error
         )
-
-    def shutdown(self) -> None:
-        self._cancelled.set()
-        self._file_worker.close()
-        self._fit_worker.close()
 
     def _on_loaded(self, run: MeasuredResponse) -> None:
         self._set_runs((*(r for r in self.runs if r.path != run.path), run))

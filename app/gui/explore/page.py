@@ -22,11 +22,13 @@ from app.gui.face import class_of, px, set_length
 from app.gui.results import ResultCard
 from app.gui.widgets import (
     RUN_SUFFIXES,
+    UPRIGHT,
     FileDrops,
     Mode,
     StatusLine,
     WrappingPane,
     add_actions,
+    choose_file,
     choose_files,
     column,
     make_label,
@@ -78,7 +80,7 @@ class ExplorePage(QWidget):
         plots, answer = self._right_columns()
         self._columns = row(self.left, (plots, 1), answer, parent=self, margins=(4, 4, 4, 4), spacing=12)
         self._connect_signals()
-        FileDrops(self, {RUN_SUFFIXES: self.overlaid.add})
+        FileDrops(self, RUN_SUFFIXES, self.overlaid.add)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._update_series()
         self._show_setting()
@@ -99,11 +101,6 @@ class ExplorePage(QWidget):
             self.sliders.show_setting(self.model.setting)
             self.toolbar.show_setting(self.model.setting, self.model.session.history)
             self.design.ask()
-
-    def shutdown(self) -> None:
-        self.model.shutdown()
-        self.overlaid.shutdown()
-        self.design.shutdown()
 
     # -- commands --------------------------------------------------------------------------------------------------------
 
@@ -141,7 +138,7 @@ class ExplorePage(QWidget):
         self.status_line.show_message(f"Fitted: {result.summary}", persistent=True)  # until the next change
 
     def _on_fitting(self, fitting: bool) -> None:
-        self.toolbar.show_fitting(fitting)
+        self.toolbar.fit_button.setText("Cancel the fit" if fitting else "Fit to the runs")
         if fitting:
             self.status_line.show_message("fitting …", persistent=True)
 
@@ -164,7 +161,6 @@ class ExplorePage(QWidget):
     def _show_card(self, result: ResultSummary) -> None:
         if self.toolbar.chosen_run == Path(result.path):
             self.card.show_summary(result)
-            self.card.show()
 
     def _show_setting(self) -> None:
         if self.isVisible():
@@ -215,15 +211,13 @@ class ExplorePage(QWidget):
 
     def choose_study_file(self) -> None:
         """Ask for a file, and save the study."""
-        choose_files(
-            self, "Save as study", lambda paths: self.model.save_study(paths[0], self.result), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
+        choose_file(
+            self, "Save as study", lambda path: self.model.save_study(path, self.result), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
             Mode.AnyFile,
         )  # fmt: skip
 
     def _left_column(self) -> QWidget:
-        scroll = make_scroll_area(
-            focusPolicy=Qt.FocusPolicy.NoFocus, horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff
-        )
+        scroll = make_scroll_area(**UPRIGHT)
         scroll.setWidget(self.sliders)
         self.sliders.setAutoFillBackground(False)
         bar = self.toolbar

@@ -56,9 +56,6 @@ class ExplorePlot(Chart):
         self._max_hz = max_hz
         self._draw_all()
 
-    def show_cursor(self, frequency_hz: float) -> None:
-        self.tools.set_cursor(frequency_hz)
-
     def _draw_all(self) -> None:
         result, shown = self._result, [s for s, on in zip(SERIES, self._shown, strict=False) if on]
         curves: list[tuple[str, str, PeriodicResponse]] = []

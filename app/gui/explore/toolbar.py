@@ -21,7 +21,6 @@ from app.gui.widgets import (
     clear_layout,
     configure,
     make_button,
-    make_choice,
     make_combo,
     make_line_edit,
     make_pane,
@@ -93,7 +92,9 @@ class ExploreToolbar(QObject):
         self.overlay_button = make_button("Add runs …", page.runs_requested.emit, "choice", tip)
         tip = "Run files that are not in the folder of the page Runs"
         self.file_button = make_button("From files …", page.choose_files, "choice", tip)
-        self.fit_button = make_button("Fit to the runs", self._fit, "choice", tooltip("explore.fit"))
+        self.fit_button = make_button(
+            "Fit to the runs", lambda: page.overlaid.fit(model.setting), "choice", tooltip("explore.fit")
+        )
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
         self.study_button = make_button("Save study …", page.choose_study_file, "choice", tooltip("explore.study"))
@@ -102,13 +103,11 @@ class ExploreToolbar(QObject):
             for kind, tip in (("JSON", tooltip("explore.copy-json")), ("TOML", "Every parameter as TOML for --set"))
         )
         self.sheet_button = SheetButton("explore")
-        self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
-        self.design_button = make_choice(
-            "Design …", "Which added mass for a natural frequency, and which drive for an amplitude", checkable=True
-        )
+        self.identify_button = make_button("Identify …", None, "choice", tooltip("identification"), "explore.identify")
+        tip = "Which added mass for a natural frequency, and which drive for an amplitude"
+        self.design_button = make_button("Design …", None, "choice", tip, checkable=True)
         self.run_chips: dict[Path, QPushButton] = {}
         """A button for each overlaid run, which shows its result."""
-        self.remove_buttons: dict[Path, QPushButton] = {}
         self._build()
 
     def _build(self) -> None:
@@ -155,15 +154,15 @@ class ExploreToolbar(QObject):
         """Show two buttons for each overlaid run: one shows its result, one takes it away."""
         chosen = self.chosen_run
         clear_layout(self.runs_row)
-        self.run_chips, self.remove_buttons = {}, {}
+        self.run_chips = {}
         for run in runs:
-            chip = make_choice(run.label, f"{run.path}: show its result", checkable=True)
-            chip.setChecked(run.path == chosen)
+            tip, is_chosen = f"{run.path}: show its result", run.path == chosen
+            chip = make_button(run.label, None, "choice", tip, checkable=True, checked=is_chosen)
             chip.clicked.connect(lambda checked, path=run.path: self._choose_run(path if checked else None))
             tip = f"Take {run.label} away"
             removing = make_button("✕", partial(self._page.overlaid.remove, run), "choice", tip, accessibleName=tip)
             self.runs_row.addWidget(make_pane(row(chip, removing, spacing=0)))
-            self.run_chips[run.path], self.remove_buttons[run.path] = chip, removing
+            self.run_chips[run.path] = chip
         if chosen is not None and chosen not in self.run_chips:
             self._page.show_result_of(None)
 
@@ -177,13 +176,6 @@ class ExploreToolbar(QObject):
             chip.setChecked(each == path)
         self._page.show_result_of(path)
 
-    def show_fitting(self, fitting: bool) -> None:
-        """Make the fit button cancel while a fit runs."""
-        self.fit_button.setText("Cancel the fit" if fitting else "Fit to the runs")
-
-    def _fit(self) -> None:
-        self._page.overlaid.fit(self._page.model.setting)
-
     def _on_preset(self, index: int) -> None:
         if name := self.preset_box.itemData(index):
             self._page.load_preset(name)
@@ -194,4 +186,4 @@ class ExploreToolbar(QObject):
         except UnitError:
             hz = float("nan")
         if 1 <= hz <= RANGES_HZ[-1]:
-            self._page.plot.show_cursor(hz)
+            self._page.plot.tools.set_cursor(hz)

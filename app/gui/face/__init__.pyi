@@ -2,7 +2,6 @@ from .grid import CLASS_L as CLASS_L
 from .grid import CLASS_M as CLASS_M
 from .grid import CLASS_S as CLASS_S
 from .grid import MENU_HEIGHT as MENU_HEIGHT
-from .grid import PAGE_TOP as PAGE_TOP
 from .grid import STATUS_HEIGHT as STATUS_HEIGHT
 from .grid import STRIP_HEIGHT as STRIP_HEIGHT
 from .grid import SizeClass as SizeClass

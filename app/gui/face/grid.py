@@ -7,8 +7,6 @@ from PySide6.QtWidgets import QWidget
 from app.gui.face.typeface import text_scale
 
 MENU_HEIGHT, STRIP_HEIGHT, STATUS_HEIGHT = 26, 64, 28
-PAGE_TOP = MENU_HEIGHT + STRIP_HEIGHT
-"""y of the page's top edge in every state."""
 
 
 @dataclass(frozen=True, slots=True)

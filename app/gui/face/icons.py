@@ -37,9 +37,6 @@ ICONS: dict[str, str] = {
     "warning": "*M12 1 L23.5 22 H0.5 Z !M12 8 V15 M12 18.4 V18.6",
     "error": "*M7.4 1 H16.6 L23 7.4 V16.6 L16.6 23 H7.4 L1 16.6 V7.4 Z !M8 8 L16 16 M16 8 L8 16",
     "waiting": "O12 12 8.5",
-    "dot": "*O12 12 7",
-    "tick": "M4 12.5 L9.5 18 L20 6.5",
-    "cross": "M5 5 L19 19 M19 5 L5 19",
     "hand": "M7 12 V6.5 C7 4.5 9.8 4.5 9.8 6.5 V11 V4.5 C9.8 2.5 12.6 2.5 12.6 4.5 V11 V5.5 C12.6 3.5 15.4 3.5 15.4 5.5 V12 V8.5 "
     "C15.4 6.5 18.2 6.5 18.2 8.5 V15 C18.2 19.5 15.6 22 12 22 C8.6 22 7 20 5.4 17 L3.6 13.4 C3 12 5 11 6 12.4 L7 14",
     "question": "M9.2 8.2 C9.2 4.2 14.8 4.2 14.8 8.2 C14.8 10.8 12 10.8 12 13.6 M12 18.2 V18.4",
@@ -49,19 +46,9 @@ ICONS: dict[str, str] = {
     "copy": "M9 9 H21 V21 H9 Z M6 15 H3 V3 H15 V6",
     "more": "*O5 12 1.7 *O12 12 1.7 *O19 12 1.7",
     "down": "M5 9 L12 16 L19 9",
-    "up": "M5 15 L12 8 L19 15",
-    "left": "M15 5 L8 12 L15 19",
-    "right": "M9 5 L16 12 L9 19",
-    "add": "M12 4 V20 M4 12 H20",
-    "undo": "M9 4 L4 9 L9 14 M4 9 H14 C22 9 22 20 14 20 H10",
-    "eye": "M2 12 C7 4.5 17 4.5 22 12 C17 19.5 7 19.5 2 12 Z O12 12 3",
-    "folder": "M3 5 H9.5 L12 8 H21 V19 H3 Z",
-    "search": "O10.5 10.5 6.5 M15.5 15.5 L21 21",
     "play": "*M6 3 L20 12 L6 21 Z",
-    "stop": "*M5 5 H19 V19 H5 Z",
     "again": "A12 12 8.5 60 290 M11.5 0.5 L16.3 4.6 L11.5 8.4",
     "nothing": "O12 12 9 M6 18 L18 6",
-    "dots": "*O5 12 1.7 *O12 12 1.7 *O19 12 1.7",
 }
 """By name: M, L, H, V, C and Z as in SVG; O: circle by centre and radius; A: arc by centre, radius, start and span in degrees.
 

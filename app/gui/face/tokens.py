@@ -12,59 +12,74 @@ from app.common import Severity
 APPEARANCES = {"system": "like the system", "light": "light", "dark": "dark"}
 """Choices of the theme, as they are stored in the settings."""
 
+LAYERS = ("#8a5a2b", "#5a6b9a", "#66741a"), ("#d9a066", "#9db0e6", "#b9c95a")
+
+
+class Color:
+    """One colour of the window, as `#rrggbb`, in the light and in the dark theme."""
+
+    def __init__(self, light: str, dark: str) -> None:
+        self._pair = light, dark
+
+    def __get__(self, of: "Tokens", _: object) -> str:
+        return self._pair[of.dark]
+
 
 @dataclass(frozen=True, slots=True)
 class Tokens:
-    """Every colour of the window, as `#rrggbb`; text has a contrast of 4.5 on its ground, outlines and marks of 3."""
+    """Every colour of the window; text has a contrast of 4.5 on its ground, outlines and marks of 3."""
 
     dark: bool
-    window: str
+    window = Color("#f2f4f7", "#12151a")
     """Page."""
-    surface: str
+    surface = Color("#ffffff", "#1b1f26")
     """Card and field."""
-    sunken: str
+    sunken = Color("#e9ecf1", "#262c35")
     """Locked field, track of a bar."""
-    text: str
-    text2: str
+    text = Color("#12161c", "#edf0f4")
+    text2 = Color("#505a68", "#a9b3c0")
     """Captions, axes, notes."""
-    outline: str
+    outline = Color("#7f8896", "#7f8a99")
     """Edge of a control."""
-    line: str
+    line = Color("#d3d8e0", "#39414d")
     """Rule: decoration only."""
-    accent: str
+    accent = Color("#1a5fd0", "#2c6bdd")
     """Ground of what can be pressed, selection, focus; nothing else is blue. Its text is white."""
-    accent_text: str
-    accent_tint: str
-    green: str
+    accent_text = Color("#1a5fd0", "#7fb0ff")
+    accent_tint = Color("#e6effc", "#1e2e4a")
+    green = Color("#12703a", "#157a41")
     """At rest, good; its text is white."""
-    green_text: str
-    green_tint: str
-    amber: str
+    green_text = Color("#0f6632", "#72d697")
+    green_tint = Color("#e3f3e8", "#16301f")
+    amber = Color("#ffc21a", "#ffc21a")
     """Live, attention; its text is black."""
-    amber_text: str
-    amber_tint: str
-    red: str
+    amber_text = Color("#7e4d00", "#ffcb57")
+    amber_tint = Color("#fff2cc", "#3a2e0d")
+    red = Color("#c4001a", "#c4001a")
     """STOP and danger; nothing else is red. Its text is white."""
-    red_text: str
-    red_line: str
-    grey: str
+    red_text = Color("#b00018", "#ff8f95")
+    red_line = Color("#c4001a", "#ff8f95")
+    grey = Color("#505a68", "#505a68")
     """Ground of the sign while nothing is known; its text is white."""
-    violet: str
+    violet = Color("#63399b", "#63399b")
     """SIMULATED, and the darker stripes of its hatch; its text is white."""
-    violet2: str
-    ink: str
+    violet2 = Color("#7650ac", "#7650ac")
+    ink = Color("#12161c", "#edf0f4")
     """Measured data."""
-    model: str
+    model = Color("#0a7a86", "#4cc3cf")
     """Computed data."""
-    band: str
+    band = Color("#cbe6e8", "#1d4046")
     """Uncertainty of computed data."""
-    layers: tuple[str, ...]
-    """Earlier runs, beside their shapes."""
-    sand: str
+    sand = Color("#f6eedd", "#2b261b")
     """First region of a plot."""
-    sand2: str
+    sand2 = Color("#ede0c4", "#383020")
     """Second region of a plot."""
-    sand_text: str
+    sand_text = Color("#6f5420", "#d9be86")
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Of earlier runs, beside their shapes."""
+        return LAYERS[self.dark]
 
     def passed_color(self, passed: bool) -> str:
         """Text colour of a check that passed or failed."""
@@ -100,44 +115,10 @@ class Tokens:
         return palette
 
 
-COLORS: dict[str, tuple[str, str]] = {
-    "window": ("#f2f4f7", "#12151a"),
-    "surface": ("#ffffff", "#1b1f26"),
-    "sunken": ("#e9ecf1", "#262c35"),
-    "text": ("#12161c", "#edf0f4"),
-    "text2": ("#505a68", "#a9b3c0"),
-    "outline": ("#7f8896", "#7f8a99"),
-    "line": ("#d3d8e0", "#39414d"),
-    "accent": ("#1a5fd0", "#2c6bdd"),
-    "accent_text": ("#1a5fd0", "#7fb0ff"),
-    "accent_tint": ("#e6effc", "#1e2e4a"),
-    "green": ("#12703a", "#157a41"),
-    "green_text": ("#0f6632", "#72d697"),
-    "green_tint": ("#e3f3e8", "#16301f"),
-    "amber": ("#ffc21a", "#ffc21a"),
-    "amber_text": ("#7e4d00", "#ffcb57"),
-    "amber_tint": ("#fff2cc", "#3a2e0d"),
-    "red": ("#c4001a", "#c4001a"),
-    "red_text": ("#b00018", "#ff8f95"),
-    "red_line": ("#c4001a", "#ff8f95"),
-    "grey": ("#505a68", "#505a68"),
-    "violet": ("#63399b", "#63399b"),
-    "violet2": ("#7650ac", "#7650ac"),
-    "ink": ("#12161c", "#edf0f4"),
-    "model": ("#0a7a86", "#4cc3cf"),
-    "band": ("#cbe6e8", "#1d4046"),
-    "sand": ("#f6eedd", "#2b261b"),
-    "sand2": ("#ede0c4", "#383020"),
-    "sand_text": ("#6f5420", "#d9be86"),
-}
-"""Every colour in the light and in the dark theme."""
+COLORS = tuple(name for name, each in vars(Tokens).items() if isinstance(each, Color))
+"""Names of the colours."""
 
-LAYERS = ("#8a5a2b", "#5a6b9a", "#66741a"), ("#d9a066", "#9db0e6", "#b9c95a")
-
-LIGHT, DARK = (
-    Tokens(bool(at), layers=LAYERS[at], **{name: pair[at] for name, pair in COLORS.items()}) for at in (0, 1)
-)
-
+LIGHT, DARK = Tokens(dark=False), Tokens(dark=True)
 
 PALETTE_CHANGES = QEvent.Type.PaletteChange, QEvent.Type.ApplicationPaletteChange
 

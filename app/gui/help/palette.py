@@ -52,11 +52,6 @@ class CommandPalette(SearchOverlay):
         self._entries = tuple(entries)
         self.search_for()
 
-    @property
-    def shown(self) -> list[PaletteEntry]:
-        """The entries that match the search."""
-        return [self.list.item(at).data(ENTRY_ROLE) for at in range(self.list.count())]
-
     def choose_selected(self) -> None:
         """Close the palette and perform the selected entry."""
         item = self.list.currentItem()

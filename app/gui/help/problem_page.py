@@ -15,7 +15,7 @@ from app.gui.widgets import (
     BackgroundWorker,
     Mode,
     StatusLine,
-    choose_files,
+    choose_file,
     column,
     configure,
     make_button,
@@ -83,17 +83,8 @@ class ProblemPage(QWidget):
             lambda error: self.message_label.show_message(f"{path} cannot be written: {error}", is_error=True),
         )
 
-    def shutdown(self) -> None:
-        """Wait for the report that is being written."""
-        self._worker.close()
-
     def _choose_file(self) -> None:
         name = f"problem_report_{datetime.now().astimezone():%Y%m%dT%H%M%S}.zip"
-        choose_files(
-            self,
-            "Save the problem report",
-            lambda paths: self.save(paths[0]),
-            "Zip files (*.zip)",
-            str(Path.home() / name),
-            Mode.AnyFile,
+        choose_file(
+            self, "Save the problem report", self.save, "Zip files (*.zip)", str(Path.home() / name), Mode.AnyFile
         )

@@ -12,7 +12,6 @@ from app.archive import AuditResult, begin_audit, verify_audit
 from app.common import AuditEntry, OperationCancelled, Progress, Table, pluralize
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import (
-    BackgroundWorker,
     ProgressRow,
     WrappedRow,
     column,
@@ -42,7 +41,7 @@ class AuditPane(QWidget):
 
     def __init__(self, reload: Callable[[], object]) -> None:
         super().__init__()
-        self._worker = BackgroundWorker("audit", self)
+        self.progress_row = ProgressRow("audit")
         self._folder, self._reload = Path(), reload
         self.head_edit = make_line_edit(
             "laboratory.audit.head",
@@ -57,7 +56,6 @@ class AuditPane(QWidget):
             "Begin the audit trail", self.begin, "choice", "Hash all files of the folder and write the first line"
         )
         self.result_label = make_label(name="laboratory.audit.result")
-        self.progress_row = ProgressRow()
         for button in (self.verify_button, self.begin_button):
             self.progress_row.started.connect(button.setDisabled)
         self.table = ValueTable("laboratory.audit", "entries of the audit trail")
@@ -70,10 +68,6 @@ class AuditPane(QWidget):
             parent=self,
             spacing=4,
         )
-
-    def shutdown(self) -> None:
-        self.progress_row.request_cancel()
-        self._worker.close()
 
     def show_entries(self, folder: Path, entries: Sequence[AuditEntry], problems: Sequence[str]) -> None:
         """Show the entries of a folder, newest first; none: the folder has no trail."""
@@ -104,7 +98,7 @@ class AuditPane(QWidget):
 
     def _run(self, work: Callable[[Progress], object], on_result: Callable[[Any], object]) -> None:
         self._show_result("", "")
-        self.progress_row.run(self._worker, "hashing files", work, on_result, self._on_error)
+        self.progress_row.run("hashing files", work, on_result, self._on_error)
 
     def _on_verified(self, result: AuditResult) -> None:
         lines = [f"✕ {problem}" for problem in result.problems[:SHOWN_PROBLEMS]]

@@ -38,7 +38,7 @@ class CertificatesPane(QWidget):
             (
                 each.due or "not stated",
                 f"{SYMBOLS.get(state, '')}{state}",
-                _days_left(each, today),
+                "" if (left := each.days_left(today)) is None else str(left),
                 each.name,
                 each.number,
                 each.date,
@@ -56,8 +56,3 @@ def _summary(states: Sequence[str]) -> str:
         return "There are no certificates beside the runs."
     texts = [f"{states.count(state)} {state}" for state in SEVERITIES if state in states]
     return ", ".join(texts) or f"{pluralize(len(states), 'certificate')}: none is due within {WARNING_DAYS} days."
-
-
-def _days_left(certificate: Certificate, today: date) -> str:
-    left = certificate.days_left(today)
-    return "" if left is None else str(left)

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QSpinBox
 
-from app.common import Severity, Table, round_figure, sentence_case, typeset
+from app.common import Severity, round_figure, sentence_case, typeset
 from app.fleet import BASELINE, MIN_BASELINE, ChartView, DriftCause, Fleet, GoldenChart, golden_candidates, view_charts
 from app.gui.face import class_of, px
 from app.gui.laboratory.chart_plot import ControlChartPlot
@@ -15,6 +15,7 @@ from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
 from app.gui.results import rich_table
 from app.gui.widgets import (
+    UPRIGHT,
     BackgroundWorker,
     WrappedRow,
     column,
@@ -80,8 +81,7 @@ class ChartPane(ViewPane):
         self.figure_label = make_label(kind="answer", wrap=False, name="laboratory.chart.figure")
         self.unit_label = make_label("%", "unit", wrap=False)
         self.error_label = make_label(kind="note", name="laboratory.chart.error")
-        self.evidence_label = make_label(name="laboratory.chart.evidence")
-        self.evidence_label.setTextFormat(Qt.TextFormat.RichText)
+        self.evidence_label = make_label(name="laboratory.chart.evidence", textFormat=Qt.TextFormat.RichText)
         self.notes_label = make_label(kind="note", name="laboratory.chart.notes")
         self.plot = ControlChartPlot()
         self.broken = ValueTable("laboratory.chart.broken", "values that break a rule")
@@ -97,10 +97,7 @@ class ChartPane(ViewPane):
             self.evidence_label, spacing=8,
         )  # fmt: skip
         signals = make_panel(make_label("Signals", "heading"), (self.broken, 1), self.notes_label, spacing=8)
-        self._side = make_scroll_area(
-            finding, (signals, 1), spacing=8, focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-        )  # fmt: skip
+        self._side = make_scroll_area(finding, (signals, 1), spacing=8, **UPRIGHT)
         self._shown = make_pane(row((make_panel(self.plot, margins=(1, 1, 1, 1)), 1), self._side, spacing=8))
         column(bar, (self._shown, 1), parent=self, spacing=6)
         for combo in (self.golden, self.quantity):
@@ -132,13 +129,8 @@ class ChartPane(ViewPane):
             latest_only="charts",
         )
 
-    @property
-    def exported_table(self) -> Table:
-        assert self.view is not None
-        return self.view.points
-
     def _show_view(self, view: ChartView | None) -> None:
-        self.view = view
+        self.view, self.exported_table = view, None if view is None else view.points
         charts = () if view is None else view.charts
         drifted = next((chart.sensor for chart in charts if chart.cause.is_drift), None)
         fill_combo(self.sensor, [(chart.sensor or "unknown sensor", chart.sensor) for chart in charts], drifted)

@@ -100,13 +100,8 @@ class FleetPane(ViewPane):
             lambda: view_fleet(fleet, query, limits, golden), self._show_view, self._on_error, latest_only="fleet view"
         )
 
-    @property
-    def exported_table(self) -> Table:
-        assert self.view is not None
-        return self.view.specimens
-
     def _show_view(self, view: FleetView | None) -> None:
-        self.view = view
+        self.view, self.exported_table = view, None if view is None else view.specimens
         self.export_button.setEnabled(view is not None)
         self.plot.show_view(view)
         tables = (Table("", "", ()),) * 3 if view is None else (view.summary, view.by_group, view.specimens)

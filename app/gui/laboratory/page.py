@@ -21,12 +21,13 @@ from app.gui.laboratory.fleet_pane import FleetPane
 from app.gui.laboratory.view_pane import ViewPane
 from app.gui.widgets import (
     BackgroundWorker,
+    LowPane,
     ProgressRow,
     Segments,
     StatusLine,
     column,
     configure,
-    make_choice,
+    make_button,
     make_label,
     row,
 )
@@ -123,13 +124,6 @@ def read_records(
     )
 
 
-class _Contents(QWidget):
-    """Contents that scroll only below their least height: a scroll area gives texts that wrap their preferred one."""
-
-    def hasHeightForWidth(self) -> bool:
-        return False
-
-
 class LaboratoryPage(QWidget):
     """Four views of one folder; each is created when it is first shown.
 
@@ -145,7 +139,8 @@ class LaboratoryPage(QWidget):
     def __init__(self, folder: Callable[[], Path], index: Path | None = None) -> None:
         super().__init__()
         self._folder, self._index = folder, index
-        self._worker = BackgroundWorker("laboratory", self)
+        self.progress_row = ProgressRow("laboratory")
+        self._worker = BackgroundWorker("laboratory views", self)
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
         self._busy, self._read_due = False, True
@@ -158,11 +153,10 @@ class LaboratoryPage(QWidget):
         self.views.select(SPECIMENS)
         self.simulated_mark = make_label("SIMULATED", "simulated-mark", wrap=False, name="laboratory.simulated")
         self.simulated_mark.hide()
-        self.kind_button = make_choice("Simulated runs", "Real and simulated runs are never mixed", checkable=True)
-        self.kind_button.hide()
+        tip = "Real and simulated runs are never mixed"
+        self.kind_button = make_button("Simulated runs", self.reload, "choice", tip, checkable=True, visible=False)
         self.count_label = make_label(kind="note", wrap=False, name="laboratory.count")
         self.message_label = configure(StatusLine(), "laboratory.message")
-        self.progress_row = ProgressRow()
         self.stack = QStackedWidget()
         self.empty_label = make_label(kind="note-size", name="laboratory.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.stack.addWidget(self.empty_label)
@@ -175,11 +169,10 @@ class LaboratoryPage(QWidget):
             spacing=6,
             margins=(0, 2, 0, 0),
         )
-        contents = _Contents()
+        contents = LowPane()
         column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, spacing=6)
         column(contents, parent=self)
         self.views.chosen.connect(self.show_view)
-        self.kind_button.clicked.connect(lambda _: self.reload())
 
     # -- interface to the main window ----------------------------------------------------------------------------------
 
@@ -229,12 +222,6 @@ class LaboratoryPage(QWidget):
         if (self._read_due or changed) and not self.progress_row.running and self.isVisible():
             self.reload()
 
-    def shutdown(self) -> None:
-        self.progress_row.request_cancel()
-        self._worker.close()
-        if "audit" in vars(self):
-            self.audit.shutdown()
-
     def save_state(self, settings: QSettings) -> None:
         settings.setValue("laboratory/view", self.view)
 
@@ -273,7 +260,7 @@ class LaboratoryPage(QWidget):
             records = read_records(folder, index, simulated, progress, excluded)
             return before if before is not None and records == before else records
 
-        self.progress_row.run(self._worker, "reading runs", work, self._on_read, self._on_error)
+        self.progress_row.run("reading runs", work, self._on_read, self._on_error)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 

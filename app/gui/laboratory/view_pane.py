@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QWidget
 
 from app.common import Table, sentence_case
 from app.fleet import Fleet
-from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, make_combo
+from app.gui.widgets import BackgroundWorker, Mode, choose_file, make_button, make_combo
 
 
 class ViewPane(QWidget):
@@ -38,18 +38,14 @@ class ViewPane(QWidget):
         self._fleet: Fleet | None = None
         self._folder = Path()
         self.view: Any = None
+        self.exported_table: Table | None = None
+        """Of the view."""
         tip = f"{sentence_case(self.EXPORTED)} as CSV, SI, every digit"
         self.export_button = make_button("Export …", self._choose_export, "choice", tip, self.BUTTON_NAME)
 
-    @property
-    def exported_table(self) -> Table:
-        """The table of the view that is exported."""
-        raise NotImplementedError
-
     def export(self, path: Path) -> None:
         """Write the table of the view as CSV in the background."""
-        if self.view is not None:
-            table = self.exported_table
+        if (table := self.exported_table) is not None:
             self._worker.submit(
                 lambda: table.to_csv(path),
                 lambda _: self._show_message(f"Written: {path}", False),
@@ -66,14 +62,8 @@ class ViewPane(QWidget):
 
     def _choose_export(self) -> None:
         mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
-        choose_files(
-            self,
-            f"Export {self.EXPORTED}",
-            lambda paths: self.export(paths[0]),
-            "CSV (*.csv)",
-            str(self._folder / f"{self.FILE_STEM}{mark}.csv"),
-            Mode.AnyFile,
-        )
+        proposed = str(self._folder / f"{self.FILE_STEM}{mark}.csv")
+        choose_file(self, f"Export {self.EXPORTED}", self.export, "CSV (*.csv)", proposed, Mode.AnyFile)
 
 
 def make_filter_combo(name: str, accessible_name: str, *choices: tuple[str, object]) -> QComboBox:

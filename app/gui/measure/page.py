@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.measure.runs_in_plot import RunsInPlot
 from app.gui.plots import LivePane
-from app.gui.widgets import BackgroundWorker, Mode, add_actions, choose_files, configure, tell
+from app.gui.widgets import BackgroundWorker, Mode, add_actions, at_end, choose_files, configure, tell
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -53,6 +53,8 @@ class MeasurePage(QWidget):
         super().__init__()
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier, shapes)
         self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
+        for each in (self._estimator, self._preflight):
+            at_end(self, each.close)
         self._state: WindowState | None = None
         self._request: CurveRequest | None = None
         self._curve_started, self._last_poll_s = False, 0.0
@@ -195,26 +197,20 @@ class MeasurePage(QWidget):
         if (protocol := self.run_panel.protocol) is not None:
             self._request = curve_request_for(protocol, self.run_panel.folder, self.run_panel.specimen)
 
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._worker.close()
-        self._estimator.close()
-        self._preflight.close()
-
     def restore_state(self, settings: QSettings, restore_form: bool) -> None:
         """Restore saved settings; `restore_form` also restores the form's protocol."""
         if restore_form and (protocol := _saved_form(settings)) is not None:
             self.run_panel.set_protocol(protocol)
         span = settings.value("measure/span")
         if isinstance(span, int | str) and str(span).isdigit():
-            self.live_pane.select_span(int(span))
+            self.live_pane.first_span = int(span)
 
     def save_state(self, settings: QSettings) -> None:
         """Save settings."""
         if (protocol := self.run_panel.protocol) is not None:
             saved = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
             settings.setValue("measure/form", json.dumps(saved))
-        settings.setValue("measure/span", self.live_pane.selected_span)
+        settings.setValue("measure/span", self.live_pane.time_plot.selected_span)
 
 
 def _saved_form(settings: QSettings) -> Protocol | None:
@@ -247,21 +243,18 @@ class FormHistory(QObject):
     def undo(self) -> None:
         """Show the previous protocol."""
         self._remember()
-        if self._panel.form.isEnabled() and self._history.undo():
-            self._show_protocol()
+        self._step(self._history.undo)
 
     def redo(self) -> None:
         """Show the protocol that was undone."""
-        if self._panel.form.isEnabled() and self._history.redo():
-            self._show_protocol()
+        self._step(self._history.redo)
 
     def _remember(self) -> None:
         if (protocol := self._panel.protocol) is not None:
             self._history.push(protocol, _changed_field(self._history.current, protocol))
 
-    def _show_protocol(self) -> None:
-        protocol = self._history.current
-        if protocol is not None:
+    def _step(self, step: Callable[[], bool]) -> None:
+        if self._panel.form.isEnabled() and step() and (protocol := self._history.current) is not None:
             self._panel.set_protocol(protocol)
 
 

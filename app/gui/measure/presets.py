@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QMenu, QMessageBox, QToolButton, QWidgetAction
 
-from app.gui.widgets import Menu, configure, make_line_edit
+from app.gui.widgets import configure, give_menu, make_line_edit
 from protocols.base import Protocol, write_atomic
 
 MAINS_SHIFT, MAINS_SHIFT_HZ = "mains_shift_hz", 3.0
@@ -118,13 +118,10 @@ class PresetButton(QToolButton):
             toolTip="The paper's parameters, or your own",
             popupMode=QToolButton.ToolButtonPopupMode.InstantPopup,
         )
-        menu = Menu(self)
-        menu.aboutToShow.connect(self._fill_menu)
-        self.setMenu(menu)
+        give_menu(self, self._fill_menu)
 
-    def _fill_menu(self) -> None:
-        menu, kind = self.menu(), self.kind
-        menu.clear()
+    def _fill_menu(self, menu: QMenu) -> None:
+        kind = self.kind
         if kind is None:
             return
         menu.addAction("The paper's", lambda: self.preset_chosen.emit(kind.model_validate({})))

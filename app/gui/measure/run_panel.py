@@ -16,6 +16,7 @@ from app.gui.results import ResultCard, rich_table
 from app.gui.widgets import (
     ACTIONS,
     SELECTABLE,
+    UPRIGHT,
     BackgroundWorker,
     ProtocolForm,
     Segments,
@@ -40,7 +41,7 @@ from app.services import FormResult
 from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
 from protocols import PROTOCOLS, rehearse
-from protocols.base import Protocol, RunConditions
+from protocols.base import Protocol
 
 BenchGetter = Callable[[], Bench | None]
 
@@ -91,7 +92,7 @@ class RunPanel(QWidget):
         self.protocol_box = make_combo(
             "measure.protocol", "protocol", choices, kind="heading", toolTip="What to measure"
         )
-        self.about_label = make_label(kind="note", name="measure.about")
+        self.about_label = make_label(kind="note", name="measure.about", alignment=Qt.AlignmentFlag.AlignTop)
         tip = "Name of the specimen, written into the run file and its name"
         self.specimen_edit = make_line_edit("measure.specimen", "specimen", toolTip=tip)
         self.sheet_button = SheetButton("measure")
@@ -102,8 +103,8 @@ class RunPanel(QWidget):
             placeholderText="who measures today?",
             toolTip="Who measures, until midnight; stored in every run. Empty: the login of the computer",
         )
-        self.rehearsal_label = make_label(name="measure.rehearsal", textInteractionFlags=SELECTABLE)
-        self.rehearsal_label.setTextFormat(Qt.TextFormat.AutoText)
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.AutoText, "textInteractionFlags": SELECTABLE}
+        self.rehearsal_label = make_label(name="measure.rehearsal", **rich)
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.result_card = ResultCard()
         self.no_result_label = make_label(
@@ -314,7 +315,6 @@ class RunPanel(QWidget):
             self.folder_edit.setText(str(Path(chosen)))
 
     def _build(self) -> None:
-        self.about_label.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
         self._editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
         self._where = make_labelled_grid(
@@ -336,9 +336,8 @@ class RunPanel(QWidget):
             None,
             margins=(4, 0, 4, 0),
             spacing=8,
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             minimumHeight=MIN_CONTENT_HEIGHT,
+            **UPRIGHT,
         )
         self._setup = make_pane(
             row((self.protocol_box, 1), self.preset_button), self.about_label, (self._content_area, 1), spacing=8
@@ -391,10 +390,7 @@ class OperatorOfToday(QObject):
 
     def read(self) -> None:
         """Show the stored operator; the file is read in the background."""
-        self._worker.submit(remembered_conditions, self._show)
-
-    def _show(self, conditions: RunConditions) -> None:
-        self._panel.show_operator(conditions.operator)
+        self._worker.submit(remembered_conditions, lambda conditions: self._panel.show_operator(conditions.operator))
 
     def _store(self, name: str) -> None:
         def store() -> None:

@@ -32,8 +32,7 @@ class CheckTable(QWidget):
         verdict = self._verdict
         outcome, failed = verdict.outcome, len(verdict.failed_checks)
         count = f"{failed} of {len(verdict.checks)} checks did not pass" if failed else "all checks passed"
-        head = "" if outcome is Outcome.DID_NOT_PASS else f"{outcome}: "
-        text = f"{head}{count}"
+        text = count if outcome is Outcome.DID_NOT_PASS else f"{outcome}: {count}"
         self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {sentence_case(text)}")
         set_tone(self.caption, outcome_severity(outcome))
         rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # failed checks come first

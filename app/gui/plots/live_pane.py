@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShowEvent
-from PySide6.QtWidgets import QFrame, QSplitter, QWidget
+from PySide6.QtWidgets import QFrame, QSplitter
 
 from app.common import natural_frequency_of
 from app.gui.face import px, set_margins
@@ -26,7 +26,7 @@ MIN_PLOT_HEIGHT = 56
 
 
 class LivePane(QSplitter):
-    """The plots of one run; a page may add widgets below.
+    """The plots of one run.
 
     They are made when the pane is first shown or used: the window may show another page first. The model's curve of a run is the
     one of its settings: a curve of other settings, for the next run, is a preview.
@@ -39,8 +39,10 @@ class LivePane(QSplitter):
         self._feed, self._amplifier = feed, amplifier
         self._cards = QFrame(), QFrame()
         self._places = [column(parent=card) for card in self._cards]
-        for card, share in zip(self._cards, (5, 3), strict=True):
-            self.add_widget(card, share)
+        for at, (card, share) in enumerate(zip(self._cards, (5, 3), strict=True)):
+            self.addWidget(card)
+            self.setStretchFactor(at, share)
+            card.setMinimumHeight(MIN_PLOT_HEIGHT)
         self.setChildrenCollapsible(False)
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
@@ -51,7 +53,8 @@ class LivePane(QSplitter):
         """Lets the user choose recorded runs to add to the plot."""
         self.planned: tuple[float, ...] = ()
         """Frequency of each entry of the present run; NaN of one without a sine."""
-        self._span = 0
+        self.first_span = 0
+        """Index of the span of the live traces when they are made."""
         self._outdated = False
         self._threshold: Any = None
         self._before: tuple[str, Any, float] | None = None
@@ -79,29 +82,12 @@ class LivePane(QSplitter):
         """The live traces, below."""
         plot = TimePlot(self._feed, self._amplifier)
         self._places[1].addWidget(plot)
-        plot.select_span(self._span)
+        plot.select_span(self.first_span)
         return plot
 
-    @property
-    def selected_span(self) -> int:
-        """Index of the span of the live traces."""
-        return self.time_plot.selected_span if "time_plot" in vars(self) else self._span
-
-    def select_span(self, index: int) -> None:
-        self._span = index
-        if "time_plot" in vars(self):
-            self.time_plot.select_span(index)
-
-    def add_widget(self, widget: QWidget, share: int) -> None:
-        self.addWidget(widget)
-        self.setStretchFactor(self.count() - 1, share)
-        widget.setMinimumHeight(MIN_PLOT_HEIGHT)
-
     def show_threshold(self, threshold: Any) -> None:
-        """Show a perception threshold; None is the abdomen's."""
+        """Take the perception threshold of plots that are not made yet; None is the abdomen's."""
         self._threshold = threshold
-        if "plots" in vars(self):
-            self.plots.show_threshold(threshold)
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
         """Show the current or last run; without one, the empty plot of the protocol `otherwise`.

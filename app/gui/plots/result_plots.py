@@ -8,14 +8,14 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QPushButton, QStackedWidget
+from PySide6.QtWidgets import QStackedWidget
 
 from app.common import natural_frequency_of
 from app.gui.plots.chart import Chart
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL, layers_of
 from app.gui.plots.picture import Picture
 from app.gui.plots.response import LOWER, ResponseView, RunInPlot, Threshold
-from app.gui.widgets import Menu, configure, make_choice
+from app.gui.widgets import Menu, make_button
 from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol, RunEnded, Series
@@ -29,42 +29,6 @@ if TYPE_CHECKING:
 RESPONSE = "points over frequency"
 MIN_HEIGHT_OF_BOTH = 280
 """Smallest height of a plot with space for a lower panel."""
-
-
-class EntrySelection:
-    """Selected entries of the plan, and the button that repeats them, visible while something is selected.
-
-    Args:
-        changed: called when the selection changes.
-        repeat: called with the selected entries when the button is clicked.
-    """
-
-    def __init__(self, changed: Callable[[], None], repeat: Callable[[tuple[int, ...]], object]) -> None:
-        self.button, self._changed, self._repeat = QPushButton(), changed, repeat
-        self.entries: frozenset[int] = frozenset()
-        self.button.setToolTip("A run that continues this one and measures the selected points again")
-        self.button.hide()
-        self.button.clicked.connect(self._on_clicked)
-
-    def toggle(self, entry: int) -> None:
-        self._set_entries(self.entries ^ {entry})
-
-    def retain(self, entries: Sequence[int]) -> None:
-        """Deselect all entries but these: other points are displayed."""
-        self._set_entries(self.entries & set(entries))
-
-    def _on_clicked(self) -> None:
-        selected = tuple(sorted(self.entries))
-        self._set_entries(frozenset())
-        self._repeat(selected)
-
-    def _set_entries(self, entries: frozenset[int]) -> None:
-        if entries != self.entries:
-            self.entries = entries
-            count = len(entries)
-            self.button.setText(f"Measure {'this point' if count == 1 else f'these {count} points'} again")
-            self.button.setVisible(count > 0)
-            self._changed()
 
 
 class ResultPlots(QStackedWidget):
@@ -101,14 +65,15 @@ class ResultPlots(QStackedWidget):
         """Frequency that is being measured, and its state; NaN without one."""
         self.coming: tuple[float, ...] = ()
         """Frequencies that are still to be measured."""
-        self.selection = EntrySelection(self.draw, self.repeat_requested.emit)
-        self.curves_button = make_choice("Show the curves")
-        self.curves_button.clicked.connect(self._swap)
-        self.lower_button = configure(
-            make_choice("Residual", "Plot below: measured less model", checkable=True), "plot.lower"
-        )
+        self.selected: frozenset[int] = frozenset()
+        """Selected entries of the plan."""
+        tip = "A run that continues this one and measures the selected points again"
+        self.repeat_button = make_button("", self._repeat_selected, tip=tip, visible=False)
+        self.curves_button = make_button("Show the curves", self._swap, "choice")
+        tip = "Plot below: measured less model"
+        self.lower_button = make_button("Residual", None, "choice", tip, "plot.lower", checkable=True)
         self.lower_button.clicked.connect(lambda on: self.choose_lower(self._offered()[0] if on else NOTHING))
-        for button in (self.selection.button, self.curves_button, self.lower_button):
+        for button in (self.repeat_button, self.curves_button, self.lower_button):
             self.chart.head_layout.insertWidget(3, button)
         self.chart.tools.fill_menu = self._fill_menu
         self.chart.point_picked.connect(self._on_picked)
@@ -135,11 +100,11 @@ class ResultPlots(QStackedWidget):
         curves_first: bool = False,
     ) -> None:
         """Show the points, curves and estimates of a run so far; `curves_first` also where the protocol states its points."""
-        self.selection.button.setEnabled(can_run)
+        self.repeat_button.setEnabled(can_run)
         before = self.kind, self._points, self._curves, self._outcome, self._simulated, self._curves_first
         self.kind, self._points, self._curves, self._outcome = kind, points, curves, outcome
         self._simulated, self._entries, self._curves_first = simulated, entries, curves_first
-        self.selection.retain(entries)
+        self._select(self.selected & set(entries))
         if kind.passes_or_fails and outcome is not None and outcome.verdict.checks:
             self.checks.show_verdict(outcome.verdict)
             self.setCurrentWidget(self.checks)
@@ -180,7 +145,7 @@ class ResultPlots(QStackedWidget):
 
     def _picture(self) -> Picture:
         chosen = [
-            bool(self._entries) and i < len(self._entries) and self._entries[i] in self.selection.entries
+            bool(self._entries) and i < len(self._entries) and self._entries[i] in self.selected
             for i in range(len(self._points))
         ]
         estimates = () if self._outcome is None else self._outcome.estimates
@@ -273,4 +238,17 @@ class ResultPlots(QStackedWidget):
 
         at = next((i for i, p in enumerate(self._points) if format_point(p) == text), len(self._points))
         if at < len(self._entries):
-            self.selection.toggle(self._entries[at])
+            self._select(self.selected ^ {self._entries[at]})
+
+    def _select(self, entries: frozenset[int]) -> None:
+        """Select entries of the plan; the button that repeats them is visible while there are some."""
+        if entries != self.selected:
+            self.selected, count = entries, len(entries)
+            self.repeat_button.setText(f"Measure {'this point' if count == 1 else f'these {count} points'} again")
+            self.repeat_button.setVisible(count > 0)
+            self.draw()
+
+    def _repeat_selected(self) -> None:
+        selected = tuple(sorted(self.selected))
+        self._select(frozenset())
+        self.repeat_requested.emit(selected)

@@ -41,19 +41,6 @@ MAX_LABELS = 12
 SIGMAS = 2.0
 
 
-def decimate_to_drawn(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the curve itself, or its min/max decimation if it has more than `MAX_DRAWN_POINTS`."""
-    if x.size <= MAX_DRAWN_POINTS:
-        return x, y
-    return minmax_decimate(x, y, samples_per_column=-(-2 * x.size // MAX_DRAWN_POINTS))
-
-
-def shown_units(kind: type[Protocol]) -> list[tuple[float, str]]:
-    """Return factor and name of the units in which x and y of a protocol are displayed."""
-    columns = point_columns(kind.point_type)
-    return [shown_unit(columns[name][0])[:2] for name in kind.axes]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PointsView:
     """The points of a protocol on its axes, with its fit lines and their residuals, and the model's curve."""
@@ -74,8 +61,9 @@ class PointsView:
         ]  # fmt: skip
 
     def picture(self) -> Picture:
-        (x_factor, x_unit), (y_factor, y_unit) = shown_units(self.kind)
         x_name, y_name = self.kind.axes
+        columns = point_columns(self.kind.point_type)
+        (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(columns[name][0]) for name in self.kind.axes)
         rows = self.rows()
         points: list[Any] = [self.points[i] for i in rows]
         x, y, errors = (
@@ -171,7 +159,7 @@ class CurvesView:
     def _layers(curve: Series, tone: str, labelled: bool, panel: int = 0) -> list[Layer]:
         drawn = curve if panel else displayed(curve)
         x, y, errors = drawn.x, drawn.plotted, drawn.errors
-        few = x.size <= MAX_MARKED_POINTS
+        few, per_column = x.size <= MAX_MARKED_POINTS, -(-2 * x.size // MAX_DRAWN_POINTS)
         name, label = drawn.title or ("" if panel else "curve"), curve.label if labelled else ""
         band, alone = None, np.zeros(x.size, bool)
         if errors is not None:
@@ -181,7 +169,7 @@ class CurvesView:
         layers = [
             layer(
                 name=name, x=x, y=y, band=None if few else band, tone=tone, line=SOLID, width=DATA_WIDTH, label=label,
-                group=label, panel=panel, drawn=None if x.size <= MAX_DRAWN_POINTS else decimate_to_drawn(x, y),
+                group=label, panel=panel, drawn=None if x.size <= MAX_DRAWN_POINTS else minmax_decimate(x, y, per_column),
             )
         ]  # fmt: skip
         if few or alone.any():

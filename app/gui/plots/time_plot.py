@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pyqtgraph as pg
@@ -180,14 +181,11 @@ class TimePlot(Chart):
         self.values[0].title.setText(self._feed.moved[0])
         span, low, high = self.span, self._amplifier.low_v, self._amplifier.high_v
         margin, short = 0.06 * (high - low), self.span.shown_s < 1.0
-        further = [Panel(title=axis_title(name, shown_unit(unit).unit)) for name, unit in self._channels[1:]]
         ticks = (low, self._amplifier.rest_v, high)
-        panels = [
-            Panel(title=", ".join(self._feed.moved), x_labels=False),
-            Panel(title=DRIVE_TITLE, low=low - margin, high=high + margin, ticks=ticks, x_labels=not further),
-            *further,
-        ]
-        panels = [Panel(title=p.title, low=p.low, high=p.high, ticks=p.ticks, x_labels=p is panels[-1]) for p in panels]
+        drive = Panel(title=DRIVE_TITLE, low=low - margin, high=high + margin, ticks=ticks)
+        further = [Panel(title=axis_title(name, shown_unit(unit).unit)) for name, unit in self._channels[1:]]
+        panels = [Panel(title=", ".join(self._feed.moved)), drive, *further]
+        panels = [replace(each, x_labels=each is panels[-1]) for each in panels]
         self._trace_ranges = [(-INITIAL_RANGE_UM, INITIAL_RANGE_UM), None, *(None for _ in further)]
         since = "rising edge" if span.triggered else "now"
         self.show_picture(

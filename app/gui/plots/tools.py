@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
 from app.gui.face import icon, px, text_font
 from app.gui.plots.picture import Layer, color_of, number_text, unit_of
-from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_files, configure, show_text, tooltip
+from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_file, configure, show_text, tooltip
 from model import format_with_uncertainty
 
 if TYPE_CHECKING:
@@ -313,8 +313,8 @@ class PlotFiles:
         """Ask for a file and write the table."""
         self._choose("data", self.write_data, "Tables (*.tsv)", "plot.tsv")
 
-    def _choose(self, what: str, write: Callable[[list[Path]], object], kinds: str, proposed: str) -> None:
-        choose_files(self._chart.canvas, f"Save the {what} of this plot", write, kinds, proposed, Mode.AnyFile)
+    def _choose(self, what: str, write: Callable[[Path], object], kinds: str, proposed: str) -> None:
+        choose_file(self._chart.canvas, f"Save the {what} of this plot", write, kinds, proposed, Mode.AnyFile)
 
     def picture(self) -> QPixmap:
         """Return the plot as it is displayed; a plot of simulated data says SIMULATED."""
@@ -355,8 +355,8 @@ class PlotFiles:
         self._mark(painter)
         return True
 
-    def write_picture(self, paths: list[Path]) -> None:
-        path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
+    def write_picture(self, path: Path) -> None:
+        path = path if path.suffix else path.with_suffix(".png")
         size = self._chart.canvas.viewport().size()
         match path.suffix.lower():
             case ".svg":
@@ -374,8 +374,8 @@ class PlotFiles:
             case _:
                 self._report(self.picture().save(str(path)), path)
 
-    def write_data(self, paths: list[Path]) -> None:
-        path, written = paths[0] if paths[0].suffix else paths[0].with_suffix(".tsv"), False
+    def write_data(self, path: Path) -> None:
+        path, written = path if path.suffix else path.with_suffix(".tsv"), False
         with suppress(OSError):
             written = path.write_text(self._chart.table(), encoding="utf-8") > 0
         self._report(written, path)

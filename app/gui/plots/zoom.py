@@ -1,6 +1,5 @@
 """View box that is zoomed with the wheel or a dragged box, and keeps the zoom while new data arrive."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pyqtgraph as pg
@@ -14,10 +13,10 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
         self.zoomed = False
         self._whole: tuple[tuple[float, float], tuple[float, float]] | None = None
         super().__init__(enableMenu=False)
-        self.setMouseMode(pg.ViewBox.RectMode)
         self.setMouseEnabled(x=zooms, y=zooms)
         self.disableAutoRange()
         self.setDefaultPadding(0)
+        self.sigRangeChangedManually.connect(self._on_zoomed)
 
     def set_whole(self, x: tuple[float, float], y: tuple[float, float]) -> None:
         """Set the whole range; while the user has zoomed, it is kept for later."""
@@ -34,13 +33,8 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
     def zoom(self, factor: float) -> None:
         """Scale the visible range around its middle; a factor below 1 shows less."""
         if any(self.state["mouseEnabled"]):
-            self._as_user(lambda: self.scaleBy((factor, factor)))
-
-    def wheelEvent(self, ev: Any, axis: Any = None) -> None:
-        if any(self.state["mouseEnabled"]):
-            self._as_user(lambda: super(ZoomBox, self).wheelEvent(ev, axis))
-        else:
-            ev.ignore()
+            self.scaleBy((factor, factor))
+            self.zoomed = True
 
     def mouseDragEvent(self, ev: Any, axis: Any = None) -> None:
         moves = ev.button() is Qt.MouseButton.MiddleButton
@@ -48,8 +42,7 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
             ev.ignore()
             return
         self.state["mouseMode"] = pg.ViewBox.PanMode if moves else pg.ViewBox.RectMode
-        self._as_user(lambda: super(ZoomBox, self).mouseDragEvent(ev, axis), zooms=moves or ev.isFinish())
+        super().mouseDragEvent(ev, axis)
 
-    def _as_user(self, change: Callable[[], object], zooms: bool = True) -> None:
-        change()
-        self.zoomed = self.zoomed or zooms
+    def _on_zoomed(self) -> None:
+        self.zoomed = True

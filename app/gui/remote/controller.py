@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, QSettings, Signal
 
-from app.gui.widgets import BackgroundWorker
+from app.gui.widgets import BackgroundWorker, at_end
 from app.live import SessionAdapter
 from app.session import SessionEvent, WindowState
 from protocols.base import RunEnded, StopOffered
@@ -44,6 +44,7 @@ class RemoteController(QObject):
         self._shown: tuple[WindowState, str, str] | None = None
         self._beat_s = time.monotonic()
         self._worker = BackgroundWorker("web page", self)
+        at_end(self, self._stop_server)  # after its worker
         self.server: RemoteView | None = None
         """Made in the background when the page is first opened: its imports take some hundredths of a second."""
         self.url = self.stop_url = self.problem = ""
@@ -75,15 +76,13 @@ class RemoteController(QObject):
             self.stop_url = url
             self.changed.emit()  # queued: it is another thread
 
+    def _stop_server(self) -> None:
+        if self.server is not None:
+            self.server.stop()
+
     def beat(self) -> None:
         """Note that the window is alive."""
         self._beat_s = time.monotonic()
-
-    def shutdown(self) -> None:
-        """Close the server."""
-        self._worker.close()
-        if self.server is not None:
-            self.server.stop()
 
     def _apply(self) -> None:
         from secrets import token_urlsafe

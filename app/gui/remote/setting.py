@@ -8,7 +8,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.remote.controller import MODES, NETWORK, RemoteController
-from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_combo, make_label, show_text
+from app.gui.widgets import SELECTABLE, column, configure, make_button, make_combo, make_label, show_text
 
 MODULE_PIXELS = 5
 DESCRIPTION = (
@@ -28,9 +28,8 @@ class RemoteSetting(QWidget):
         self.address = make_label(name="settings.remote.address", textInteractionFlags=SELECTABLE)
         self.code = configure(QLabel(), "settings.remote.code", accessibleName="address of the web page as a QR code")
         self.code.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.renew_button = configure(
-            make_choice("New token", "Addresses with the present token are no longer valid"), "settings.remote.renew"
-        )
+        tip = "Addresses with the present token are no longer valid"
+        self.renew_button = make_button("New token", remote.renew_token, "choice", tip, "settings.remote.renew")
         self.stop_address = make_label(name="settings.remote.stop-address", textInteractionFlags=SELECTABLE)
         self.stop_code = configure(
             QLabel(), "settings.remote.stop-code", accessibleName="address of the stop of this run as a QR code"
@@ -39,7 +38,6 @@ class RemoteSetting(QWidget):
         parts = (self.mode, self.address, self.code, self.renew_button, self.stop_address, self.stop_code)
         column(*parts, parent=self, spacing=6)
         self.mode.currentIndexChanged.connect(lambda _: remote.set_mode(self.mode.currentData()))
-        self.renew_button.clicked.connect(lambda _=False: remote.renew_token())
         remote.changed.connect(self._show)
         self._show()
 

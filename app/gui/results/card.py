@@ -4,6 +4,7 @@ from collections.abc import Sequence, Set
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
@@ -133,19 +134,16 @@ class ResultCard(QFrame):
         self.figure_label = make_label(kind="answer", wrap=False, name=f"{prefix}.figure")
         self.unit_label = make_label(kind="unit", wrap=False, name=f"{prefix}.unit")
         self.bar = UncertaintyBar()
-        self.total_label = make_label(wrap=False, name=f"{prefix}.total")
-        self.total_label.setTextFormat(Qt.TextFormat.RichText)
+        self.total_label = make_label(wrap=False, name=f"{prefix}.total", textFormat=Qt.TextFormat.RichText)
         self.total_label.setToolTip(
             "The budget of the identification (Shift+F7) has the total" * ("budget" in self._actions)
         )
         self.total_label.linkActivated.connect(self._request)
         self.noise_label = make_label(wrap=False, name=f"{prefix}.noise")
+        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
         self.more_label, self.checks_label = (
-            make_label(kind="small", name=f"{prefix}.{part}", textInteractionFlags=SELECTABLE)
-            for part in ("more", "checks")
+            make_label(kind="small", name=f"{prefix}.{part}", **rich) for part in ("more", "checks")
         )
-        for label in (self.more_label, self.checks_label):
-            label.setTextFormat(Qt.TextFormat.RichText)
         self.note_label = make_label(NOTE, "note")
         self.file_label = configure(ElidedLabel(), f"{prefix}.file", kind="note")
         bottom = Qt.AlignmentFlag.AlignBottom
@@ -236,6 +234,7 @@ class ResultCard(QFrame):
             resuming.setText(f"Continue{of}")
         self.note_label.setText(NOTE)
         self._fit()
+        self.show()
 
     @property
     def _is_acceptable(self) -> bool:

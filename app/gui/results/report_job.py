@@ -7,7 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QProcess, QUrl
 from PySide6.QtGui import QDesktopServices
 
-from app.gui.widgets import BackgroundWorker
+from app.gui.widgets import BackgroundWorker, at_end
 
 PROGRAM = ("-c", "from app.cli.main import entry; entry()", "report")
 
@@ -30,6 +30,7 @@ class ReportJob(QObject):
         self._show_message, self._open_file = show_message, open_file
         self._process: QProcess | None = None
         self._worker = BackgroundWorker("report", self)
+        at_end(self, self._end)
 
     def start_of(self, run: Path) -> None:
         """Write the report of the specimen of a run; the file is read in the background."""
@@ -54,9 +55,8 @@ class ReportJob(QObject):
         process.errorOccurred.connect(lambda _: self._on_failed(process.errorString()))
         process.start(sys.executable, [*PROGRAM, specimen, "--folder", str(folder), "--out", str(folder)])
 
-    def shutdown(self) -> None:
+    def _end(self) -> None:
         """End a report that is being written."""
-        self._worker.close()
         if (process := self._process) is not None:
             process.kill()
             process.waitForFinished()

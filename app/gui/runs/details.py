@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QFocusEvent
@@ -16,12 +17,14 @@ from app.gui.results import ResultCard
 from app.gui.runs.compare import ComparisonPlot, DifferencesPane
 from app.gui.widgets import (
     SELECTABLE,
+    UPRIGHT,
     Menu,
     ProgressRow,
     column,
     configure,
+    give_menu,
     grid,
-    make_choice,
+    make_button,
     make_label,
     make_line_edit,
     make_scroll_area,
@@ -78,12 +81,13 @@ class RunDetailsPane(QWidget):
         self.is_reading = False
         """Whether the runs of the folder are still being read."""
         self.heading = make_label(kind="caption", name="runs.heading")
-        self.message_label = make_label(name="runs.message", visible=False, openExternalLinks=True)
+        links: dict[str, Any] = {"textFormat": Qt.TextFormat.AutoText, "openExternalLinks": True}
+        self.message_label = make_label(name="runs.message", visible=False, **links)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.card = ResultCard("runs.card", ("next", "report"))
         """Of a single selected run."""
         self.differences = DifferencesPane(MAX_SIDE_BY_SIDE)
-        self.progress_row = ProgressRow()
+        self.progress_row = ProgressRow("transfers")
         self.plot = configure(_LowComparisonPlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText="good, second try")
@@ -92,7 +96,7 @@ class RunDetailsPane(QWidget):
         self.tags_edit.editingFinished.connect(self._save_notes)
         self.note_edit.focus_lost.connect(self._save_notes)
         self.open_button, self.continue_button, self.explore_button = (
-            configure(make_choice(text, tip), f"runs.{name}")
+            make_button(text, None, "choice", tip, f"runs.{name}")
             for text, tip, name in (
                 ("Open", "Enter", "open"),
                 ("Continue", tooltip("runs.continue"), "continue-button"),
@@ -101,20 +105,11 @@ class RunDetailsPane(QWidget):
         )
         self.result_plots = configure(_LowResultPlots(), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120)
         self.result_plots.hide()
-        self.export_button = configure(
-            make_choice("Export", tooltip("runs.export")), "runs.export", accessibleName="export the selected runs"
+        about = "export the selected runs"
+        self.export_button = make_button(
+            "Export", None, "choice", tooltip("runs.export"), "runs.export", accessibleName=about
         )
-        menu = Menu(self.export_button)
-        for kind in FORMATS:
-            action = menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
-            action.setObjectName(f"runs.export-{kind}")
-        menu.addSeparator()
-        picture = menu.addAction("Picture of the plot (PNG, SVG, PDF) …", self._save_picture)
-        picture.setObjectName("runs.export-picture")
-        menu.aboutToShow.connect(
-            lambda: picture.setEnabled(not (self.plot.isHidden() and self.result_plots.isHidden()))
-        )
-        self.export_button.setMenu(menu)
+        give_menu(self.export_button, self._fill_exports)
         self._build()
 
     def _build(self) -> None:
@@ -125,18 +120,8 @@ class RunDetailsPane(QWidget):
             (self.note_edit, 1, 1),
         )
         buttons = row(self.open_button, self.continue_button, self.explore_button, None, self.export_button, spacing=6)
-        area = make_scroll_area(
-            (self.plot, 1),
-            (self.result_plots, 1),
-            (self.empty_label, 1),
-            self.facts_label,
-            self.differences,
-            self.card,
-            fields,
-            spacing=6,
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-        )
+        plots = ((self.plot, 1), (self.result_plots, 1), (self.empty_label, 1))
+        area = make_scroll_area(*plots, self.facts_label, self.differences, self.card, fields, spacing=6, **UPRIGHT)
         content = area.widget()
         self._content_layout = None if content is None else content.layout()
         column(
@@ -151,9 +136,14 @@ class RunDetailsPane(QWidget):
         )
         self.plot.hide()  # until something is chosen
 
-    def _save_picture(self) -> None:
-        """Ask for the file of the picture of the plot that is shown."""
-        (self.result_plots.chart if self.plot.isHidden() else self.plot).tools.files.choose_picture()
+    def _fill_exports(self, menu: Menu) -> None:
+        """Fill the menu with the formats of the data, and the picture of the plot that is shown."""
+        for kind in FORMATS:
+            menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
+        menu.addSeparator()
+        files = (self.result_plots.chart if self.plot.isHidden() else self.plot).tools.files
+        picture = menu.addAction("Picture of the plot (PNG, SVG, PDF) …", files.choose_picture)
+        picture.setEnabled(not (self.plot.isHidden() and self.result_plots.isHidden()))
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""
@@ -209,7 +199,6 @@ class RunDetailsPane(QWidget):
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""
         kind = PROTOCOLS.get(run.record.protocol)
         self.card.show_summary(run.result)
-        self.card.show()
         show_text(self.facts_label, self._people)
         if kind is None or not (run.points or run.series) or self.plot.isVisibleTo(self):
             return

@@ -24,31 +24,17 @@ from app.session import protocol_title
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 
 
-class _Search(QLineEdit):
-    """Search field; Down and Enter move to the list."""
-
-    focus_list_requested = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in (Qt.Key.Key_Down, Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.focus_list_requested.emit()
-            return
-        super().keyPressEvent(event)
-
-
 class RunFilterBar(QWidget):
     """Search field and combo boxes that filter the list of runs."""
 
     changed = Signal()
     list_requested = Signal()
     stop_pressed = Signal()
-    progressed = Signal(float, str)
-    """Fraction of a scan and its text; emitted from another thread."""
 
     def __init__(self) -> None:
         super().__init__()
         self.search_edit = configure(
-            _Search(),
+            QLineEdit(),
             "runs.search",
             placeholderText="Words, or specimen:T2  tag:reference  after:2026-10  sensor:LK",
             accessibleName="search",
@@ -79,11 +65,16 @@ class RunFilterBar(QWidget):
         column(row((self.search_edit, 1), *shown, spacing=6), self.chips, parent=self, margins=(0, 2, 0, 0), spacing=6)
         self.search_edit.textChanged.connect(self._show_chips)
         self.search_edit.textChanged.connect(lambda _: self.changed.emit())
-        self.search_edit.focus_list_requested.connect(self.list_requested)
         for combo in self._combos:
             combo.currentIndexChanged.connect(lambda _: self.changed.emit())
-        self.progressed.connect(self._show_progress)
         self._count_text = ""
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Move from the search field to the list with Down and Enter, which the field does not use."""
+        if self.search_edit.hasFocus() and event.key() in (Qt.Key.Key_Down, Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.list_requested.emit()
+        else:
+            super().keyPressEvent(event)
 
     @property
     def selected_filter(self) -> RunFilter:
@@ -161,7 +152,8 @@ class RunFilterBar(QWidget):
         self.count_label.setText(f"{self._count_text}{'' if result.complete else '; reading was stopped'}")
         self.count_label.setToolTip("\n".join(result.skipped))
 
-    def _show_progress(self, fraction: float, text: str) -> None:
+    def show_progress(self, fraction: float, text: str) -> None:
+        """Show how far a scan is."""
         if text and fraction < 1:
             self.stop_button.show()
             self.count_label.setText(text)

@@ -35,7 +35,7 @@ class RunFolderModel(QObject):
     def __init__(self, folder: Callable[[], Path], index: Path | None, parent: QObject) -> None:
         super().__init__(parent)
         self._folder, self._index = folder, index
-        self._worker = BackgroundWorker("runs", self)
+        self._worker = BackgroundWorker("runs", self, self.cancel)
         self.summaries: list[RunSummary] = []
         self._catalogue: Catalogue | None = None
         self.is_reading = False
@@ -90,11 +90,6 @@ class RunFolderModel(QObject):
     def annotate(self, runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
         """Write tags and a note for runs, which are given with their present tags and note."""
         self._worker.submit(lambda: annotate_runs(list(runs), tags, note), lambda _: self.rescan(), self._on_error)
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._progress.cancelled = True
-        self._worker.close()
 
     def _on_listed(self, summaries: list[RunSummary]) -> None:
         self.summaries, self.is_reading = summaries, self._scanning

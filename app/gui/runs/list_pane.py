@@ -23,13 +23,11 @@ class RunListPane(QWidget):
     """Lists and filters the runs, and keeps their selection."""
 
     selection_changed = Signal()
-    open_requested = Signal()
-    """The first selected run is to be opened."""
 
     def __init__(self, folder: Callable[[], Path], index: Path | None) -> None:
         super().__init__()
         self.folder_model = RunFolderModel(folder, index, self)
-        self.model = RunTableModel()
+        self.model = RunTableModel(self)
         self._rows: list[int] | None = None
         self.model.modelReset.connect(self._forget_rows)
         self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()
@@ -41,12 +39,10 @@ class RunListPane(QWidget):
         self.filter_bar.list_requested.connect(self.table.setFocus)
         self.folder_model.cleared.connect(self._update_table)
         self.folder_model.listed.connect(self._on_listed)
-        self.folder_model.progressed.connect(self.filter_bar.progressed)
+        self.folder_model.progressed.connect(self.filter_bar.show_progress)
         self.folder_model.scanned.connect(self._on_scanned)
         self.table.selectionModel().selectionChanged.connect(self._forget_rows)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
-        self.table.open_requested.connect(self.open_requested)
-        self.table.doubleClicked.connect(lambda _: self.open_requested.emit())
         self.details.notes_changed.connect(self.annotate)
 
     @property
@@ -93,7 +89,7 @@ class RunListPane(QWidget):
         """Return the context menu of the selected runs, with the actions of a page."""
         menu = Menu(self.table)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        menu.addAction(f"{self.details.open_button.text()}\tEnter", self.open_requested.emit)
+        menu.addAction(f"{self.details.open_button.text()}\tEnter", self.table.open_requested.emit)
         one = self.selected[0] if len(self.selected) == 1 else None
         if one is not None and one.readable and one.specimen:
             menu.addAction(

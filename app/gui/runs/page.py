@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QStackedWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import Format, LoadedRun, RunState, RunSummary, TraceWindow, load_run, load_trace_window
 from app.comparison import MAX_RUNS, ComparedRun, Comparison, ComparisonView, model_in, model_request
@@ -21,10 +21,12 @@ from app.gui.widgets import (
     FileDrops,
     Mode,
     add_actions,
+    at_end,
+    choose_file,
     choose_files,
     tooltip,
 )
-from app.live import CurveRequest, Overlay, elongations_of
+from app.live import Overlay, curve_request_of
 from app.session import WindowState
 from protocols.runfile import RunReadError
 
@@ -57,6 +59,7 @@ class RunsPage(QStackedWidget):
     ) -> None:
         super().__init__()
         self._overlay = Overlay(overlay.amplifier, overlay.cache)
+        at_end(self, self._overlay.close)
         self._worker = BackgroundWorker("run files", self)
         self._folder = folder
         self.list, self.viewer = RunListPane(folder, index), RunViewer()
@@ -83,13 +86,9 @@ class RunsPage(QStackedWidget):
 
     def activate(self) -> None:
         """Take the keyboard focus."""
-        shown = self.currentWidget()
-        widgets = {self.viewer: self.viewer.back_button, self.workspace: self.workspace.layers}
-        (
-            widgets.get(shown, self.list.table)
-            if isinstance(shown, RunViewer | ComparisonWorkspace)
-            else self.list.table
-        ).setFocus()
+        first: dict[QWidget | None, QWidget]
+        first = {self.viewer: self.viewer.back_button, self.workspace: self.workspace.layers}
+        first.get(self.currentWidget(), self.list.table).setFocus()
 
     def tick(self) -> None:
         """Refresh values that change between events; called at every tick while the page is visible."""
@@ -100,15 +99,6 @@ class RunsPage(QStackedWidget):
             self.viewer.plots.show_model_curve(curve)
         elif (shown := self.workspace.comparison) is not None and shown.view.model and not shown.model:
             self.workspace.show_model(model_in(curve, curve.request.amplitude_v))
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self.transfers.shutdown()
-        self.list.folder_model.shutdown()
-        self.list.model.thumbnails.shutdown()
-        self._worker.close()
-        self.workspace.shutdown()
-        self._overlay.close()
 
     # -- commands -------------------------------------------------------------------------------------------
 
@@ -167,9 +157,10 @@ class RunsPage(QStackedWidget):
 
     def import_files(self, paths: list[Path]) -> None:
         """Copy run files into the folder, and import tables."""
-        if runs := [path for path in paths if path.suffix == ".h5"]:
+        runs = [path for path in paths if path.suffix.lower() in RUN_SUFFIXES]
+        if runs:
             self.transfers.copy_in(runs)
-        if tables := [path for path in paths if path.suffix != ".h5"]:
+        if tables := [path for path in paths if path not in runs]:
             self.transfers.import_tables(tables)
 
     # -- inside --------------------------------------------------------------------------------------------------------
@@ -216,7 +207,7 @@ class RunsPage(QStackedWidget):
         button.setToolTip(f"Cannot continue: {why}" if why else tooltip("runs.continue"))
 
     def _choose_imports(self) -> None:
-        kinds = " ".join(f"*{suffix}" for suffix in sorted({".h5", *TABLE_SUFFIXES}))
+        kinds = " ".join(f"*{suffix}" for suffix in sorted(RUN_SUFFIXES | TABLE_SUFFIXES))
         choose_files(
             self, "Import run files and tables", self.import_files, f"Runs and tables ({kinds})", str(self._folder()),
             Mode.ExistingFiles,
@@ -230,11 +221,7 @@ class RunsPage(QStackedWidget):
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
         self.viewer.show_run(run)
-        amplitude_v = float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2
-        folder, elongations = run.path.parent, elongations_of(run.points)
-        self._overlay.submit(
-            CurveRequest(1.05 * run.max_hz, amplitude_v, folder, run.record.specimen, elongations, run.record.protocol)
-        )
+        self._overlay.submit(curve_request_of(run))
         self.setCurrentWidget(self.viewer)
         self.viewer.back_button.setFocus()
 
@@ -255,8 +242,8 @@ class RunsPage(QStackedWidget):
 
     def _choose_export_folder(self, kind: Format) -> None:
         if chosen := self.list.selected:
-            choose_files(
-                self, "Folder for the exported files", lambda paths: self.export_selected(paths[0], kind, chosen),
+            choose_file(
+                self, "Folder for the exported files", lambda path: self.export_selected(path, kind, chosen),
                 start=str(self._folder()), mode=Mode.Directory,
             )  # fmt: skip
 
@@ -268,12 +255,12 @@ class RunsPage(QStackedWidget):
     def _connect_signals(self) -> None:
         self.list.folder_model.failed.connect(self._on_error)
         self.list.selection_changed.connect(self._on_selection_changed)
-        self.list.open_requested.connect(self.open_selected)
+        self.list.table.open_requested.connect(self.open_selected)
         self.list.table.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.list.table.customContextMenuRequested.connect(
             lambda at: self.list.make_menu(self).popup(self.list.table.viewport().mapToGlobal(at))
         )
-        FileDrops(self, {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables}, own=False)
+        FileDrops(self, RUN_SUFFIXES | TABLE_SUFFIXES, self.import_files, own=False)
         self.details.continue_button.clicked.connect(self.continue_selected)
         self.transfers.finished.connect(self.list.folder_model.rescan)
         self.transfers.message.connect(self.details.show_message)

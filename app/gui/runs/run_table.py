@@ -12,6 +12,7 @@ from PySide6.QtCore import (
     QItemSelectionModel,
     QMimeData,
     QModelIndex,
+    QObject,
     QPersistentModelIndex,
     QRectF,
     Qt,
@@ -70,8 +71,8 @@ ROW_HEIGHT, DAY_HEIGHT, BADGE_PX, HATCH_PX = 40, 28, 18, 6
 class RunTableModel(QAbstractTableModel):
     """Table of run summaries, sortable; dragged rows carry their run files."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
         self.folder = Path()
         self.thumbnails = Thumbnails(self)
         self.thumbnails.changed.connect(self._on_thumbnails)
@@ -267,6 +268,7 @@ class RunTableView(QTableView):
     """Table in which Enter opens the selected run; not a shortcut, because Enter answers a prompt first."""
 
     open_requested = Signal()
+    """The first selected run is to be opened."""
 
     def __init__(self, model: RunTableModel) -> None:
         super().__init__()
@@ -278,6 +280,7 @@ class RunTableView(QTableView):
         )  # fmt: skip
         self.setItemDelegate(RunDelegate(self))
         model.modelReset.connect(self._make_place_for_days)
+        self.doubleClicked.connect(lambda _: self.open_requested.emit())
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         header = self.horizontalHeader()
         # A header that knows the selection asks for the flags of every cell of it when it is painted.

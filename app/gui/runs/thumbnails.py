@@ -31,12 +31,12 @@ class Thumbnails(QObject):
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
-        self._worker = BackgroundWorker("thumbnails", self)
         self._sketches: dict[tuple[Path, int], Sketch] = {}
         self._pixmaps: dict[tuple[Path, int, int, bool], QPixmap] = {}
         self._wanted: dict[tuple[Path, int], None] = {}
         self._timer = QTimer(self, singleShot=True, interval=SETTLE_MS)
         self._timer.timeout.connect(self._read)
+        self._worker = BackgroundWorker("thumbnails", self, self._timer.stop)
 
     def pixmap(self, folder: Path, run: RunSummary) -> QPixmap:
         """Return the thumbnail of a run."""
@@ -50,11 +50,6 @@ class Thumbnails(QObject):
         if sketch is None:
             return self._drawn((Path(), 0), NO_SKETCH)
         return self._drawn(key, sketch)
-
-    def shutdown(self) -> None:
-        """Stop the background thread."""
-        self._timer.stop()
-        self._worker.close()
 
     def _read(self) -> None:
         if self._worker.pending:

@@ -53,7 +53,7 @@ class RunTransfers(QObject):
     ) -> None:
         super().__init__(parent)
         self._progress_row, self._folder, self._specimen, self._amplifier = progress_row, folder, specimen, amplifier
-        self._worker, self._trash_worker = BackgroundWorker("transfers", self), BackgroundWorker("trash", self)
+        self._trash_worker = BackgroundWorker("trash", self)
         self._trashed: list[list[TrashedRun]] = []
         """The deletions that can be undone, the last one at the end."""
 
@@ -63,7 +63,7 @@ class RunTransfers(QObject):
         def describe(exported: tuple[int, list[str]]) -> str:
             count, left_out = exported
             written = [f"{pluralize(count, 'file')} written to {folder_link(folder)}"]
-            return "\n".join([*written, *(f"Without raw data: {reason}." for reason in left_out)])
+            return "<br>".join([*written, *(f"Without raw data: {escape(reason)}." for reason in left_out)])
 
         work = partial(export_runs, paths, folder, kind)
         self._start(f"exporting {pluralize(len(paths), 'run')} …", work, describe)
@@ -120,12 +120,6 @@ class RunTransfers(QObject):
         self.message.emit(str(error), True)
         self.finished.emit()
 
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._progress_row.request_cancel()
-        self._worker.close()
-        self._trash_worker.close()
-
     def _start(self, text: str, work: Callable[[Progress], Any], describe_result: Callable[[Any], str]) -> None:
         """Run a file operation in the background; `describe_result` returns the message about its result."""
         progress_row = self._progress_row
@@ -145,4 +139,4 @@ class RunTransfers(QObject):
             self.message.emit(f"{error}{more if isinstance(error, UsageError) else ''}", True)
 
         self.message.emit("", False)
-        progress_row.run(self._worker, text, work, done, failed)
+        progress_row.run(text, work, done, failed)

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.archive import LoadedRun, run_settings
 from app.common import format_duration, format_outcome
@@ -14,12 +14,11 @@ from app.gui.widgets import (
     SELECTABLE,
     LogView,
     column,
-    configure,
+    make_button,
     make_label,
     make_scroll_area,
     make_splitter,
     row,
-    show_key,
 )
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Outcome, RunEnded, RunStatus
@@ -38,10 +37,8 @@ class RunViewer(QWidget):
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(), TracePlot(), LogView()
         self.card = ResultCard("run.card", ("next", "report"), scrolls=True)
-        self.back_button = configure(QPushButton("Back"), "run.back")
-        self.explore_button = configure(QPushButton("Show in Explore"), "run.explore")
-        show_key(self.back_button, "Esc")
-        show_key(self.explore_button, "E")
+        self.back_button = make_button("Back", name="run.back", key="Esc")
+        self.explore_button = make_button("Show in Explore", name="run.explore", key="E")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
@@ -67,7 +64,6 @@ class RunViewer(QWidget):
         self.run = run
         self.heading.setText(run.record.title)
         self.card.show_summary(run.result)
-        self.card.show()
         judged = run.record.verdict.outcome is not Outcome.NOT_JUDGED
         how = "" if judged else format_outcome(run.record.state, run.record.reason)
         begun = f"{run.record.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.record.duration_s)}"

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
+from app.gui.widgets import at_end
+
 FRAME_MS = 16
 REST_MS = 200
 """Interval at rest. Nothing urgent changes between ticks: another value at the card wakes the window at once."""
@@ -35,6 +37,7 @@ class Heartbeat(QObject):
         self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._beat)
         self._timer.start()
+        at_end(self, self._timer.stop)
         self._woken.connect(self._beat, Qt.ConnectionType.QueuedConnection)
 
     def watch(self) -> None:
@@ -48,10 +51,6 @@ class Heartbeat(QObject):
         if not self._is_woken:
             self._is_woken = True
             self._woken.emit()
-
-    def stop(self) -> None:
-        """Tick no more."""
-        self._timer.stop()
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
         if event.type() in INPUTS:

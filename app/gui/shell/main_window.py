@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit,
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, SizeClass, class_of, set_length
+from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, set_length
 from app.gui.remote import RemoteController
 from app.gui.shell.heartbeat import Heartbeat
 from app.gui.shell.look import FRAME_SIZE, WindowLook
@@ -45,6 +45,7 @@ from app.gui.widgets import (
     add_actions,
     column,
     configure,
+    end_all,
     make_combo,
     row,
     tell,
@@ -121,7 +122,6 @@ class MainWindow(QMainWindow):
         self.replaced = False
         """Another window with another bench takes the place of this one, which stays visible until then."""
         self._force_close = self._session_closed = self._connect_started = False
-        self._grid: SizeClass | None = None
         state = initial_window_state(
             config.amplifier.amplifier_map, config.name, config.simulated, _instrument_names(config)
         )
@@ -161,15 +161,6 @@ class MainWindow(QMainWindow):
             self.tabs.show_message(
                 f"Not started: {self.state.blocked_reason or 'the form has a fault, which is marked'}."
             )
-
-    def _on_card_requested(self, action: str, _path: Path) -> None:
-        """Start another run from the result card; the pages do the rest."""
-        if action == "again":
-            self.start_run()
-        elif action == "continue":
-            self.controller.repeat_entries((), self.tabs.folder)
-        elif action == "budget":
-            self.tabs.identification_requested.emit()
 
     def escape(self) -> None:
         """Stop from arming until rest is measured; otherwise close what lies on top, or go one step back."""
@@ -286,10 +277,8 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
-            self.heartbeat.stop()
             self._save()
-            for part in (self.tabs, self.central, self.notifier, self.remote, *self._faults):
-                part.shutdown()
+            end_all(self)
             if self.replaced:
                 event.ignore()
                 QApplication.exit()
@@ -320,9 +309,7 @@ class MainWindow(QMainWindow):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        if (grid := class_of(self)) is not self._grid:
-            self._grid = grid
-            self.rail.fit()
+        self.rail.fit()
 
     def event(self, event: QEvent) -> bool:
         if isinstance(event, Told):
@@ -371,16 +358,13 @@ class MainWindow(QMainWindow):
         self.look.text_size_changed.connect(self.rail.fit)
         for drawer in self._faults:
             drawer.faults_changed.connect(self.ribbon.show_faults)
-        self.ribbon.clicked.connect(lambda _=False: self._toggle_faults())
+            self.ribbon.clicked.connect(drawer.toggle)
         self.status_line.log_requested.connect(self.toggle_log)
         self._key_bursts = KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)
         self.notices.close_confirmed.connect(self.close_session)
         self.measure_page.run_panel.run_pressed.connect(self.start_run)
-        self.measure_page.live_pane.repeat_requested.connect(
-            lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
-        )
-        self.measure_page.run_panel.result_card.requested.connect(self._on_card_requested)
+        self.measure_page.live_pane.repeat_requested.connect(self.tabs.repeat_entries)
         self.central.welcome.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)
@@ -397,10 +381,6 @@ class MainWindow(QMainWindow):
                 "log": self.toggle_log,
             },
         )
-
-    def _toggle_faults(self) -> None:
-        for drawer in self._faults:
-            drawer.toggle()
 
     def _restore(self, form: InitialForm) -> None:
         geometry = self._settings.value("window/geometry")

@@ -55,7 +55,7 @@ class MainMenus:
         menu.clear()
         if title == "&Page":
             widgets = [self._window, *self._window.findChildren(QWidget)]
-            menu.addActions([action for info, action in actions_of(widgets) if info.page == self._page_title])
+            menu.addActions([action for info, action in actions_of(widgets) if info.page == self._tabs.title])
             return
         if title == "&Help":
             menu.add_named(self._window, ("shortcuts", "palette", "problem"))
@@ -78,7 +78,7 @@ class MainMenus:
         listed = set[str]()
         for info, action in actions_of([self._window, *self._window.findChildren(QWidget)]):
             hidden = info.id in (*NOT_LISTED, *listed) or info.id.startswith(PREFIXES_NOT_LISTED)
-            if hidden or not action.isEnabled() or info.page not in ("", self._page_title):
+            if hidden or not action.isEnabled() or info.page not in ("", self._tabs.title):
                 continue
             listed.add(info.id)
             keys = " or ".join(
@@ -106,10 +106,6 @@ class MainMenus:
                 partial(self._tabs.results.open_run, path),
                 run.verdict_text,
             )
-
-    @property
-    def _page_title(self) -> str:
-        return self._tabs.title
 
     def _choose_protocol(self, name: str) -> None:
         self._tabs.setCurrentIndex(MEASURE)

@@ -1,9 +1,9 @@
 """Page host: pages that are created when they are first needed."""
 
 import importlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 from PySide6.QtCore import QByteArray, QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QWidget
@@ -34,7 +34,7 @@ class Page(Protocol):
 class PageHost(QStackedWidget):
     """Creates each page when it is first selected or requested; pages do not refer to each other.
 
-    A page may also have `go_back`, `set_active_file`, `save_state` and `shutdown`.
+    A page may also have `go_back`, `set_active_file` and `save_state`.
     """
 
     page_created = Signal(object)
@@ -49,7 +49,8 @@ class PageHost(QStackedWidget):
         self._active_file: object = None
         self._factories: list[Callable[[], Page]] = []
         self._layouts: list[QVBoxLayout] = []
-        self._created: dict[int, Page] = {}
+        self.created_pages: dict[int, Page] = {}
+        """The pages created so far, by index."""
         self.setAccessibleName("pages")
         self.currentChanged.connect(self.page_selected)
         self.currentChanged.connect(lambda index: self.page(index).activate())
@@ -75,14 +76,14 @@ class PageHost(QStackedWidget):
         with QSignalBlocker(self):
             self.setCurrentIndex(index)
         self.page_selected.emit(index)
-        if index not in self._created:
+        if index not in self.created_pages:
             title = QLabel(f"{TITLES[index]} …", alignment=Qt.AlignmentFlag.AlignCenter)
             self._layouts[index].addWidget(configure(title, kind="note"))
 
     def page(self, index: int) -> Page:
         """Return a page, created if necessary."""
-        if index not in self._created:
-            self._created[index] = page = self._factories[index]()
+        if index not in self.created_pages:
+            self.created_pages[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
             for splitter in _named_splitters(page):
                 if isinstance(sizes := self._settings.value(splitter.objectName()), QByteArray):
@@ -100,12 +101,7 @@ class PageHost(QStackedWidget):
             self._layouts[index].activate()
             area.setWidget(page)
             page.show()
-        return self._created[index]
-
-    @property
-    def created_pages(self) -> Mapping[int, Page]:
-        """The pages created so far, by index."""
-        return self._created
+        return self.created_pages[index]
 
     @property
     def title(self) -> str:
@@ -120,14 +116,14 @@ class PageHost(QStackedWidget):
     def set_state(self, view: WindowState) -> None:
         """Show a window state on every page."""
         self._state = view
-        for page in self._created.values():
+        for page in self.created_pages.values():
             page.set_state(view)
 
     def set_active_file(self, path: object) -> None:
         """Inform the pages about the run file that this program is writing."""
         if path != self._active_file:
             self._active_file = path
-            for page in self._created.values():
+            for page in self.created_pages.values():
                 self._tell_active_file(page)
 
     def _tell_active_file(self, page: Page) -> None:
@@ -136,7 +132,7 @@ class PageHost(QStackedWidget):
 
     def tick(self) -> None:
         """Refresh the visible page."""
-        if (page := self._created.get(self.currentIndex())) is not None:
+        if (page := self.created_pages.get(self.currentIndex())) is not None:
             page.tick()
 
     def go_back(self) -> None:
@@ -151,21 +147,15 @@ class PageHost(QStackedWidget):
     def save_state(self) -> None:
         """Save settings."""
         self._settings.setValue("window/page", self.currentIndex())
-        for page in self._created.values():
+        for page in self.created_pages.values():
             for splitter in _named_splitters(cast("QWidget", page)):
                 self._settings.setValue(splitter.objectName(), splitter.saveState())
-        for saving in self._pages_with("save_state"):
-            saving.save_state(self._settings)
+            if callable(save := getattr(page, "save_state", None)):
+                save(self._settings)
 
     def release_pages(self) -> list[QWidget]:
-        """Forget the pages other than the first, after `shutdown`, and return them to be deleted."""
-        return [cast("QWidget", self._created.pop(index)) for index in sorted(self._created) if index]
-
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self._worker.close()
-        for page in self._pages_with("shutdown"):
-            page.shutdown()
+        """Forget the pages other than the first, after `end_all`, and return them to be deleted."""
+        return [cast("QWidget", self.created_pages.pop(index)) for index in sorted(self.created_pages) if index]
 
     def load_pages(
         self, modules: Sequence[str], on_loaded: Callable[[], object], on_made: Callable[[], object]
@@ -184,18 +174,15 @@ class PageHost(QStackedWidget):
 
     def _preload_page(self, index: int, on_made: Callable[[], object]) -> None:
         """Create a page, and later the next missing one: in between, the window paints and responds."""
-        if self._worker.closed:  # a page created after shutdown would not be shut down
+        if self._worker.closed:  # a page created after `end_all` would not be ended
             return
-        awaited = index == self.currentIndex() and index not in self._created
+        awaited = index == self.currentIndex() and index not in self.created_pages
         page = self.page(index)
         if awaited and cast("QWidget", page).isVisible():  # not below the welcome page, which has the keyboard
             page.activate()
-        missing = next((at for at in range(self.count()) if at not in self._created), None)
+        missing = next((at for at in range(self.count()) if at not in self.created_pages), None)
         following = on_made if missing is None else partial(self._preload_page, missing, on_made)
         QTimer.singleShot(PRELOAD_PAUSE_MS, self, following)
-
-    def _pages_with(self, method: str) -> Iterator[Any]:
-        return (page for page in self._created.values() if hasattr(page, method))
 
 
 def _named_splitters(page: QWidget) -> Iterator[QSplitter]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QWidget
@@ -15,7 +15,7 @@ from app.gui import specimen as specimen_pages
 from app.gui.help import FirstRunHint, ShortcutSheet, TutorialBand, WelcomePage
 from app.gui.shell.page_host import BENCH, MEASURE, TITLES
 from app.gui.shell.tabs import MainTabs
-from app.gui.widgets import OverlayHost, add_actions, choose_files, shortcuts_by_group
+from app.gui.widgets import OverlayHost, add_actions, choose_file, shortcuts_by_group
 
 if TYPE_CHECKING:
     from app.archive import ProblemFacts
@@ -49,8 +49,8 @@ class CentralStack(OverlayHost):
         self.welcome.tutorial_requested.connect(self.start_tutorial)
         self.welcome.setup_button.clicked.connect(lambda: self.select_page(BENCH))
         self.welcome.browse_button.clicked.connect(
-            lambda: choose_files(
-                self, "Open a bench file", lambda paths: self.bench_chosen.emit(str(paths[0])), "Bench files (*.toml)"
+            lambda: choose_file(
+                self, "Open a bench file", lambda path: self.bench_chosen.emit(str(path)), "Bench files (*.toml)"
             )
         )
         self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple
@@ -90,7 +90,7 @@ class CentralStack(OverlayHost):
         """The page with the sheet of a specimen; created when first used."""
         page = self._add_cover(specimen_pages.SpecimenPage())
         page.saved.connect(self.tabs.sheets.update)
-        page.saved.connect(lambda: [each.outdate() for each in self._made("identification_page")])
+        page.saved.connect(self._outdate_identification)
         return page
 
     @cached_property
@@ -118,14 +118,9 @@ class CentralStack(OverlayHost):
         """Show the identification of a specimen; None: the visible page's."""
         self._show_cover(self.identification_page).show_subject(subject or self.tabs.subject.identification)
 
-    def shutdown(self) -> None:
-        """Stop background threads; files that are being written are finished."""
-        for page in self._made("specimen_page", "identification_page", "problem_page"):
-            page.shutdown()
-
-    def _made(self, *names: str) -> list[Any]:
-        """Return those of the covers that have been created."""
-        return [self.__dict__[name] for name in names if name in self.__dict__]
+    def _outdate_identification(self) -> None:
+        if "identification_page" in vars(self):
+            self.identification_page.outdate()
 
     def _add_cover(self, cover: W) -> W:
         cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)  # it does not enlarge the window

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QAbstractButton, QButtonGroup, QWidget
+from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from app.gui.face import CENTRE, class_of, draw_icon, draw_ring, draw_text, painting, px, tokens
 from app.gui.widgets import ACTIONS, column, configure
@@ -30,6 +30,7 @@ class RailButton(QAbstractButton):
             self,
             f"rail.{title.lower()}",
             checkable=checkable,
+            autoExclusive=checkable,
             accessibleName=title,
             toolTip=f"{title}: {shortcut}",
             focusPolicy=Qt.FocusPolicy.TabFocus,
@@ -68,10 +69,8 @@ class Rail(QWidget):
         super().__init__()
         configure(self, "rail", accessibleName="pages", kind="bar")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        self._group = QButtonGroup(self)
         self.buttons = [RailButton(title, title.lower(), ACTIONS[f"page.{title.lower()}"].shortcut) for title in titles]
         for at, button in enumerate(self.buttons):
-            self._group.addButton(button, at)
             button.clicked.connect(lambda _=False, at=at: self.chosen.emit(at))
         self.help_button = RailButton("Help", "help", ACTIONS["shortcuts"].shortcut, checkable=False)
         self.help_button.clicked.connect(lambda _=False: self.help_requested.emit())

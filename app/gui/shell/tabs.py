@@ -21,7 +21,7 @@ from app.gui.measure import MeasurePage, OperatorOfToday, PresetStore, presets_p
 from app.gui.results import ReportJob
 from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
 from app.gui.status import SessionController
-from app.gui.widgets import SheetIndicators, tell
+from app.gui.widgets import SheetIndicators, at_end, tell
 from app.identification import SpecimenLabel, compare_label
 from app.live import Overlay
 from app.session import WindowState
@@ -69,6 +69,8 @@ class MainTabs(PageHost):
         self._config, self._open_bench = config, open_bench
         self._controller, self._adapter = controller, controller.adapter
         self.overlay = Overlay(amplifier=config.amplifier.amplifier_map)
+        for each in (self.overlay, self._adapter.feed.running_curve):
+            at_end(self, each.close)
         self.measure = MeasurePage(
             protocol,
             self._adapter.feed,
@@ -78,12 +80,12 @@ class MainTabs(PageHost):
             PresetStore(presets_path()),
             config.simulation_parameters.modes if config.simulated else None,
         )
-        self.results, self.subject = ResultActions(self, self.show_message), VisibleSubject(self)
+        self.results, self.subject = ResultActions(self), VisibleSubject(self)
         panel = self.measure.run_panel
         panel.result_card.requested.connect(self.results.perform)
         panel.label_scanned.connect(self._compare_label)
         self._operator = OperatorOfToday(panel, self._worker, self)
-        self._threshold = FolderThreshold(self._worker, self._created.values, self.show_message)
+        self._threshold = FolderThreshold(self._worker, self.created_pages.values, self.show_message)
         self.page_created.connect(self._threshold.show_on_new)
         makers: tuple[Callable[[], Page], ...] = (
             lambda: self.measure,
@@ -150,13 +152,6 @@ class MainTabs(PageHost):
         self._settings.setValue("run/specimen", self.measure.run_panel.specimen_edit.text())
         super().save_state()
 
-    def shutdown(self) -> None:
-        """Stop background threads."""
-        self.results.shutdown()
-        self.overlay.close()
-        self._adapter.feed.running_curve.close()
-        super().shutdown()
-
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _make_campaign(self) -> campaign_pages.CampaignPage:
@@ -205,13 +200,10 @@ class MainTabs(PageHost):
         return page
 
     def _make_bench(self) -> bench_pages.BenchPage:
-        page = bench_pages.BenchPage(self._adapter, self._config, self._open_bench)
+        page = bench_pages.BenchPage(self._controller, self._config, self._open_bench)
         page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
         page.run_requested.connect(self.start_run)
-        page.commissioning_requested.connect(self._controller.commission)
-        page.stop_requested.connect(self._controller.stop)
-        page.speed_requested.connect(self._controller.change_speed)
         return page
 
     def _make_laboratory(self) -> laboratory_pages.LaboratoryPage:
@@ -223,6 +215,10 @@ class MainTabs(PageHost):
     def start_run(self, protocol: Protocol) -> None:
         """Start a run of the specimen of the Measure page, if one can begin."""
         self._controller.start_run(protocol, self.folder, self.specimen)
+
+    def repeat_entries(self, entries: tuple[int, ...] = ()) -> None:
+        """Measure some entries of the last run again, or without any the missing ones."""
+        self._controller.repeat_entries(entries, self.folder)
 
     def _start_campaign_run(self, request: RunRequest) -> None:
         if self._controller.can_start:
@@ -243,16 +239,20 @@ class ResultActions:
 
     Args:
         tabs: the pages.
-        show_message: shows a message.
     """
 
-    def __init__(self, tabs: MainTabs, show_message: Callable[[str], object]) -> None:
-        self._tabs = tabs
-        self._report_job = ReportJob(show_message, tabs)
+    def __init__(self, tabs: MainTabs) -> None:
+        self._tabs, self._report_job = tabs, ReportJob(tabs.show_message, tabs)
 
     def perform(self, action: str, path: Path) -> None:
-        """Carry out an action of a result card that starts no run."""
-        if action == "open":
+        """Carry out an action of a result card."""
+        if action == "again":
+            self._tabs.measure.run_panel.run_pressed.emit()
+        elif action == "continue":
+            self._tabs.repeat_entries()
+        elif action == "budget":
+            self._tabs.identification_requested.emit()
+        elif action == "open":
             self.open_run(path)
         elif action == "explore":
             self.overlay_runs([path])
@@ -282,10 +282,6 @@ class ResultActions:
         """Lay runs over the curves of the Explore page."""
         self._tabs.setCurrentIndex(EXPLORE)
         self._tabs.explore.overlaid.add(paths)
-
-    def shutdown(self) -> None:
-        """End a report that is being written."""
-        self._report_job.shutdown()
 
 
 class VisibleSubject:

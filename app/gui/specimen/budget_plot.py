@@ -49,7 +49,8 @@ class BudgetPlot(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         names, metrics = [bar.name for bar in self.bars], self.fontMetrics()
         left = max((metrics.horizontalAdvance(name) for name in names), default=0) + 10
-        width = max(BAR_SHARE * self.width(), self.width() - left - self._note_width)
+        beside = max((metrics.horizontalAdvance(bar.size_text) for bar in self.bars), default=0) + 16
+        width = max(BAR_SHARE * self.width(), self.width() - left - beside)
         width = min(width, self.width() - left - 20)
         colors = dict(zip(largest_sources(self.bars), SOURCE_COLORS, strict=False))
         ink, right = tokens().text, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight
@@ -57,8 +58,8 @@ class BudgetPlot(QWidget):
             for at, bar in enumerate(self.bars):
                 top, height = at * self._row_height + 2.0, self._row_height - 4.0
                 draw_text(painter, QRectF(0, top, left - 8, height), bar.name, ink, align=right)
-                beside = QRectF(left + width + 8, top, self.width() - left - width - 8, height)
-                draw_text(painter, beside, bar.size_text, ink)
+                area = QRectF(left + width + 8, top, self.width() - left - width - 8, height)
+                draw_text(painter, area, bar.size_text, ink)
                 x = float(left)
                 for source, share in bar.shares:
                     piece = QRectF(x, top, share * width, height)
@@ -67,10 +68,6 @@ class BudgetPlot(QWidget):
                     if metrics.horizontalAdvance(text) + 6 < piece.width():
                         draw_text(painter, piece, text, NAME_COLOR, align=CENTRE)
                     x += share * width
-
-    @property
-    def _note_width(self) -> int:
-        return max((self.fontMetrics().horizontalAdvance(bar.size_text) for bar in self.bars), default=0) + 16
 
 
 def _format_shares(bar: BudgetBar) -> str:

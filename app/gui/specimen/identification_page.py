@@ -81,14 +81,13 @@ class IdentificationPage(QWidget):
 
     title = "Identification"
     closed = Signal()
-    accepted = Signal()
     progressed = Signal(int, float)
     """Evaluations and chi-square of a fit that is running; from its thread."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._worker = BackgroundWorker("identification", self)
         self._cancelled = threading.Event()
+        self._worker = BackgroundWorker("identification", self, self._cancelled.set)
         self._also: tuple[str, ...] = ()
         self._plain = False
         self._fitted_runs: tuple[Path, ...] = ()
@@ -198,18 +197,13 @@ class IdentificationPage(QWidget):
             decision = f"; {version.decision}" if version.decision else ""
             return f"Accepted as version {version.version} of {result.specimen}, now active, in {path}{decision}"
 
-        self._worker.submit(store, self._on_accepted, self._on_refused)
+        self._worker.submit(store, partial(self.accept_message.show_message, persistent=True), self._on_refused)
 
     @property
     def chosen_runs(self) -> tuple[Path, ...]:
         """The runs that are ticked."""
         items = [self.run_list.item(at) for at in range(self.run_list.count())]
         return tuple(item.data(PATH_ROLE) for item in items if item.checkState() is Qt.CheckState.Checked)
-
-    def shutdown(self) -> None:
-        """Cancel the fit and stop the background thread."""
-        self._cancelled.set()
-        self._worker.close()
 
     def outdate(self) -> None:
         """Fit again when the page is shown next: the sheet has changed."""
@@ -260,7 +254,7 @@ class IdentificationPage(QWidget):
         self._show_fitting(False)
         self.heading.setText(f"Identification of {result.specimen}")
         self.simulated_label.setVisible(result.observations.simulated)
-        self._show_verdict()
+        self._show_verdict(result)
         heading = [assumed_line(result), dimensions_line(result), held_parameters(result)]
         if exact := unstated_errors(result):
             heading.append(f"exact for want of a stated uncertainty: {', '.join(exact)}.")
@@ -274,7 +268,9 @@ class IdentificationPage(QWidget):
         notes += [result.verdict, *result.notes]
         lines = [f"{sentence_case(text).rstrip('.')}." for text in (*heading, *notes) if text]
         self.text_label.setText("\n".join(lines))
-        self._fill_table(result)
+        statistical = result.statistical_errors
+        fill_table(self.table, [_cells(each, statistical.get(each.name)) for each in result.identified])
+        fit_to_rows(self.table)
         bars = budget_bars(result)
         self.budget_title.setVisible(bool(bars))
         self.budget_plot.show_bars(bars)
@@ -284,10 +280,6 @@ class IdentificationPage(QWidget):
         self.reason_edit.setVisible(bool(doubt))
         self.accept_button.setEnabled(True)
         self._content.show()
-
-    def _on_accepted(self, text: str) -> None:
-        self.accept_message.show_message(text, persistent=True)
-        self.accepted.emit()
 
     def _on_refused(self, error: Exception) -> None:
         self.accept_button.setEnabled(True)
@@ -313,20 +305,13 @@ class IdentificationPage(QWidget):
         also = f" with {', '.join(self._also)} free" if self._also else ""
         self.message_label.show_message(f"fitting {count}{also} …" if fitting else "", persistent=True)
 
-    def _show_verdict(self) -> None:
-        if self.result is None:
-            return
-        adequacy = self.result.adequacy
+    def _show_verdict(self, result: IdentificationResult) -> None:
+        adequacy = result.adequacy
         adequate = None if adequacy is None else adequacy.adequate
         message = "not tested" if adequacy is None else adequacy.message
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
         self.finding_label.setText(f"{sentence_case(message)}.")
         set_tone(self.verdict_label, ADEQUACY_SEVERITY[adequate])
-
-    def _fill_table(self, result: IdentificationResult) -> None:
-        statistical = result.statistical_errors
-        fill_table(self.table, [_cells(e, statistical.get(e.name)) for e in result.identified])
-        fit_to_rows(self.table)
 
     def _show_proposals(self, result: IdentificationResult) -> None:
         clear_layout(self._proposal_rows)
@@ -355,7 +340,7 @@ class IdentificationPage(QWidget):
         return make_pane(row(button, None))
 
     def _make_proposal(self, explanation: Explanation) -> QWidget:
-        name, fit = explanation.cause.name, explanation.fit
+        name = explanation.cause.name
         moved = "; ".join(
             f"{s.name} {s.before:.4g} → {format_with_uncertainty(s.after, s.standard_error)}"
             for s in explanation.shifts
@@ -364,19 +349,11 @@ class IdentificationPage(QWidget):
         text = make_label(
             f"May be the cause: {explanation.cause_text}. {chi}." + (f" It moves {moved}." if moved else "")
         )
-        assert fit is not None
-        parts: list[QWidget] = []
-        if explanation.cause.proposable and name not in self._also:
-            parts.append(
-                make_button(
-                    f"Fit with {name}",
-                    lambda: self.identify((*self._also, name)),
-                    "choice",
-                    f"The fit in which {name} is free as well",
-                    f"identification.also.{name}",
-                )
-            )
-        return make_pane(row((text, 1), *parts, spacing=10))
+        if not explanation.cause.proposable or name in self._also:
+            return make_pane(text)
+        tip, act = f"The fit in which {name} is free as well", lambda: self.identify((*self._also, name))
+        button = make_button(f"Fit with {name}", act, "choice", tip, f"identification.also.{name}")
+        return make_pane(row((text, 1), button, spacing=10))
 
     def _clear(self) -> None:
         self.result = None

@@ -1,6 +1,7 @@
 """Specimen page over the pages: the sheet of a specimen, saved at every change and undone by steps."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QSize, Qt, Signal
@@ -15,11 +16,10 @@ from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
     add_actions,
-    choose_files,
+    choose_file,
     column,
     configure,
     make_button,
-    make_choice,
     make_label,
     make_scroll_area,
     row,
@@ -67,13 +67,12 @@ class SpecimenPage(QWidget):
             "sheet.make",
         )
         self.undo_button, self.redo_button = (
-            configure(make_choice(text, tooltip(f"sheet.{name}")), f"sheet.{name}", accessibleName=name)
-            for text, name in (("↶", "undo"), ("↷", "redo"))
+            make_button(text, act, "choice", tooltip(f"sheet.{name}"), f"sheet.{name}", accessibleName=name)
+            for text, name, act in (("↶", "undo", self.undo), ("↷", "redo", self.redo))
         )
+        tip = "{}, now: the next runs are of a new mounting"
         self.mount_buttons = {
-            part: configure(
-                make_choice(part, f"{title}, now: the next runs are of a new mounting"), f"sheet.mounted.{part}"
-            )
+            part: make_button(part, partial(self._mount, part), "choice", tip.format(title), f"sheet.mounted.{part}")
             for part, title in MOUNTED_PARTS.items()
         }
         self.form = SheetForm()
@@ -93,10 +92,6 @@ class SpecimenPage(QWidget):
         )
         self.form.edited.connect(self._on_edited)
         self.form.browse_pressed.connect(self._choose_picture)
-        for part, button in self.mount_buttons.items():
-            button.clicked.connect(lambda _=False, part=part: self._mount(part))
-        self.undo_button.clicked.connect(self.undo)
-        self.redo_button.clicked.connect(self.redo)
         add_actions(self, {"sheet.undo": self.undo, "sheet.redo": self.redo})
 
     def show_specimen(self, folder: Path, specimen: str) -> None:
@@ -123,10 +118,6 @@ class SpecimenPage(QWidget):
         """Show and save the sheet after an undo."""
         if self._history.redo():
             self._save()
-
-    def shutdown(self) -> None:
-        """Wait for the file that is being written."""
-        self._worker.close()
 
     # -- inside ----------------------------------------------------------------------------------------------------------
 
@@ -215,13 +206,10 @@ class SpecimenPage(QWidget):
         self._worker.submit(lambda: _read_picture(path), shown, self._on_error, latest_only="picture")
 
     def _choose_picture(self) -> None:
-        choose_files(
-            self,
-            "Photograph of the specimen",
-            lambda paths: self.form.set_photograph(paths[0].absolute(), self._folder.absolute()),
-            PICTURES,
-            str(self._folder),
-        )
+        def show(path: Path) -> None:
+            self.form.set_photograph(path.absolute(), self._folder.absolute())
+
+        choose_file(self, "Photograph of the specimen", show, PICTURES, str(self._folder))
 
 
 def _read_picture(path: str) -> QImage | None:

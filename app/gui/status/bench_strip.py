@@ -1,7 +1,6 @@
 """Strip of the bench, of one height in every state: sign, measured volts, aim, run, Pause and STOP."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QRectF, Qt
@@ -129,14 +128,21 @@ class StripButton(QAbstractButton):
         fill, edge, ink = self._colors(colors)
         kind, small = ("stop", "mark") if self._is_stop else ("heading", "caption")
         wide = text_width(self.text(), kind) > self.width() - px(8)
-        faint = ink if self._is_stop or self.isEnabled() else self._key_color(colors)
+        faint = {"amber": BLACK, "red": WHITE}.get(self.ground, colors.text2)
         with painting(self) as painter:
             draw_box(painter, QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), px(6), fill, edge)
             if self.hasFocus():
                 draw_ring(painter, self.rect().adjusted(2, 2, -2, -2), ink)
             word = QRectF(0, px(5), self.width(), px(22))
             draw_text(painter, word, self.text(), ink, small if wide else kind, CENTRE)
-            draw_text(painter, word.translated(0, px(20)), self.key, faint, "", CENTRE)
+            draw_text(
+                painter,
+                word.translated(0, px(20)),
+                self.key,
+                ink if self._is_stop or self.isEnabled() else faint,
+                "",
+                CENTRE,
+            )
 
     def _colors(self, colors: Tokens) -> tuple[str, str, str]:
         """Return fill, edge and text."""
@@ -151,9 +157,6 @@ class StripButton(QAbstractButton):
             shown = ink if self.isEnabled() else faint.name(QColor.NameFormat.HexArgb)
             return "transparent", shown, shown
         return colors.surface, colors.outline, colors.text if self.isEnabled() else colors.text2
-
-    def _key_color(self, colors: Tokens) -> str:
-        return {"amber": BLACK, "red": WHITE}.get(self.ground, colors.text2)
 
 
 class BenchStrip(QWidget):
@@ -186,26 +189,21 @@ class BenchStrip(QWidget):
 
     def set_state(self, view: WindowState) -> None:
         self._state = view
-        self._show(self._controller.strip())
+        self.show_view(self._controller.strip(), view)
 
     def tick(self) -> None:
         """Paint other volts at once, their age and the time left every REPAINT_S; called at every tick of the window."""
-        if self.view is None:
+        if self.view is None or self._state is None:
             return
         view = self._controller.strip()
         if view.measured != self.view.measured or (
             view != self.view and time.monotonic() - self._painted_s >= REPAINT_S
         ):
-            self._show(view)
-
-    def _show(self, view: StripView) -> None:
-        assert self._state is not None
-        self._painted_s = time.monotonic()
-        self.show_view(view, self._state)
+            self.show_view(view, self._state)
 
     def show_view(self, view: StripView, state: WindowState) -> None:
         """Show what is known of the bench."""
-        look = look_of(view)
+        look, self._painted_s = look_of(view), time.monotonic()
         changed, self.view = view != self.view, view
         self.stop_button.show_texts("STOP", "F12 or Esc" if stops_by_escape(view.state) else "F12", look.tint)
         self.stop_button.setToolTip("Go to rest and end the run: F12" + " or Esc" * stops_by_escape(view.state))
@@ -224,9 +222,6 @@ class BenchStrip(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._place_buttons()
-
-    def _place_buttons(self) -> None:
         grid, top, height = class_of(self), px(8), px(48)
         right = self.width() - px(12)
         self.stop_button.setGeometry(right - px(grid.stop), top, px(grid.stop), height)
@@ -326,12 +321,8 @@ class BenchStrip(QWidget):
 
 def _shortened(text: str) -> tuple[str, ...]:
     """Return a text, and what is left of it without its last parts."""
-    return tuple(_without_last_parts(text))
-
-
-def _without_last_parts(text: str) -> Iterator[str]:
-    yield text
+    texts = [text]
     for mark in ("; ", ", "):
-        while mark in text:
-            text = text.rpartition(mark)[0]
-            yield text
+        while mark in texts[-1]:
+            texts.append(texts[-1].rpartition(mark)[0])
+    return tuple(texts)

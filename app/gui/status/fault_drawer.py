@@ -1,6 +1,6 @@
 """Drawer of the simulated bench (F9): its speed, who answers its prompts, and a switch for every fault."""
 
-from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QRectF, QSize, Signal
 from PySide6.QtGui import QColor, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QFrame, QSizePolicy, QWidget
 
@@ -8,6 +8,7 @@ from app.common import pluralize, sentence_case
 from app.gui.face import draw_box, draw_hatch, draw_ring, draw_text, painting, px, set_length, tokens
 from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
+    UPRIGHT,
     BackgroundWorker,
     OverlayCard,
     Place,
@@ -125,9 +126,6 @@ class FaultDrawer(OverlayCard):
         first = next(iter(self.fault_boxes.values())) if self.controls is None else self.controls.first_widget
         self.open(first)
 
-    def shutdown(self) -> None:
-        self._worker.close()
-
     def _switch_fault(self, name: str, active: bool) -> None:
         """Inject or clear a fault, or with no name clear all; then read the active faults."""
 
@@ -165,8 +163,7 @@ class FaultDrawer(OverlayCard):
             rows += [caption, *(box for name, box in self.fault_boxes.items() if FAULTS[name]["group"] == group)]
         for name, box in self.fault_boxes.items():
             box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
-        faults = make_scroll_area(*rows, None, spacing=0, focusPolicy=Qt.FocusPolicy.NoFocus)
-        faults.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        faults = make_scroll_area(*rows, None, spacing=0, **UPRIGHT)
         close = make_button("Close", self.toggle, name="faults.close", key="F9")
         above = [] if self.controls is None else [row((self.controls, 1), margins=(16, 16, 16, 12))]
         column(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from PySide6.QtWidgets import QWidget
 
 from app.common import Severity
-from app.gui.widgets import LogView, OverlayCard, Place, column, configure, make_button, make_choice, make_label, row
+from app.gui.widgets import LogView, OverlayCard, Place, column, make_button, make_label, row
 from app.session import LogLine, WindowState
 
 FILTERS: dict[str, tuple[str, Callable[[LogLine], bool]]] = {
@@ -26,8 +26,8 @@ class LogDrawer(OverlayCard):
         self._messages: tuple[LogLine, ...] = ()
         self._written_count = 0
         self.filter_buttons = {
-            name: configure(
-                make_choice(title, f"Show these lines only: {title.lower()}", checkable=True), f"log.{name}"
+            name: make_button(
+                title, None, "choice", f"Show these lines only: {title.lower()}", f"log.{name}", checkable=True
             )
             for name, (title, _) in FILTERS.items()
         }

@@ -11,7 +11,7 @@ from app.gui.status.message_card import MessageCard
 from app.gui.status.prompt_card import INPUT_GUARD_S, PromptCard
 from app.gui.status.session_controller import SessionController
 from app.gui.status.unsafe_card import UnsafeCard
-from app.gui.widgets import ACTIONS, OverlayCard, OverlayHost, add_action, add_actions, make_button
+from app.gui.widgets import ACTIONS, OverlayHost, add_action, add_actions, make_button
 from app.session import KNOWN_S, WindowState
 
 RUN_ACTIVE_TEXT = "A run is in progress. Go to rest first, then close?"
@@ -32,8 +32,8 @@ class Notices(QObject):
 
     def __init__(self, controller: SessionController, window: QWidget, host: OverlayHost) -> None:
         super().__init__(window)
-        self._controller, self._no_bench, self._asked_at_s, self._replaced_at_s = controller, False, 0.0, 0.0
-        self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, self._on_reconnect)
+        self._controller, self._asked_at_s, self._replaced_at_s = controller, 0.0, 0.0
+        self.unsafe = UnsafeCard(controller.state.amplifier, controller.acknowledge, controller.reconnect)
         self.closing = MessageCard(
             "notices.closing",
             "question",
@@ -46,7 +46,7 @@ class Notices(QObject):
             "notices.problem",
             "danger",
             "red_line",
-            make_button("Connect again", self._on_reconnect, "go", name="problem.reconnect", key="F6"),
+            make_button("Connect again", controller.reconnect, "go", name="problem.reconnect", key="F6"),
             make_button("Dismiss", controller.acknowledge, "main", name="problem.dismiss", key="F4"),
         )
         for card in (self.problem, self.unsafe, self.closing, self.prompt):
@@ -54,21 +54,15 @@ class Notices(QObject):
         self.problem.closed.connect(controller.acknowledge)
         self.closing.closed.connect(self.cancel_closing)
         self._answer_action = add_action(window, ACTIONS["answer"], self._on_enter)
-        add_actions(window, {"acknowledge": self._on_dismiss, "reconnect": self._on_reconnect})
+        add_actions(window, {"acknowledge": self._on_dismiss, "reconnect": controller.reconnect})
         self._update_answer()
 
-    @property
-    def accepts_input(self) -> bool:
-        """Whether the prompt has been visible long enough to be read."""
-        return self.prompt.accepts_input
-
     def set_state(self, view: WindowState) -> None:
-        self._no_bench = not view.connected and bool(view.problem)
         if view.unsafe and self.unsafe.isHidden() and not self.problem.isHidden():
             self._replaced_at_s = time.monotonic()  # F4 that was meant for the problem does not answer the unsafe card
         self.unsafe.show_state(view)
         self.problem.show_message("" if view.unsafe else typeset(sentence_case(view.problem)))
-        self.problem.buttons[0].setVisible(self._no_bench)
+        self.problem.buttons[0].setVisible(not view.connected and bool(view.problem))
         self._show_prompt(view)
         self._update_answer()
 
@@ -123,9 +117,8 @@ class Notices(QObject):
         self._answer_action.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
     @staticmethod
-    def _awaits_answer(card: OverlayCard) -> bool:
-        buttons = card.buttons if isinstance(card, MessageCard | PromptCard) else []
-        return not card.isHidden() and bool(buttons) and not buttons[0].isHidden()
+    def _awaits_answer(card: MessageCard | PromptCard) -> bool:
+        return not card.isHidden() and bool(card.buttons) and not card.buttons[0].isHidden()
 
     def _on_close_confirmed(self) -> None:
         if time.monotonic() - self._asked_at_s >= INPUT_GUARD_S:
@@ -135,7 +128,7 @@ class Notices(QObject):
         if self._awaits_answer(self.closing):
             self._on_close_confirmed()
         elif self._awaits_answer(self.prompt):
-            self.prompt.answer_first()
+            self.prompt.buttons[0].click()
 
     def _on_dismiss(self) -> None:
         if self._awaits_answer(self.closing):
@@ -144,6 +137,3 @@ class Notices(QObject):
             return
         elif time.monotonic() - self._replaced_at_s >= INPUT_GUARD_S:
             self._controller.acknowledge()
-
-    def _on_reconnect(self) -> None:
-        self._controller.reconnect()

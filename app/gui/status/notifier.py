@@ -14,7 +14,7 @@ from PySide6.QtGui import QGuiApplication, QIcon
 from PySide6.QtWidgets import QApplication, QMainWindow, QStyle, QSystemTrayIcon
 
 from app.common import OUTCOME_SYMBOLS
-from app.gui.widgets import BackgroundWorker
+from app.gui.widgets import BackgroundWorker, at_end
 from app.session import BenchState, WindowState
 
 SOUND_KEY, NOTICE_KEY = "notify/sound", "notify/notice"
@@ -57,6 +57,7 @@ class Notifier(QObject):
         self._tray: QSystemTrayIcon | None = None
         self._prompt_timer = QTimer(self, singleShot=True, interval=PROMPT_DELAY_MS)
         self._prompt_timer.timeout.connect(self._announce_prompt)
+        at_end(self, self._prompt_timer.stop)
 
     def is_on(self, key: str) -> bool:
         """Return whether sounds or notices are enabled."""
@@ -84,12 +85,6 @@ class Notifier(QObject):
             title = f"{OUTCOME_SYMBOLS.get(verdict, '')} {state.progress.title if state.progress else 'Run'}: {verdict}"
             self._announce("done", title.strip(), state.outcome.reason)
 
-    def shutdown(self) -> None:
-        self._prompt_timer.stop()
-        self._sounds.close()
-        if self._tray is not None:
-            self._tray.hide()
-
     def _announce_prompt(self) -> None:
         if self._state is not None and self._state.prompt is not None:
             self._announce("prompt", "Operator needed", self._state.prompt.prompt.text)
@@ -110,6 +105,7 @@ class Notifier(QObject):
             if icon.isNull():
                 icon = self._window.style().standardIcon(QStyle.StandardPixmap.SP_ComputerIcon)
             self._tray = QSystemTrayIcon(QIcon(icon), self)
+            at_end(self, self._tray.hide)
             self._tray.activated.connect(lambda _: self._window.activateWindow())
         self._tray.show()
         self._tray.showMessage(title, text, QSystemTrayIcon.MessageIcon.Information, NOTICE_MS)
@@ -121,6 +117,7 @@ class SoundPlayer(QObject):
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
         self._worker = BackgroundWorker("sounds", self)
+        at_end(self, self._remove_files)
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def play(self, kind: str) -> None:
@@ -132,8 +129,7 @@ class SoundPlayer(QObject):
                 lambda _: QApplication.beep(),
             )
 
-    def close(self) -> None:
-        self._worker.close()
+    def _remove_files(self) -> None:
         if self._folder is not None:
             self._folder.cleanup()
 

@@ -83,11 +83,6 @@ class PromptCard(OverlayCard):
         )
 
     @property
-    def text(self) -> str:
-        """The whole instruction."""
-        return self._prompt.prompt.text if self._prompt is not None else ""
-
-    @property
     def accepts_input(self) -> bool:
         """Whether the prompt has been visible long enough to be read."""
         return time.monotonic() - self._shown_at_s >= INPUT_GUARD_S
@@ -138,10 +133,6 @@ class PromptCard(OverlayCard):
         self.laser_label.setText(text)
         self.laser_label.setVisible(shown)
         self.laser_note.setVisible(shown)
-
-    def answer_first(self) -> None:
-        if self.buttons:
-            self.buttons[0].click()
 
     def _answer(self, choice: str) -> None:
         if not self.accepts_input:

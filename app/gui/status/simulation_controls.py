@@ -1,9 +1,8 @@
 """Controls of the simulated bench: its speed, and who answers its prompts."""
 
 from collections.abc import Callable
-from typing import cast
 
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.gui.face import set_length
 from app.gui.widgets import Segments, column, make_label, row
@@ -31,12 +30,12 @@ class SimulationControls(QWidget):
     ) -> None:
         super().__init__()
         self._settings = settings
-        self._speeds = Segments(
+        self.speeds = Segments(
             f"{name}.speed", "speed", (("max" if each is None else f"{each:g}×", each) for each in SPEEDS)
         )
-        for speed, button in self.speed_buttons.items():
-            button.setToolTip(_speed_tip(speed))
-        self._speeds.chosen.connect(change_speed)
+        for speed in SPEEDS:
+            self.speeds.buttons[speed].setToolTip(_speed_tip(speed))
+        self.speeds.chosen.connect(change_speed)
         self.answered_by = Segments(
             f"{name}.answered-by", "who answers prompts", ((text, each) for each, text in ANSWERED_BY.items())
         )
@@ -45,7 +44,7 @@ class SimulationControls(QWidget):
         )
         self.answered_by.chosen.connect(self.choose_answered_by)
         rows = []
-        for text, segments in (("Speed", self._speeds), ("Prompts", self.answered_by)):
+        for text, segments in (("Speed", self.speeds), ("Prompts", self.answered_by)):
             label = make_label(text, wrap=False)
             set_length(label, width=56)
             rows.append(row(label, (segments, 1), spacing=8))
@@ -53,19 +52,13 @@ class SimulationControls(QWidget):
         self._show_settings()
 
     @property
-    def speed_buttons(self) -> dict[float | None, QPushButton]:
-        """The choices of speed."""
-        return cast("dict[float | None, QPushButton]", self._speeds.buttons)
-
-    @property
     def first_widget(self) -> QWidget:
         """The widget that takes the keyboard first: the present speed."""
-        shown = [button for button in self.speed_buttons.values() if button.isChecked()]
-        return (shown or list(self.speed_buttons.values()))[0]
+        return self.speeds.buttons.get(self._settings.speed) or self.speeds.buttons[SPEEDS[0]]
 
     def set_state(self, view: WindowState) -> None:
         """Allow a change of speed between runs; the virtual clock does not wait for a person."""
-        for button in self.speed_buttons.values():
+        for button in self.speeds.buttons.values():
             button.setEnabled(view.can_run)
         self.answered_by.setEnabled(self._settings.speed is not None)
         self._show_settings()
@@ -81,7 +74,7 @@ class SimulationControls(QWidget):
             self.choose_answered_by(AnsweredBy.USER)
 
     def _show_settings(self) -> None:
-        self._speeds.select(self._settings.speed)
+        self.speeds.select(self._settings.speed)
         self.answered_by.select(self._settings.answered_by)
 
 

@@ -7,11 +7,14 @@ from .actions import shortcuts_by_group as shortcuts_by_group
 from .actions import tooltip as tooltip
 from .actions import update_actions as update_actions
 from .background import BackgroundWorker as BackgroundWorker
+from .background import at_end as at_end
+from .background import end_all as end_all
 from .barcode_scanner import KeyBurstFilter as KeyBurstFilter
 from .dropped_files import RUN_SUFFIXES as RUN_SUFFIXES
 from .dropped_files import TABLE_SUFFIXES as TABLE_SUFFIXES
 from .dropped_files import FileDrops as FileDrops
 from .file_dialog import Mode as Mode
+from .file_dialog import choose_file as choose_file
 from .file_dialog import choose_files as choose_files
 from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow
@@ -23,6 +26,7 @@ from .key_caps import show_key as show_key
 from .labels import ElidedLabel as ElidedLabel
 from .labels import StatusLine as StatusLine
 from .layouts import SELECTABLE as SELECTABLE
+from .layouts import UPRIGHT as UPRIGHT
 from .layouts import Item as Item
 from .layouts import TrueMinus as TrueMinus
 from .layouts import clear_layout as clear_layout
@@ -31,7 +35,6 @@ from .layouts import configure as configure
 from .layouts import fill_combo as fill_combo
 from .layouts import grid as grid
 from .layouts import make_button as make_button
-from .layouts import make_choice as make_choice
 from .layouts import make_combo as make_combo
 from .layouts import make_label as make_label
 from .layouts import make_labelled_grid as make_labelled_grid
@@ -48,6 +51,7 @@ from .layouts import set_tone as set_tone
 from .layouts import show_text as show_text
 from .log_view import LogView as LogView
 from .menu import Menu as Menu
+from .menu import give_menu as give_menu
 from .overlays import OverlayCard as OverlayCard
 from .overlays import OverlayHost as OverlayHost
 from .overlays import Place as Place
@@ -60,8 +64,8 @@ from .read_only_table import make_read_only_table as make_read_only_table
 from .segments import Segments as Segments
 from .sheet_button import SheetButton as SheetButton
 from .sheet_button import SheetIndicators as SheetIndicators
-from .sheet_button import SheetStatus as SheetStatus
 from .told import Told as Told
 from .told import tell as tell
+from .wrapped_row import LowPane as LowPane
 from .wrapped_row import WrappedRow as WrappedRow
 from .wrapped_row import WrappingPane as WrappingPane

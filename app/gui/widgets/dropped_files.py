@@ -1,6 +1,6 @@
 """Files that are dropped on a widget from a file manager."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import cast
 
@@ -11,21 +11,22 @@ from PySide6.QtWidgets import QWidget
 RUN_SUFFIXES = frozenset({".h5"})
 TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".dat", ".mat"})
 
-Receivers = Mapping[Collection[str], Callable[[list[Path]], object]]
-
 
 class FileDrops(QObject):
     """Accepts files that are dropped on a widget.
 
     Args:
         widget: the files are dropped on it.
-        receivers: functions that receive paths, by the suffixes of their files.
+        suffixes: of the files that are accepted.
+        receive: takes their paths.
         own: accept drags that begin in this program.
     """
 
-    def __init__(self, widget: QWidget, receivers: Receivers, own: bool = True) -> None:
+    def __init__(
+        self, widget: QWidget, suffixes: Collection[str], receive: Callable[[list[Path]], object], own: bool = True
+    ) -> None:
         super().__init__(widget)
-        self._receivers, self._own = receivers, own
+        self._suffixes, self._receive, self._own = suffixes, receive, own
         widget.setAcceptDrops(True)
         widget.installEventFilter(self)
 
@@ -33,15 +34,10 @@ class FileDrops(QObject):
         if event.type() not in (QEvent.Type.DragEnter, QEvent.Type.Drop):
             return super().eventFilter(watched, event)
         drop = cast("QDropEvent", event)
-        paths = [Path(url.toLocalFile()) for url in drop.mimeData().urls() if url.isLocalFile()]
-        chosen = [
-            (receive, files)
-            for suffixes, receive in self._receivers.items()
-            if (files := [path for path in paths if path.suffix.lower() in suffixes])
-        ]
-        if event.type() == QEvent.Type.Drop:
-            for receive, files in chosen:
-                receive(files)
-        if event.type() == QEvent.Type.Drop or (chosen and (self._own or drop.source() is None)):
+        every = [Path(url.toLocalFile()) for url in drop.mimeData().urls() if url.isLocalFile()]
+        paths = [path for path in every if path.suffix.lower() in self._suffixes]
+        if event.type() == QEvent.Type.Drop and paths:
+            self._receive(paths)
+        if event.type() == QEvent.Type.Drop or (paths and (self._own or drop.source() is None)):
             drop.acceptProposedAction()
         return True

@@ -42,3 +42,11 @@ def choose_files(
     share_action(dialog, "stop")
     dialog.show()
     return dialog
+
+
+def choose_file(
+    parent: QWidget, title: str, callback: Callable[[Path], object], name_filter: str = "", start: str = "",
+    mode: Mode = Mode.ExistingFile,
+) -> QFileDialog:  # fmt: skip
+    """Open a dialog for one path; as `choose_files`."""
+    return choose_files(parent, title, lambda paths: callback(paths[0]), name_filter, start, mode)

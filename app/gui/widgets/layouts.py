@@ -1,7 +1,7 @@
 """Declarative layouts, labels, buttons and other configured widgets."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QRectF, QSignalBlocker, Qt
 from PySide6.QtGui import QFont, QPaintEvent, QValidator
@@ -38,6 +38,11 @@ NO_MARGINS: Margins = (0, 0, 0, 0)
 PANEL_MARGINS: Margins = (12, 12, 12, 12)
 
 SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
+UPRIGHT: dict[str, Any] = {
+    "focusPolicy": Qt.FocusPolicy.NoFocus,
+    "horizontalScrollBarPolicy": Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+}
+"""Properties of a scroll area that scrolls vertically only, and does not take the keyboard."""
 
 
 def configure(widget: W, name: str = "", **properties: object) -> W:
@@ -113,10 +118,10 @@ def grid(
 
 
 def make_label(text: str = "", kind: str = "", wrap: bool = True, name: str = "", **properties: object) -> QLabel:
-    """Return a label of plain text, styled as `kind` of the style sheet."""
+    """Return a label of plain text, unless `properties` have another format, styled as `kind` of the style sheet."""
     if kind:
         properties["kind"] = kind
-    return configure(QLabel(text), name, wordWrap=wrap, textFormat=Qt.TextFormat.PlainText, **properties)
+    return configure(QLabel(text), name, **{"wordWrap": wrap, "textFormat": Qt.TextFormat.PlainText} | properties)
 
 
 def show_text(label: QLabel, text: str) -> None:
@@ -134,26 +139,27 @@ def clear_layout(layout: QLayout) -> None:
 
 def make_button(
     text: str,
-    on_click: Callable[[], object],
+    on_click: Callable[[], object] | None = None,
     kind: str = "",
     tip: str = "",
     name: str = "",
     key: str = "",
     **properties: object,
 ) -> QPushButton:
-    """Return a button that calls `on_click`, styled as `kind` of the style sheet, with the cap of its `key`."""
+    """Return a button that calls `on_click`, if given, styled as `kind` of the style sheet, with the cap of its `key`."""
     if kind:
         properties["kind"] = kind
     button = configure(QPushButton(text), name, toolTip=tip, **properties)
-    button.clicked.connect(lambda _checked=False: on_click())
+    if on_click is not None:
+        button.clicked.connect(lambda _checked=False: on_click())
     if key:
         show_key(button, key)
     return button
 
 
-def make_panel(*items: Item, margins: Margins = PANEL_MARGINS, spacing: int = 6, kind: str = "panel") -> QFrame:
-    """Return a frame around a column of items."""
-    frame = configure(QFrame(), kind=kind)
+def make_panel(*items: Item, margins: Margins = PANEL_MARGINS, spacing: int = 6, frame: QFrame | None = None) -> QFrame:
+    """Return a frame, or the given one, around a column of items."""
+    frame = configure(frame or QFrame(), kind="panel")
     column(*items, parent=frame, margins=margins, spacing=spacing)
     return frame
 
@@ -259,14 +265,9 @@ def make_splitter(
     return splitter
 
 
-def make_choice(text: str, tip: str = "", checkable: bool = False) -> QPushButton:
-    """Return a button in the style of a choice; a checkable one shows whether it is chosen."""
-    return configure(QPushButton(text), kind="choice", toolTip=tip, checkable=checkable)
-
-
 def make_toggle(text: str, tip: str, name: str, shown: QWidget) -> QPushButton:
     """Return a button that shows a widget, which is hidden at first, and hides it again."""
-    button = configure(make_choice(text, tip, checkable=True), name)
+    button = make_button(text, None, "choice", tip, name, checkable=True)
     shown.hide()
     button.toggled.connect(shown.setVisible)
     return button

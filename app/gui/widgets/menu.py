@@ -1,9 +1,22 @@
 """Menu that leaves Stop in reach: an open menu takes the keyboard and the mouse from the window below it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QMouseEvent
-from PySide6.QtWidgets import QAbstractButton, QMenu, QWidget
+from PySide6.QtWidgets import QAbstractButton, QMenu, QPushButton, QToolButton, QWidget
+
+
+def give_menu(button: QPushButton | QToolButton, fill: Callable[["Menu"], object]) -> "Menu":
+    """Give a button a menu that is filled whenever it is opened, and return it."""
+    menu = Menu(button)
+
+    def fill_anew() -> None:
+        menu.clear()
+        fill(menu)
+
+    menu.aboutToShow.connect(fill_anew)
+    button.setMenu(menu)
+    return menu
 
 
 class Menu(QMenu):
@@ -24,12 +37,13 @@ class Menu(QMenu):
                 self.addAction(action)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        pressed = QKeySequence(event.keyCombination())
+        window, pressed = self._window(), QKeySequence(event.keyCombination())
         for name in self.PASSED_ON:
-            action = self._window().findChild(QAction, name)
+            action = window.findChild(QAction, name)
             if action is not None and pressed in action.shortcuts():
                 self.close()
-                if name == "stop" or self._is_busy():
+                # Escape stops a run that is active, and otherwise only closes the menu.
+                if name == "stop" or getattr(getattr(window, "state", None), "busy", False):
                     action.trigger()
                 return
         super().keyPressEvent(event)
@@ -47,8 +61,3 @@ class Menu(QMenu):
         parent = self.parentWidget()
         assert parent is not None
         return parent.window()
-
-    def _is_busy(self) -> bool:
-        """Return whether a run is active: Escape then stops it, and otherwise only closes the menu."""
-        state = getattr(self._window(), "state", None)
-        return bool(getattr(state, "busy", False))

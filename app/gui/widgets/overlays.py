@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication, QFrame, QWidget
 from shiboken6 import isValid
 
 from app.gui.face import class_of, draw_box, painting, px, tokens
-from app.gui.widgets.layouts import column, configure, make_scroll_area
+from app.gui.widgets.layouts import UPRIGHT, column, configure, make_scroll_area
 
 RIM = 5
 """Width of the two translucent rims around an overlay, in the place of a shadow."""
@@ -68,8 +68,7 @@ class OverlayCard(QFrame):
         self._previous_focus: QWidget | None = None
         configure(self, name)
         self.setVisible(False)
-        self._area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
-        self._area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._area = make_scroll_area(**UPRIGHT)
         hidden = content.testAttribute(Qt.WidgetAttribute.WA_WState_ExplicitShowHide) and content.isHidden()
         self._area.setWidget(content)  # which shows it
         content.setHidden(hidden)

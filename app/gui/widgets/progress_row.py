@@ -35,14 +35,15 @@ class JobProgress(Progress):
 
 
 class ProgressRow(QWidget):
-    """Runs one job at a time and shows its progress with a Stop button; hidden while none is running."""
+    """Runs one job at a time in its own thread and shows its progress with a Stop button; hidden while none is running."""
 
     started = Signal(bool)
     """A job has begun (True) or ended."""
     _progressed = Signal(float, str)
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
         super().__init__()
+        self._worker = BackgroundWorker(name, self, self.request_cancel)
         self.label = make_label(kind="note", wrap=False, name="progress.label")
         self.bar = make_progress_bar(PROGRESS_STEPS, 10, "progress.bar")
         tip = "Cancel it; completed files stay, and none is left incomplete"
@@ -57,7 +58,6 @@ class ProgressRow(QWidget):
 
     def run(
         self,
-        worker: BackgroundWorker,
         text: str,
         work: Callable[[Progress], Any],
         on_result: Callable[[Any], object],
@@ -77,7 +77,7 @@ class ProgressRow(QWidget):
             self._set_running(False)
             follow(outcome)
 
-        worker.submit(lambda: work(self.progress), partial(ended, on_result), partial(ended, on_error))
+        self._worker.submit(lambda: work(self.progress), partial(ended, on_result), partial(ended, on_error))
 
     def request_cancel(self) -> None:
         self.progress.cancelled = True

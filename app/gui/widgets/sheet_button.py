@@ -1,7 +1,6 @@
 """Buttons beside the names of specimens: whether there is a sheet, kept up to date in the background; they open it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
@@ -16,29 +15,20 @@ Location = tuple[Path, str]
 """Folder and name of a specimen."""
 
 
-@dataclass(frozen=True, slots=True)
-class SheetStatus:
-    """Text and description of the button."""
-
-    text: str = "Sheet …"
-    description: str = ""
-
-
 class SheetButton(QPushButton):
     """Button that shows whether the specimen has a sheet."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
         configure(self, f"{page}.sheet", kind="choice")
-        self.show_status(SheetStatus())
-
-    def show_status(self, status: SheetStatus) -> None:
-        """Show whether there is a sheet, and the source of dimensions and masses."""
-        text = status.description
-        self.setText(status.text)
-        self.setToolTip(tooltip("specimen", sentence_case(text)))
         self.setAccessibleName("specimen sheet")
-        self.setAccessibleDescription(text)
+        self.show_status()
+
+    def show_status(self, text: str = "Sheet …", description: str = "") -> None:
+        """Show whether there is a sheet, and the source of dimensions and masses."""
+        self.setText(text)
+        self.setToolTip(tooltip("specimen", sentence_case(description)))
+        self.setAccessibleDescription(description)
 
 
 class SheetIndicators(QObject):
@@ -75,23 +65,23 @@ class SheetIndicators(QObject):
             return
         locations = self._read = {button: location() for button, location in self._locations.items()}
 
-        def show(statuses: dict[SheetButton, SheetStatus]) -> None:
+        def show(statuses: dict[SheetButton, tuple[str, ...]]) -> None:
             for button, status in statuses.items():
-                button.show_status(status)
+                button.show_status(*status)
 
         self._worker.submit(
             lambda: {button: sheet_status(*at) for button, at in locations.items()}, show, latest_only="sheets"
         )
 
 
-def sheet_status(folder: Path, specimen: str) -> SheetStatus:
-    """Read the sheet of a specimen and return the status of its button."""
+def sheet_status(folder: Path, specimen: str) -> tuple[str, ...]:
+    """Read the sheet of a specimen and return text and description of its button."""
     from app.identification import SheetError, load_sheet  # slow to import
 
     if not specimen:
-        return SheetStatus()
+        return ()
     try:
         sheet = load_sheet(folder, specimen)
     except SheetError as error:
-        return SheetStatus("Sheet at fault …", str(error))
-    return SheetStatus("No sheet …" if sheet.path is None else "Sheet …", sheet.description)
+        return "Sheet at fault …", str(error)
+    return "No sheet …" if sheet.path is None else "Sheet …", sheet.description

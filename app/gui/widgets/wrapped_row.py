@@ -82,6 +82,13 @@ class WrappedRow(QLayout):
         return lines
 
 
+class LowPane(QWidget):
+    """Pane that scrolls only where its least size has no room: a scroll area gives texts that wrap their preferred height."""
+
+    def hasHeightForWidth(self) -> bool:
+        return False
+
+
 class WrappingPane(QWidget):
     """Widget whose least height follows from its width: its layout has wrapped rows, and a scroll area is around it."""
 

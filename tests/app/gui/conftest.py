@@ -19,6 +19,7 @@ from app.gui.application import qt_application
 from app.gui.face import install_fonts
 from app.gui.shell.heartbeat import FRAME_MS
 from app.gui.shell.main_window import InitialForm, MainWindow
+from app.gui.widgets import end_all
 from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningFrame, ListeningSession, OpenPage, OpenStage, Stage, end
@@ -112,7 +113,7 @@ def open_page(qt: QApplication, no_widget_left_behind: None) -> Iterator[OpenPag
     yield show
     for frame, page in shown:
         frame.setUpdatesEnabled(False)
-        page.shutdown()
+        end_all(page)
         frame.close()
         frame.deleteLater()
 

@@ -17,6 +17,7 @@ from app.gui import application
 from app.gui.bench_page.editor import NEW_BENCH
 from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
+from app.gui.widgets import end_all
 from app.live.commissioning_job import STOPPED, CommissioningJob
 from app.live.session_link import SessionAdapter
 from app.session import commissioning, commissioning_record, connect
@@ -247,7 +248,7 @@ def test_the_bench_chosen_last_is_opened_at_the_next_start(
         if len(opened) == 1:
             window.change_bench("other.toml")
         window._session_closed = True
-        window.tabs.shutdown()
+        end_all(window)
         window.deleteLater()
         return 0
 

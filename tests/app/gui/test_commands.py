@@ -7,6 +7,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 
 from app.gui.face import DARK, LIGHT, tokens
+from app.gui.help.palette import ENTRY_ROLE, PaletteEntry
 from app.gui.shell.page_host import MEASURE, RUNS
 from app.gui.widgets.actions import ACTIONS
 from tests.helpers.main_window import OpenStage, Stage, find, until
@@ -26,11 +27,15 @@ def test_the_palette_finds_commands_protocols_settings_and_runs(open_stage: Open
     stage.press(Qt.Key.Key_K, CTRL)
     palette = stage.window.central.command_palette
     assert palette.isVisible()
-    assert {entry.kind for entry in palette.shown} == {"command", "protocol", "setting", "run"}
+
+    def shown() -> list[PaletteEntry]:
+        return [palette.list.item(at).data(ENTRY_ROLE) for at in range(palette.list.count())]
+
+    assert {entry.kind for entry in shown()} == {"command", "protocol", "setting", "run"}
     of_plots = {info.text for name, info in ACTIONS.items() if name.startswith("plot.")}
-    assert not of_plots & {entry.text for entry in palette.shown}
+    assert not of_plots & {entry.text for entry in shown()}
     QTest.keyClicks(palette.search, "t9")
-    assert [entry.kind for entry in palette.shown] == ["run"]
+    assert [entry.kind for entry in shown()] == ["run"]
     QTest.keyClick(palette.search, Qt.Key.Key_Return)
     until(lambda: stage.window.tabs.runs.viewer.run is not None, "for the run")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.gui.plots import Layer
-from app.gui.plots.results import MAX_DRAWN_POINTS, decimate_to_drawn
+from app.gui.plots.results import MAX_DRAWN_POINTS, CurvesView
 from drivers.drive_shapes import PeriodicSweep
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
@@ -107,7 +107,7 @@ def test_many_lines_are_drawn_as_extremes() -> None:
     x = np.arange(100_001.0)
     y = np.zeros_like(x)
     y[77_777], y[5] = 3.0, -2.0
-    places, drawn = decimate_to_drawn(x, y)
+    places, drawn = CurvesView([Series(x, y)]).picture().layers[0].drawn or (x, y)
     assert drawn.size <= MAX_DRAWN_POINTS + 2
     assert (drawn.min(), drawn.max()) == (-2.0, 3.0)
     assert abs(places[drawn.argmax()] - 77_777) < 60

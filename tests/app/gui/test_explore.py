@@ -11,6 +11,7 @@ import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QPushButton
 
 from app.cli.model_options import read_settings
 from app.explore.fit import ExploreFit, fit_runs
@@ -162,7 +163,7 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     page.toolbar.run_chips[path].click()
     assert not page.card.isVisible()
     page.toolbar.run_chips[path].click()
-    page.toolbar.remove_buttons[path].click()
+    next(each for each in page.findChildren(QPushButton) if each.text() == "✕").click()
     assert page.overlaid.runs == ()
     assert not page.card.isVisible()
     assert not page.plot.picture.simulated
@@ -176,7 +177,7 @@ def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
-    page.plot.show_cursor(80.0)
+    page.plot.tools.set_cursor(80.0)
     settled(page)
     assert page.toolbar.frequency.text() == "80"
     envelope = page.shape_plot.layer("envelope")

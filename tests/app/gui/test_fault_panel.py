@@ -13,7 +13,7 @@ from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.status.fault_drawer import FaultDrawer
 from app.gui.status.simulation_controls import SimulationControls
-from app.gui.widgets import OverlayHost, column
+from app.gui.widgets import OverlayHost, column, end_all
 from app.live.session_link import SessionAdapter
 from app.session import AnsweredBy, FaultPlan, SimulationSettings
 from app.session.bench_connection import connect
@@ -58,14 +58,14 @@ def test_f9_begins_at_the_present_speed_and_tab_leads_on_to_the_faults(qt: QAppl
     assert QTest.qWaitForWindowActive(frame, 30_000)
     panel.toggle()
     assert panel.controls is not None
-    assert panel.controls.speed_buttons[20.0].hasFocus()
-    QTest.keyClick(panel.controls.speed_buttons[20.0], Qt.Key.Key_Left)
+    assert panel.controls.speeds.buttons[20.0].hasFocus()
+    QTest.keyClick(panel.controls.speeds.buttons[20.0], Qt.Key.Key_Left)
     assert chosen == [5.0]
     assert panel.controls.answered_by.selected is AnsweredBy.USER, "who looks at faults answers prompts"
     panel.controls.answered_by.buttons[AnsweredBy.USER].setFocus()
     QTest.keyClick(panel.controls.answered_by.buttons[AnsweredBy.USER], Qt.Key.Key_Tab)
     assert next(iter(panel.fault_boxes.values())).hasFocus()
-    panel.shutdown()
+    end_all(panel)
     frame.close()
     frame.deleteLater()
 

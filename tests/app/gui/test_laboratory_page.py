@@ -61,7 +61,7 @@ def page(open_page: OpenPage, laboratory: Path) -> LaboratoryPage:
 
 
 def is_idle(page: LaboratoryPage) -> bool:
-    return page._records is not None and not page._worker.pending
+    return page._records is not None and not page._worker.pending and not page.progress_row.running
 
 
 def rows(table: ValueTable) -> list[list[str]]:
@@ -187,15 +187,15 @@ def test_a_changed_file_is_found_by_verify(open_page: OpenPage, tmp_path: Path) 
     until(lambda: is_idle(page))
     assert page.audit.result_label.text() == NO_TRAIL
     page.audit.begin_button.click()
-    until(lambda: is_idle(page) and not page.audit._worker.pending)
+    until(lambda: is_idle(page) and not page.audit.progress_row.running)
     assert [row[3] for row in rows(page.audit.table)] == ["start"]
     page.audit.verify()
-    until(lambda: not page.audit._worker.pending)
+    until(lambda: not page.audit.progress_row.running)
     assert page.audit.result_label.text().startswith("✓ 1 line and all files are unchanged")
     (folder / "T7.specimen.toml").write_text('specimen = "T8"\n')
     path.unlink()
     page.audit.verify()
-    until(lambda: not page.audit._worker.pending)
+    until(lambda: not page.audit.progress_row.running)
     text = page.audit.result_label.text()
     assert "T7.specimen.toml was changed since entry 1" in text
     assert_names(text.partition(f"{path.name} ")[2].splitlines()[0], "missing")

@@ -180,7 +180,7 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message
     ]
     assert prompt.drawing.isVisible()
     assert prompt.laser_note.text() == "laser now; moves by about 68 µm"  # 0.05 kg × 9.807 m/s² × 138 µm/N
-    until(lambda: stage.window.notices.accepts_input, "for the guard")
+    until(lambda: stage.window.notices.prompt.accepts_input, "for the guard")
     stage.press(key)
     assert stage.window.adapter.mailbox.answer(21) == message
 
@@ -195,11 +195,11 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
         return 0 if layer is None else layer.x.size
 
     plot.chart.point_picked.emit("max − min, measured", 1)
-    assert plot.selection.button.isVisible()
-    assert not plot.selection.button.isEnabled()
+    assert plot.repeat_button.isVisible()
+    assert not plot.repeat_button.isEnabled()
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
-    assert plot.selection.button.isEnabled()
-    plot.selection.button.click()
+    assert plot.repeat_button.isEnabled()
+    plot.repeat_button.click()
     assert stage.session.again == [(Path("run.h5"), (1,), tmp_path)]
     assert stage.window.strip.view.run.title == "Sine dwell · reading run.h5"
     assert drawn() == 3, "until the new run has begun the old one is seen"
@@ -210,7 +210,7 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     assert find(stage.window, "notices.problem.message").text().casefold() == why.casefold()
     assert drawn() == 3
     plot.chart.point_picked.emit("max − min, measured", 2)
-    plot.selection.button.click()
+    plot.repeat_button.click()
     assert stage.session.again[1:] == [(Path("run.h5"), (2,), tmp_path)], "it can be tried once more"
     stage.happen(STARTED)
     assert drawn() == 0

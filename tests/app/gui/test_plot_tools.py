@@ -101,17 +101,17 @@ def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: S
 def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) -> None:
     plot = measured.window.measure_page.live_pane.plots.chart
     tools = plot.tools
-    tools.files.write_data([tmp_path / "response"])
+    tools.files.write_data(tmp_path / "response")
     assert (tmp_path / "response.tsv").read_text("utf-8").startswith("SIMULATED\nseries\tFrequency, Hz")
-    tools.files.write_picture([tmp_path / "response.png"])
+    tools.files.write_picture(tmp_path / "response.png")
     picture = QPixmap(str(tmp_path / "response.png"))
     assert picture.size() == plot.canvas.viewport().grab().size()
-    tools.files.write_picture([tmp_path / "response.svg"])
+    tools.files.write_picture(tmp_path / "response.svg")
     drawn = (tmp_path / "response.svg").read_text("utf-8")
     assert drawn.count("<path") + drawn.count("<polyline") > 20, "lines, not pixels"
     for text in ("SIMULATED", "Frequency, Hz"):
         assert f">{text}<" in drawn
-    tools.files.write_picture([tmp_path / "response.pdf"])
+    tools.files.write_picture(tmp_path / "response.pdf")
     with PdfDocument(tmp_path / "response.pdf") as document:
         (page,) = document
         width, height = page.get_size()
@@ -119,7 +119,7 @@ def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) 
         assert page.render(scale=96 / 72).to_pil().getbbox() is not None
         rendered = page.render(scale=96 / 72).to_pil().convert("L")
         assert sum(rendered.histogram()[:128]) > 1000, "ink"
-    tools.files.write_data([tmp_path / "no" / "folder.tsv"])
+    tools.files.write_data(tmp_path / "no" / "folder.tsv")
     assert str(tmp_path / "no" / "folder.tsv") in find(plot.canvas, "plot.read-out").text()
 
 

@@ -78,7 +78,7 @@ def ask(stage: Stage, prompt: Prompt) -> None:
     stage.window.start_run()
     stage.window.adapter.mailbox.show(2, prompt)
     stage.happen(*LIVE, PromptShown(2, prompt))
-    until(lambda: stage.window.notices.accepts_input, "for the guard")
+    until(lambda: stage.window.notices.prompt.accepts_input, "for the guard")
 
 
 def answer(stage: Stage) -> str | None:

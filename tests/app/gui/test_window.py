@@ -267,11 +267,7 @@ def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage, monke
     monkeypatch.setattr(guard, float("inf"))  # however slow this computer is
     prompted(stage)
     assert find(stage.window, "notices.prompt").isVisible()
-    assert (
-        stage.window.notices.prompt.text
-        == find(stage.window, "notices.prompt.detail").text()
-        == ENABLE_HIGH_VOLTAGE.text
-    )
+    assert find(stage.window, "notices.prompt.detail").text() == ENABLE_HIGH_VOLTAGE.text
     assert sign(stage.window) == "LIVE"
     stage.press(Qt.Key.Key_Return)
     assert stage.window.adapter.mailbox.answer(2) is None, "an Enter meant for something else"

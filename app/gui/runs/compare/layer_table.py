@@ -29,12 +29,8 @@ LAYER_ACTIONS = {"hide": "Hide", "up": "Up", "down": "Down", "reference": "Refer
 class LayerTable(QTableWidget):
     """A row for each layer; its actions concern the run of the current row."""
 
-    toggled = Signal(str)
-    """File name of a run to hide or show."""
-    moved = Signal(str, int)
-    """File name of a run, and by how many places."""
-    reference_chosen = Signal(str)
-    """File name of a run."""
+    requested = Signal(str, str)
+    """What to do with a run, one of `LAYER_ACTIONS`, and its file name."""
 
     def __init__(self) -> None:
         super().__init__(0, 7)
@@ -125,20 +121,14 @@ class LayerTable(QTableWidget):
         return "" if run is None else run.path.name
 
     def perform(self, what: str) -> None:
-        """Do with the run of the current row: `hide`, `up`, `down` or `reference`."""
-        if not (name := self.current_run):
-            return
-        if what == "hide":
-            self.toggled.emit(name)
-        elif what == "reference":
-            self.reference_chosen.emit(name)
-        else:
-            self.moved.emit(name, -1 if what == "up" else 1)
+        """Do one of `LAYER_ACTIONS` with the run of the current row."""
+        if name := self.current_run:
+            self.requested.emit(what, name)
 
     def _on_changed(self, item: QTableWidgetItem) -> None:
         run = self._layers[item.row()].run
         if item.column() == EYE and run is not None:
-            self.toggled.emit(run.path.name)
+            self.requested.emit("hide", run.path.name)
 
     def _cell(self, row: int, column: int) -> QTableWidgetItem:
         item = self.item(row, column)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QPushButton, QStackedWidget, QWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, Format
 from app.comparison import (
@@ -29,13 +29,12 @@ from app.gui.widgets import (
     Menu,
     Mode,
     Segments,
-    choose_files,
+    choose_file,
     column,
-    configure,
     fill_combo,
     fill_table,
+    give_menu,
     make_button,
-    make_choice,
     make_combo,
     make_label,
     make_pane,
@@ -43,7 +42,6 @@ from app.gui.widgets import (
     make_scroll_area,
     make_splitter,
     row,
-    show_key,
     show_text,
     tooltip,
 )
@@ -83,10 +81,9 @@ class ComparisonWorkspace(QWidget):
         self.plot.tools.places_changed.connect(self.layers.show_values)
         self.heading = make_label(kind="heading", wrap=False, name="compare.heading")
         self.note_label = make_label(kind="note", name="compare.note", visible=False)
-        self.back_button = configure(QPushButton("Back"), "compare.back")
-        show_key(self.back_button, "Esc")
-        self.views_button = configure(make_choice("Views", "Saved views of this folder"), "compare.views")
-        self.export_button = configure(make_choice("Export", "Picture, or data in every format"), "compare.export")
+        self.back_button = make_button("Back", name="compare.back", key="Esc")
+        self.views_button = make_button("Views", None, "choice", "Saved views of this folder", "compare.views")
+        self.export_button = make_button("Export", None, "choice", "Picture, or data in every format", "compare.export")
         self.quantity = make_combo("compare.quantity", "quantity", [("", "")])
         self.relation = Segments("compare.relation", "shown as", RELATIONS)
         self.over = make_combo(
@@ -94,7 +91,8 @@ class ComparisonWorkspace(QWidget):
             "waterfall over",
             [(f"waterfall over {each}" if each else "on one axis", each) for each in ORDERS],
         )
-        self.model = configure(make_choice("Model", "The model's curve with its band", checkable=True), "compare.model")
+        tip = "The model's curve with its band"
+        self.model = make_button("Model", None, "choice", tip, "compare.model", checkable=True)
         self.tables = Segments("compare.tables", "table", TABLES)
         self.tables.select(0)
         self.peaks = make_read_only_table((), "compare.peaks", "peaks", stretched="none")
@@ -102,10 +100,8 @@ class ComparisonWorkspace(QWidget):
         self._connect()
 
     def _build(self) -> None:
-        for button, fill in ((self.views_button, self._fill_views), (self.export_button, self._fill_exports)):
-            menu = Menu(button)
-            menu.aboutToShow.connect(partial(fill, menu))
-            button.setMenu(menu)
+        give_menu(self.views_button, self._fill_views)
+        give_menu(self.export_button, self._fill_exports)
         keys = [
             make_button(
                 text, partial(self.layers.perform, what), "choice", tooltip(f"compare.{what}"), f"compare.{what}"
@@ -132,11 +128,9 @@ class ComparisonWorkspace(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self._change(quantity=self.quantity.currentData() or ""))
         self.over.currentIndexChanged.connect(lambda _: self._change(over=self.over.currentData()))
         self.relation.chosen.connect(lambda relation: self._change(relation=relation))
-        self.model.toggled.connect(lambda on: self._change(model=on))
+        self.model.clicked.connect(lambda on: self._change(model=on))
         self.tables.chosen.connect(lambda at: self.stack.setCurrentIndex(int(str(at))))
-        self.layers.toggled.connect(self._toggle)
-        self.layers.moved.connect(self._move)
-        self.layers.reference_chosen.connect(lambda name: self._change(reference=name))
+        self.layers.requested.connect(self._change_layer)
 
     def open_runs(self, paths: Sequence[Path], view: ComparisonView | None = None) -> None:
         """Read runs in the background and show them."""
@@ -170,10 +164,6 @@ class ComparisonWorkspace(QWidget):
         self.show_note(str(error))
         self.failed.emit(error)
 
-    def shutdown(self) -> None:
-        """Stop the background thread."""
-        self._worker.close()
-
     def show_comparison(self, comparison: Comparison, folder: Path) -> None:
         """Show a comparison; views are saved in the folder."""
         self._folder = folder
@@ -195,9 +185,9 @@ class ComparisonWorkspace(QWidget):
         assert self.comparison is not None
         return self.comparison.view.model_copy(update={"cursors": tuple(self.plot.tools.cursors)})
 
-    def save(self, paths: list[Path]) -> None:
+    def save(self, path: Path) -> None:
         """Save the view."""
-        path = paths[0].with_name(paths[0].name.removesuffix(VIEW_SUFFIX) + VIEW_SUFFIX)
+        path = path.with_name(path.name.removesuffix(VIEW_SUFFIX) + VIEW_SUFFIX)
         try:
             save_view(self.view, path)
         except ComparisonError as error:
@@ -212,20 +202,20 @@ class ComparisonWorkspace(QWidget):
             return
         self._show(self.comparison.with_view(self.comparison.view.model_copy(update=changes)))
 
-    def _toggle(self, name: str) -> None:
-        if self.comparison is not None:
-            hidden = dict.fromkeys(self.comparison.view.hidden)
+    def _change_layer(self, what: str, name: str) -> None:
+        """Hide or show a run, make it the reference, or move it up or down."""
+        assert self.comparison is not None
+        if what == "hide":
+            hidden = self.comparison.view.hidden
             kept = tuple(each for each in hidden if each != name)
             self._change(hidden=kept if name in hidden else (*kept, name))
-
-    def _move(self, name: str, places: int) -> None:
-        if self.comparison is None:
-            return
-        names = [run.path.name for run in self.comparison.runs]
-        at = names.index(name)
-        to = min(max(at + places, 0), len(names) - 1)
-        names.insert(to, names.pop(at))
-        self._change(runs=tuple(names))
+        elif what == "reference":
+            self._change(reference=name)
+        else:
+            names = [run.path.name for run in self.comparison.runs]
+            at = names.index(name)
+            names.insert(max(at - 1, 0) if what == "up" else at + 1, names.pop(at))
+            self._change(runs=tuple(names))
 
     def _show(self, comparison: Comparison) -> None:
         previous, self.comparison = self.comparison, comparison
@@ -237,14 +227,13 @@ class ComparisonWorkspace(QWidget):
             combo.setCurrentIndex(max(combo.findData(value), 0))
             combo.blockSignals(False)
         self.relation.select(view.relation)
-        self.model.blockSignals(True)
         self.model.setChecked(view.model)
-        self.model.blockSignals(False)
         self.heading.setText(f"{len(comparison.runs)} runs compared" if len(comparison.runs) > 1 else "1 run")
         self.show_note("; ".join(comparison.left_out))
         self.plot.show_comparison(comparison)
         self.layers.show_layers(comparison)
-        if previous is None or not _same_runs(previous, comparison) or previous.quantity != comparison.quantity:
+        paths, before = ([] if each is None else [run.path for run in each.runs] for each in (comparison, previous))
+        if previous is None or before != paths or previous.quantity != comparison.quantity:
             self._fill_peaks(comparison)
             self.differences.show_runs([run.summary for run in comparison.runs])
         if view.model and not comparison.model:
@@ -264,27 +253,21 @@ class ComparisonWorkspace(QWidget):
     # -- menus -------------------------------------------------------------------------------------------------------
 
     def _fill_views(self, menu: Menu) -> None:
-        menu.clear()
         for name in views_in(self._folder):
             menu.addAction(name, partial(self.open_view, self._folder / f"{name}{VIEW_SUFFIX}"))
         menu.addSeparator()
         ask = partial(
-            choose_files, self, "Save the view", self.save, f"Views (*{VIEW_SUFFIX})", str(self._folder / f"comparison{VIEW_SUFFIX}"), Mode.AnyFile
+            choose_file, self, "Save the view", self.save, f"Views (*{VIEW_SUFFIX})", str(self._folder / f"comparison{VIEW_SUFFIX}"), Mode.AnyFile
         )  # fmt: skip
         menu.addAction("Save the view …", ask)
 
     def _fill_exports(self, menu: Menu) -> None:
-        menu.clear()
         menu.addAction("Picture (PNG, SVG, PDF) …", self.plot.tools.files.choose_picture)
         menu.addSeparator()
         for kind in FORMATS:
             menu.addAction(FORMAT_NAMES[kind], partial(self._choose_folder, kind))
 
     def _choose_folder(self, kind: Format) -> None:
-        choose_files(
-            self, "Folder for the exported data", lambda paths: self.export(paths[0], kind), start=str(self._folder), mode=Mode.Directory
+        choose_file(
+            self, "Folder for the exported data", lambda path: self.export(path, kind), start=str(self._folder), mode=Mode.Directory
         )  # fmt: skip
-
-
-def _same_runs(a: Comparison, b: Comparison) -> bool:
-    return [run.path for run in a.runs] == [run.path for run in b.runs]

@@ -123,7 +123,7 @@ def test_a_view_is_saved_and_opened_as_it_was(page: RunsPage, workspace: Compari
     choose(workspace, Relation.NORMALISED)
     workspace.plot.set_cursors([120.0, 200.0])
     QTest.keyClick(workspace.layers, Qt.Key.Key_Space)
-    workspace.save([tmp_path / "runs" / "all five"])
+    workspace.save(tmp_path / "runs" / "all five")
     saved = tmp_path / "runs" / "all five.compare.json"
     assert read_view(saved).cursors == (120.0, 200.0)
     page.go_back()

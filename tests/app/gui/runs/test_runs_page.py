@@ -280,6 +280,7 @@ def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     choose(page, "T7", "T8")
     page.export_selected(tmp_path / "sheets", "csv")
     until(lambda: "10 files written" in find(page, "runs.message").text(), "for the files")
+    assert find(page, "runs.message").textFormat() is Qt.TextFormat.AutoText, "the folder is a link, not its markup"
     assert len(list((tmp_path / "sheets").glob("*_SIMULATED_points.csv"))) == 2
 
 
