@@ -166,7 +166,7 @@ class Chart(QWidget):
         low, high = drawn.extent()
         ends = [each for each in (panel.low, panel.high) if each is not None]
         if drawn.log[1]:
-            above = [each.y[each.y > 0] for each in drawn.layers]
+            above = [each.y[(each.y > 0) & each.usable] for each in drawn.layers]
             least = min((float(each.min()) for each in above if each.size), default=0.1)
             top = float(np.log10(np.nanmax([high * 1.1, 1.0, *(e for e in ends if e > 0)])))
             bottom = float(np.log10(least))

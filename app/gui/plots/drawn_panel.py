@@ -134,9 +134,9 @@ class DrawnLayer:
         options: dict[str, Any] = {"symbol": layer.symbol, "pen": full[0], "brush": full[1]}
         if layer.symbol == RING:
             options = {"symbol": "o", "pen": pg.mkPen(color, width=2), "brush": None}
-        if layer.series.usable is not None and not np.all(layer.series.usable):
-            each = [full if good else empty for good in np.asarray(layer.series.usable)[there]]
-            symbols = [layer.symbol if good else crossed_circle() for good in np.asarray(layer.series.usable)[there]]
+        if not layer.usable.all():
+            each = [full if good else empty for good in layer.usable[there]]
+            symbols = [layer.symbol if good else crossed_circle() for good in layer.usable[there]]
             options = {"symbol": symbols, "pen": [p for p, _ in each], "brush": [b for _, b in each]}
         if layer.chosen is not None and np.any(layer.chosen):
             pen = pg.mkPen(color_of("accent"), width=px(4))
@@ -210,26 +210,27 @@ class DrawnPanel:
         return next((each for key, each in self.drawn.items() if key.startswith(f"{name}:")), None) or self.drawn[name]
 
     def extent(self) -> tuple[float, float]:
-        """Return lowest and highest drawn value, with error bars of usable points that widen the range threefold at most."""
-        ends, bars = [], []
+        """Return lowest and highest drawn value; error bars and bands of usable points widen the range threefold at most.
+
+        Points that are not usable set no range unless there are no others.
+        """
+        ends, bars, unusable = [np.empty(0)], [np.empty(0)], [np.empty(0)]
         for layer in self.layers:
-            ends.append(layer.y[np.isfinite(layer.y)])
+            ends.append(layer.y[layer.usable])
+            unusable.append(layer.y[~layer.usable])
             if layer.series.errors is not None:
-                half = np.nan_to_num(layer.series.errors)
-                if layer.series.usable is not None:
-                    half = np.where(layer.series.usable, half, 0.0)
-                bars += [layer.y - half, layer.y + half]
-            for end in layer.series.band or ():
-                bars.append(np.asarray(end))
-        ends += [np.array([each.y]) for each in self.picture.spots if each.panel == self._index]
-        every = np.concatenate(ends) if ends else np.empty(0)
-        every = every[np.isfinite(every)]
+                bars += [(layer.y + side * layer.series.errors)[layer.usable] for side in (-1.0, 1.0)]
+            bars += [np.asarray(end) for end in layer.series.band or ()]
+        ends.append(np.array([each.y for each in self.picture.spots if each.panel == self._index]))
+        every, wide = (values[np.isfinite(values)] for values in map(np.concatenate, (ends, bars)))
+        if not every.size:
+            every = np.concatenate(unusable)
+            every = every[np.isfinite(every)]
         if not every.size:
             return np.nan, np.nan
         low, high = float(every.min()), float(every.max())
-        wide = np.concatenate((*bars, [low, high]))
-        wide = wide[np.isfinite(wide)]
-        if wide.max() - wide.min() <= 3 * (high - low):
+        wide = np.append(wide, (low, high))
+        if np.ptp(wide) <= 3 * (high - low):
             low, high = float(wide.min()), float(wide.max())
         return low, high
 

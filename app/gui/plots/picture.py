@@ -132,6 +132,11 @@ class Layer:
         """(N,)."""
         return np.asarray(self.series.y, float)
 
+    @property
+    def usable(self) -> Mask:
+        """(N,), whether each point is usable."""
+        return np.broadcast_to(True if self.series.usable is None else self.series.usable, self.y.shape)
+
     def value_at(self, x: float, reach: float) -> tuple[float, float] | None:
         """Return value and standard error at a place: of the nearest point within `reach`, or on the line; None without one."""
         there = np.flatnonzero(np.isfinite(self.x) & np.isfinite(self.y))

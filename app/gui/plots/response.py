@@ -141,8 +141,7 @@ class RunInPlot:
     @property
     def largest(self) -> float:
         """Largest response at a usable point, µm; NaN without one."""
-        usable = self.layer.series.usable
-        y = self.layer.y if usable is None else self.layer.y[usable]
+        y = self.layer.y[self.layer.usable]
         return float(np.nanmax(y)) if np.isfinite(y).any() else math.nan
 
 

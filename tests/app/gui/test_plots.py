@@ -339,17 +339,33 @@ def test_the_labels_of_a_vertical_axis_have_place_at_every_size(qt: QApplication
     chart.deleteLater()
 
 
-def test_error_bars_of_unusable_points_set_no_range(qt: QApplication) -> None:
+def test_unusable_points_and_their_error_bars_set_no_range(qt: QApplication) -> None:
     chart = Chart("range", headed=False)
     usable = np.array([True, True, False])
     points = layer(
         name="points", x=np.arange(3.0), y=np.array([900.0, 1000.0, 0.0]), errors=np.array([1.0, 1.0, 90.0]),
         symbol="o", usable=usable,
     )  # fmt: skip
-    chart.show_picture(
-        Picture(x_title="Frequency, Hz", panels=(Panel(title="Displacement, µm", low=0.0),), layers=(points,))
-    )
-    assert chart.panels[0].axes["left"].range[0] == 0.0
+    for low, least in ((0.0, 0.0), (None, 850.0)):
+        panel = Panel(title="Displacement, µm", low=low)
+        chart.show_picture(Picture(x_title=f"Frequency, {low}, Hz", panels=(panel,), layers=(points,)))
+        assert least <= chart.panels[0].axes["left"].range[0] <= 900.0 * bool(least)
+    chart.deleteLater()
+
+
+def test_the_numbers_of_an_axis_have_their_places_after_a_resize(qt: QApplication) -> None:
+    chart = Chart("resized", headed=False)
+    chart.resize(300, 200)
+    chart.show()
+    line = layer(name="line", x=np.arange(2.0), y=np.array([0.0, 1150.0]), line=SOLID)
+    chart.show_picture(Picture(panels=(Panel(title="Displacement, µm", low=0.0),), layers=(line,)))
+    QApplication.processEvents()
+    chart.grab()
+    chart.resize(300, 500)
+    QApplication.processEvents()
+    resized = chart.grab().toImage()
+    chart.show_picture(chart.picture, force=True)
+    assert resized == chart.grab().toImage()
     chart.deleteLater()
 
 
