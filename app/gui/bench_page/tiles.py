@@ -168,7 +168,7 @@ class Tile(QFrame):
             self.identity_label.setText(NOT_CONNECTED)
             return
         self.state_icon.show_icon(*LAMP_SIGNS[status.lamp])
-        self.state_label.setText(str(status.lamp))
+        self.state_label.setText(status.remark if status.lamp is Lamp.WAITING and status.remark else str(status.lamp))
         self.identity_label.setText(str(status.identity))
         what = problem or status.remark
         mended_by = self.role if status.lamp is Lamp.MISSING or self.role == "sensor" else "amplifier"

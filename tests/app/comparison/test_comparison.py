@@ -89,7 +89,9 @@ def test_results_whose_difference_rounds_to_nothing_do_not_differ(paths: list[Pa
     def rows(*values: float) -> dict[str, bool]:
         figures = [json.dumps([["damping_ratio", value, 0.001, 0.001, "1"]]) for value in values]
         run = ComparedRun.read(paths[0]).summary
-        return {each.name: each.is_equal for each in compare_runs([run._replace(figures_json=each) for each in figures])}
+        return {
+            each.name: each.is_equal for each in compare_runs([run._replace(figures_json=each) for each in figures])
+        }
 
     assert rows(0.21849, 0.21851)["damping ratio"], "0.218 and 0.219"
     assert not rows(0.218, 0.224)["damping ratio"]
