@@ -32,7 +32,8 @@ class RunListPane(QWidget):
         self.model = RunTableModel()
         self._rows: list[int] | None = None
         self.model.modelReset.connect(self._forget_rows)
-        self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()
+        self.table, self.filter_bar = RunTableView(self.model), RunFilterBar()
+        self.details = RunDetailsPane(self.folder_model)
         columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
         self.details.setMinimumWidth(px(340))  # now: at first the details have the width that their buttons need
         column(self.filter_bar, (columns, 1), parent=self, margins=(0, 0, 8, 0), spacing=6)
@@ -122,7 +123,6 @@ class RunListPane(QWidget):
             self._update_table()
 
     def _update_table(self) -> None:
-        self.details.is_reading = self.folder_model.is_reading
         chosen = [entry.path for entry in self.selected]
         try:
             first, others = self.filter_bar.selected_filter.split(self.folder_model.summaries)
