@@ -39,6 +39,7 @@ TRACE_LENGTH, LEAST_SPAN = 100, 0.01
 
 RANGE_STEPS = 1000
 
+
 class TraceLine(QWidget):
     """The last live values as a line without axes, between their lowest and highest; none while there are none."""
 
