@@ -85,7 +85,7 @@ def test_at_rest_a_horizontal_trace_is_drawn_once_and_a_moving_one_with_every_bl
     plot.is_calm = True
     scans = 2500
 
-    def next_drawn(seconds: float, amplitude_v: float = 0.0) -> list[bool]:
+    def next_drawn(seconds: float, amplitude_v: float = 0.0, ticks: bool = True) -> list[bool]:
         """Let seconds of one drive pass, and return which traces are drawn anew by the last block: displacement, drive."""
         nonlocal scans
         for _ in range(round(seconds / 0.1)):
@@ -95,12 +95,18 @@ def test_at_rest_a_horizontal_trace_is_drawn_once_and_a_moving_one_with_every_bl
             scans += 500
             clock[0] += 0.2
             before = [curve.pos().x() for curve in plot.curves]
-            plot.tick()
+            if ticks:
+                plot.tick()
         return [bool(curve.pos().x() != x) for curve, x in zip(plot.curves, before, strict=True)]
 
     assert next_drawn(1.0) == [True, False]
     assert next_drawn(0.1, amplitude_v=2.5) == [True, True]
     assert next_drawn(1.0) == [True, False]
+    plot.is_calm = False  # a run, whose end is not seen
+    next_drawn(0.5, amplitude_v=2.5)
+    next_drawn(2.0, ticks=False)
+    plot.is_calm = True
+    assert next_drawn(0.1) == [True, True]
     plot.select_span(1)  # the line does not reach from edge to edge yet
     assert next_drawn(0.1) == [True, True]
     plot.deleteLater()
