@@ -288,11 +288,12 @@ def layer_icon(layer: Layer, ratio: float) -> QIcon:
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
     color = color_of(layer.tone)
-    middle = QPointF(CHIP_ICON.width() / 2, CHIP_ICON.height() / 2)
+    end = CHIP_ICON.width() - 4  # a line does not touch the text beside it
+    middle = QPointF(end / 2, CHIP_ICON.height() / 2)
     with painting(pixmap) as painter:
         if layer.line is not None:
             painter.setPen(QPen(color, layer.width, layer.line))
-            painter.drawLine(QPointF(0, middle.y()), QPointF(CHIP_ICON.width(), middle.y()))
+            painter.drawLine(QPointF(0, middle.y()), QPointF(end, middle.y()))
         if layer.symbol:
             painter.translate(middle)
             painter.scale(8, 8)

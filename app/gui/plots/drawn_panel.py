@@ -19,7 +19,19 @@ from PySide6.QtWidgets import (
 from app.gui.face import px, text_font
 from app.gui.plots.axes import TITLE_PX, PlotAxis
 from app.gui.plots.labels import Label, Placer, along, beside, fitting_text, nearest_to
-from app.gui.plots.picture import MODEL_WIDTH, ON_AXIS, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
+from app.gui.plots.picture import (
+    LABEL_SEPARATOR,
+    MODEL_WIDTH,
+    ON_AXIS,
+    RING,
+    Layer,
+    Panel,
+    Picture,
+    Region,
+    Rule,
+    Spot,
+    color_of,
+)
 from app.gui.plots.zoom import ZoomBox
 from model import Array, Mask
 
@@ -383,15 +395,21 @@ class DrawnPanel:
             x, y = pixels[inside][min(int(layer.label_at * inside.sum()), int(inside.sum()) - 1)]
             label.setPos(x - size.width() / 2, y - size.height() / 2)
             return
-        wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
         # Points are compared with points and lines with lines, because a model's line runs through its points.
         alike = [e for e in self.layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]
         own, others = self._obstacles([layer]), self._obstacles(alike)
-        self._place(label, placer, nearest_to(own, others, wishes, size))
+        short = layer.label.partition(LABEL_SEPARATOR)[0]
+        for text in dict.fromkeys((layer.label, short)):
+            size = label.show_text(text, label.tone)
+            wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
+            if self._place(label, placer, nearest_to(own, others, wishes, size), covers=text == short):
+                return
 
     @staticmethod
-    def _place(label: Label, placer: Placer, wishes: Iterable[QPointF]) -> None:
-        at = placer.place(label.boundingRect(), wishes)
+    def _place(label: Label, placer: Placer, wishes: Iterable[QPointF], covers: bool = True) -> bool:
+        """Show a label at the best place, and return whether there is one."""
+        at = placer.place(label.boundingRect(), wishes, covers)
         label.setVisible(at is not None)
         if at is not None:
             label.setPos(at)
+        return at is not None

@@ -311,6 +311,20 @@ def test_a_label_stands_nearer_to_its_own_curve_than_to_any_other(qt: QApplicati
     chart.deleteLater()
 
 
+def test_a_label_that_would_lie_over_a_curve_is_its_letter(qt: QApplication) -> None:
+    chart = Chart("low")
+    chart.resize(340, 400)
+    chart.show()
+    x = np.arange(18.0)
+    for y, text in ((x, "A  T7 29 Nov 09:34"), (x % 2, "A")):
+        curve = layer(name="run", x=x, y=y, symbol="o", line=SOLID, label="A  T7 29 Nov 09:34")
+        chart.show_picture(Picture(layers=(curve,)))
+        QApplication.processEvents()
+        labels = [each for each in chart.canvas.scene().items() if isinstance(each, Label) and each.isVisible()]
+        assert [each.text() for each in labels if each.text()] == [text]
+    chart.deleteLater()
+
+
 def test_two_cursors_read_the_difference(qt: QApplication) -> None:
     chart = Chart("cursors", headed=False)
     chart.resize(500, 320)
