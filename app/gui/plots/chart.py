@@ -107,8 +107,8 @@ class Chart(QWidget):
         if new_chips:
             self._make_chips()
         show_text(self.title_label, picture.title if self.has_title else "")
-        self.note_label.setText(picture.note)
         self.note_label.hint = not picture.alarming
+        self.note_label.setText(picture.note)
         for label in (self.title_label, self.note_label):
             label.setToolTip(picture.note)
         set_style_kind(self.note_label, "fault" if picture.alarming else "note")
@@ -224,7 +224,8 @@ class Chart(QWidget):
         self.layers_button.setMinimumWidth(self.layers_button.sizeHint().width())
         every: list[QWidget] = [self.title_label, *self.head.findChildren(QPushButton)]
         fitted = {*chips, *self.tools.buttons[:-1], self.layers_button}
-        room = self.width() - px(40) - _width_of(each for each in every if not each.isHidden() and each not in fitted)
+        room = self.width() - px(16) - self.note_label.minimumSizeHint().width()
+        room -= _width_of(each for each in every if not each.isHidden() and each not in fitted)
         fits = _width_of([*chips, *tools]) <= room
         for each in chips:
             each.setVisible(fits)

@@ -42,7 +42,7 @@ SMALLEST = 1e-12
 SYMBOLS = pg.graphicsItems.ScatterPlotItem.Symbols
 SYMBOLS[ON_AXIS] = QTransform.fromScale(0.5, 0.5).map(SYMBOLS["t"]).translated(0.0, -0.25)  # the upper half of the size
 
-MAX_OBSTACLES = 4000
+MAX_OBSTACLES, OBSTACLE_GAP_PX = 4000, 8
 BAND_ALPHA = 56
 FRAME_PX = 1
 
@@ -312,7 +312,9 @@ class DrawnPanel:
             pixels = self.to_pixels(x, y)
             pixels = pixels[np.isfinite(pixels).all(axis=1)]
             if layer.line is not None and 1 < len(pixels) < MAX_OBSTACLES:  # the line between the points, too
-                steps = np.linspace(0, len(pixels) - 1, max(4 * len(pixels), 200))
+                longest = float(np.hypot(*np.diff(pixels, axis=0).T).max())
+                number = max(4, longest / px(OBSTACLE_GAP_PX)) * len(pixels)
+                steps = np.linspace(0, len(pixels) - 1, min(max(int(number), 200), 2 * MAX_OBSTACLES))
                 at = np.arange(len(pixels))
                 pixels = np.column_stack([np.interp(steps, at, pixels[:, axis]) for axis in (0, 1)])
             places.append(pixels[: 2 * MAX_OBSTACLES])

@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QPushButton
 
 from app.gui.face import LIGHT
 from app.gui.plots import SOLID, Chart, Panel, Picture, Region, Rule, Spot, layer, time_plot
@@ -311,9 +311,26 @@ def test_a_label_stands_nearer_to_its_own_curve_than_to_any_other(qt: QApplicati
     chart.deleteLater()
 
 
+@pytest.mark.parametrize("alarming", [False, True])
+def test_chips_are_whole_or_one_button_at_every_width(qt: QApplication, alarming: bool) -> None:
+    chart, x = Chart("chips"), np.arange(2.0)
+    chart.show()
+    layers = [layer(name=each, x=x, y=x, line=SOLID, tone="model", group=each) for each in ("Model", "Run before, 5 V")]
+    chart.show_picture(Picture(title="Response", note="the note of a plot", alarming=alarming, layers=tuple(layers)))
+    seen = set()
+    for width in range(300, 700, 7):
+        chart.resize(width, 200)
+        QApplication.processEvents()
+        shown = [each for each in chart.head.findChildren(QPushButton) if each.isVisible()]
+        assert all(each.width() >= each.sizeHint().width() for each in shown), width
+        seen.add(chart.layers_button.isVisible())
+    assert seen == {True, False}
+    chart.deleteLater()
+
+
 def test_a_label_that_would_lie_over_a_curve_is_its_letter(qt: QApplication) -> None:
     chart = Chart("low")
-    chart.resize(340, 400)
+    chart.resize(340, 180)
     chart.show()
     x = np.arange(18.0)
     for y, text in ((x, "A  T7 29 Nov 09:34"), (x % 2, "A")):
