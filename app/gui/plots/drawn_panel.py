@@ -404,7 +404,9 @@ class DrawnPanel:
         for text in dict.fromkeys((layer.label, short)):
             size = label.show_text(text, label.tone)
             wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
-            if self._place(label, placer, nearest_to(own, others, wishes, size), covers=text == short and not layer.group):
+            if self._place(
+                label, placer, nearest_to(own, others, wishes, size), covers=text == short and not layer.group
+            ):
                 return
 
     @staticmethod
