@@ -86,7 +86,7 @@ PARAMETERS: Mapping[str, Quantity] = _listed(
     ("h_Al", "plate thickness", "h_Al", "m", "mm", "thickness of the aluminium plate"),
     ("rho1", "mass per length ρ₁", "ρ₁", "kg/m", "g/m", "linear density of the bare plate"),
     ("rho2", "mass per length with MFC ρ₂", "ρ₂", "kg/m", "g/m", "linear density of plate and MFC"),
-    ("E_Al", "plate modulus E_Al", "E_Al", "Pa", "GPa", "Young modulus of aluminium"),
+    ("E_Al", "plate modulus", "E_Al", "Pa", "GPa", "Young modulus of aluminium"),
     ("k2", "bending stiffness k₂", "k₂", "N m^2", "N mm^2", "bending stiffness of plate and MFC"),
     ("mu", "moment per volt μ", "μ", "N m/V", "N mm/kV", "piezoelectric moment per volt"),
     ("c0", "damping c₀", "c₀", "kg/(m s)", "kg/(m s)", "structural damping per length"),

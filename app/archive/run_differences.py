@@ -14,9 +14,11 @@ from protocols.runfile import RunRecord
 MAX_LISTED = 3
 """Numbers of a list that are written, at either end."""
 
+NO_DIFFERENCE = "none"
+
 
 class RunDifference(NamedTuple):
-    """One row: its name, a text for each run, and how the second differs from the first; empty for equal texts."""
+    """One row: its name, a text for each run, and how the second result differs from the first; empty without two results."""
 
     name: str
     values: tuple[str, ...]
@@ -25,8 +27,8 @@ class RunDifference(NamedTuple):
 
     @property
     def is_equal(self) -> bool:
-        """Whether all runs have the same value."""
-        return len(set(self.values)) == 1
+        """Whether all runs have the same value, or two differ by nothing at the first digit of the difference's uncertainty."""
+        return len(set(self.values)) == 1 or self.difference == NO_DIFFERENCE
 
 
 def run_settings(record: RunRecord) -> dict[str, str]:
@@ -104,7 +106,10 @@ def _difference(a: RunFigure, b: RunFigure) -> str:
     else:
         factor, unit = shown_unit(a.unit, a.name)
         change, error = b.value - a.value, math.hypot(a.statistical, b.statistical)
-    text = f"{'+' if change > 0 else ''}{round_figure(factor * change, factor * error)} {typeset(unit)}".strip()
+    number = round_figure(factor * change, factor * error)
+    if not float(number):
+        return NO_DIFFERENCE
+    text = f"{'+' if change > 0 else ''}{number} {typeset(unit)}".strip()
     sigmas = abs(change) / error if error > 0 else math.nan
     of = f", {sigmas:.{0 if sigmas > 10 else 1}f} σ" if math.isfinite(sigmas) else ""
     return f"{text}{of}".replace("-", "−")

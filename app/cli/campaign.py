@@ -142,9 +142,11 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
     Raises:
         UsageError: there is no such parameter, it has no single number, or the values cannot be read.
     """
+    from app.session import unknown_parameter
+
     name, values = split_setting(text, "--vary", "peak_to_peak_v=1,2,3,4,5")
     if name not in kind.model_fields:
-        raise UsageError(f"{kind.name} has no parameter '{name}'; it has: {', '.join(kind.model_fields)}")
+        raise UsageError(unknown_parameter(kind, name))
     if name not in series_parameters(kind):
         raise UsageError(f"--vary {name}: this parameter is not a single number, so that nothing can be drawn over it")
     with usage_errors(UnitError, about=f"--vary {text}"):

@@ -17,6 +17,7 @@ from app.comparison.compared_run import LETTERS, MAX_RUNS, ComparedRun, Comparis
 from app.comparison.view import VIEW_SUFFIX, ComparisonView, read_view, view_problem
 from model import (
     COVERAGE_FACTOR_95,
+    SCALES,
     EstimatedQuantity,
     Relation,
     Role,
@@ -209,7 +210,7 @@ class Comparison:
         x_unit = next((curve.series.x_axis.unit for run in self.runs for curve in self._curves_of(run)), "1")
         columns = [
             Column("run", None, [run.letter for run in self.runs]),
-            Column("of", None, [run.title for run in self.runs]),
+            Column("of", None, [run.title for run in self.runs], "specimen and start"),
         ]
         for name, of in (
             ("natural_frequency", "Hz"),
@@ -218,12 +219,13 @@ class Comparison:
             ("quality_factor", ""),
         ):
             heading, shown = PEAK_HEADINGS[name], shown_unit(of, name).unit
-            for part, at in (("", 0), ("_errors", 1)):
+            spec = _fixed_decimals([row[name] for row in rows], shown)
+            for part, title, at in (("", heading, 0), ("_errors", "±", 1)):
                 values = [row[name][at] for row in rows]
-                title = "±" if part else heading
-                columns.append(Column(name + part, of, values, title, shown, ".5g" if not part else ".2g", missing=""))
+                columns.append(Column(name + part, of, values, title, shown, spec, missing=""))
             if name == "largest":
-                columns.append(Column("largest_at", x_unit, [row["at"][0] for row in rows], "at", missing=""))
+                spec = _fixed_decimals([row["at"] for row in rows], x_unit)
+                columns.append(Column("largest_at", x_unit, [row["at"][0] for row in rows], "at", "", spec, missing=""))
         return Table("peaks", "Peaks", tuple(columns))
 
     @cached_property
@@ -340,6 +342,16 @@ def model_request(comparison: Comparison) -> Any:
     amplitude_v = next((each.settings["amplitude"] / 2 for each in run.curves if "amplitude" in each.settings), 2.5)
     highest = max((float(each.series.x.max()) for each in run.curves if each.series.x_axis.unit == "Hz"), default=250.0)
     return CurveRequest(highest, amplitude_v, run.path.parent, run.summary.specimen)
+
+
+def _fixed_decimals(values: Sequence[tuple[float, float]], unit: str) -> str:
+    """Return the format of values and errors with one number of decimals: two digits of the least error, else five of the values."""
+    scale = SCALES.get(unit, 1.0)
+    errors = [scale * error for _, error in values if error > 0 and math.isfinite(error)]
+    if errors:
+        return f".{max(1 - math.floor(math.log10(min(errors))), 0)}f"
+    texts = [f"{scale * value:.5g}" for value, _ in values if math.isfinite(value)]
+    return f".{max((len(text.partition('.')[2]) for text in texts), default=0)}f"
 
 
 def _peak_row(run: ComparedRun, curves: Sequence[Series]) -> dict[str, tuple[float, float]]:

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from app.common import SEVERITY_STYLES, format_duration, format_point, outcome_severity, print_message
-from app.session import BenchFollower, BenchOpened, BenchState, SessionEvent
+from app.session import PRESETS_MENU, BenchFollower, BenchOpened, BenchState, SessionEvent
 from model import format_value, quantity_label
 from protocols.base import (
     BlockDiscarded,
@@ -123,7 +123,8 @@ class ConsoleObserver:
                 self._print((event.summary, SEVERITY_STYLES[outcome_severity(event.verdict.outcome)]))
             case _:
                 for line in lines:
-                    self._print((line.text, SEVERITY_STYLES[line.severity]))
+                    text = line.text.replace(PRESETS_MENU, "--set mains_shift_hz=3")
+                    self._print((text, SEVERITY_STYLES[line.severity]))
 
     def _update_progress(self, event: SessionEvent) -> None:
         if isinstance(event, RunStarted):

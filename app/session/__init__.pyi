@@ -3,6 +3,7 @@ from .bench_connection import connect as connect
 from .commissioning import CommissionedSource as CommissionedSource
 from .commissioning import commission as commission
 from .commissioning_record import make_record as make_record
+from .messages import PRESETS_MENU as PRESETS_MENU
 from .messages import LogLine as LogLine
 from .messages import describe_event as describe_event
 from .messages import protocol_title as protocol_title
@@ -12,6 +13,7 @@ from .reducer import reduce as reduce
 from .request import build_protocol as build_protocol
 from .request import choose_bench as choose_bench
 from .request import load_protocol_class as load_protocol_class
+from .request import unknown_parameter as unknown_parameter
 from .session import BenchFailed as BenchFailed
 from .session import BenchOpened as BenchOpened
 from .session import BlockMonitored as BlockMonitored

@@ -13,6 +13,7 @@ from app.config import (
     load_driver,
     open_generator,
 )
+from app.session.session import InstrumentAwaited, announcer
 from drivers import Clock, Digitizer, Interlock, Link, Meter, Source
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def open_source(
     Raises:
         InstrumentError: it does not answer, or another instrument does.
     """
+    announcer.get()(InstrumentAwaited("generator"))
     match config.source.kind:
         case "card-output":
             from drivers import NiAnalogOutput
@@ -123,10 +125,13 @@ def open_meters(
     Raises:
         InstrumentError: a port does not exist, or another instrument answers on it.
     """
-    return {name: _open_meter(table, clock, stack, read_displacement) for name, table in tables.items()}
+    return {name: _open_meter(name, table, clock, stack, read_displacement) for name, table in tables.items()}
 
 
-def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None) -> Meter:
+def _open_meter(
+    name: str, table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None
+) -> Meter:
+    announcer.get()(InstrumentAwaited(name))
     from drivers import BLOCK_DIALECTS, TEXT_DIALECTS, BlockMeter, OptoNcdt, SerialPort, TextMeter
 
     ports = table.port, table.command_port
@@ -160,6 +165,7 @@ def open_environment_sensor(
         return None
     from drivers import InstrumentError, SerialPort
 
+    announcer.get()(InstrumentAwaited("sensor of the air"))
     port = table.port
     if port == SIMULATED_PORT:
         if simulated is None:
@@ -213,6 +219,7 @@ def open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitSt
     Raises:
         AcquisitionError: the card is absent, or a setting is not admitted.
     """
+    announcer.get()(InstrumentAwaited("card"))
     card = config.card
     digitizer: Digitizer = load_driver(DIGITIZERS, card.driver)(
         card.device,

@@ -47,7 +47,10 @@ from protocols.signals import MAINS_HZ
 
 MAINS_TOLERANCE = 5e-3
 """Relative distance from a multiple of the mains that counts as the mains."""
-OFF_MAINS_REMEDY = "; the setting Mains shift of 3 Hz measures beside the mains (menu Presets)"
+PRESETS_MENU = "menu Presets"
+"""Where the window has the setting; the command line names its option there."""
+
+OFF_MAINS_REMEDY = f"; the setting Mains shift of 3 Hz measures beside the mains ({PRESETS_MENU})"
 
 
 @dataclass(frozen=True, slots=True)

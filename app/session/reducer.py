@@ -13,6 +13,7 @@ from app.session.session import (
     NO_LIVE_VALUES,
     BenchFailed,
     BenchOpened,
+    InstrumentAwaited,
     MonitorFailed,
     MonitorStarted,
     Observation,
@@ -263,10 +264,19 @@ def _going_to_rest(view: WindowState, obey_by_s: float) -> WindowState:
 def _after_connection(view: WindowState, event: WindowEvent) -> WindowState | None:
     """Return the window state after a bench was opened or lost, or a run was requested or rejected; None after another event."""
     match event:
+        case InstrumentAwaited(role) if not view.connected:
+            return replace(view, awaited=role)
         case BenchOpened(name, simulated, identities, gain):
             there = tuple(InstrumentStatus(role, identity, Lamp.READY) for role, identity in identities.items())
             view = replace(
-                view, bench_name=name, simulated=simulated, fitted=there, connected=True, problem="", busy=False
+                view,
+                bench_name=name,
+                simulated=simulated,
+                fitted=there,
+                connected=True,
+                awaited="",
+                problem="",
+                busy=False,
             )
             view = replace(view, high_voltage=None, warned=False, unread=False, off_aim=False, suspects=frozenset())
             return replace(view, gain_uncertainty=gain, phase=_phase_between_runs(view))
@@ -444,7 +454,7 @@ def _shows_checks(protocol: str) -> bool:
 def _disconnected(view: WindowState, lamp: Lamp) -> WindowState:
     """Return the state of a bench whose instruments are not connected."""
     fitted = tuple(replace(instrument, lamp=lamp) for instrument in view.fitted)
-    return replace(view, fitted=fitted, connected=False, watched=False, suspects=frozenset())
+    return replace(view, fitted=fitted, connected=False, awaited="", watched=False, suspects=frozenset())
 
 
 def _named_in(view: WindowState, message: str) -> set[str]:

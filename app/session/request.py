@@ -70,6 +70,15 @@ def load_protocol_class(name: str, warn: Callable[[str], object] = lambda _: Non
     return PROTOCOLS[name]
 
 
+def unknown_parameter(kind: type[Protocol], name: str) -> str:
+    """Return that a protocol has no parameter of a name, which one may be meant, and all that it has."""
+    from difflib import get_close_matches  # for an error only
+
+    near = get_close_matches(name.lower().replace(" ", "_"), kind.model_fields, 1)
+    meant = f"; {near[0]} may be meant" if near else ""
+    return f"{kind.name} has no parameter '{name}'{meant}; it has: {', '.join(kind.model_fields)}"
+
+
 def build_protocol(kind: type[Protocol], values: Mapping[str, Any]) -> Protocol:
     """Return the protocol with these parameters: numbers in SI, or texts with units.
 
@@ -81,7 +90,7 @@ def build_protocol(kind: type[Protocol], values: Mapping[str, Any]) -> Protocol:
     for given, value in values.items():
         key = given if given in kind.model_fields else current_parameter(given, kind.model_fields)
         if key not in kind.model_fields:
-            raise UsageError(f"{kind.name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
+            raise UsageError(unknown_parameter(kind, key))
         if key in read:
             raise UsageError(f"{kind.name}: {key} is given twice, once by its former name; give it once")
         try:

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -92,6 +93,18 @@ class SessionState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class InstrumentAwaited:
+    """An instrument is being opened; the bench is open when all have answered."""
+
+    kind: ClassVar[str] = "InstrumentAwaited"
+    role: str
+
+
+announcer: ContextVar[Callable[[InstrumentAwaited], object]] = ContextVar("announcer", default=lambda _: None)
+"""Takes what is opened next, in the thread of a session that connects."""
+
+
+@dataclass(frozen=True, slots=True)
 class BenchOpened:
     """The bench is open; `identities` by role."""
 
@@ -144,7 +157,16 @@ class MonitorFailed:
     words: str
 
 
-SessionEvent = Event | BenchOpened | BenchFailed | RunRejected | MonitorStarted | BlockMonitored | MonitorFailed
+SessionEvent = (
+    Event
+    | InstrumentAwaited
+    | BenchOpened
+    | BenchFailed
+    | RunRejected
+    | MonitorStarted
+    | BlockMonitored
+    | MonitorFailed
+)
 Observer = Callable[[SessionEvent], object]
 
 
@@ -323,6 +345,7 @@ class Session:
             if self._folder is not None:
                 for note in unreported_watchdog_messages(self._folder):
                     self._events.publish(note)
+            announcer.set(self._events.publish)
             with self._connect() as connected:
                 self.bench = connected.bench
                 identities = dict(connected.bench.configuration.get("identities", {}))

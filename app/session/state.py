@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
@@ -49,7 +49,7 @@ class Lamp(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class InstrumentStatus:
-    """One instrument of the status bar; `remark` is why it is suspect, empty where a message says it."""
+    """One instrument of the status bar; `remark` is why it is suspect or waited for, empty where a message says it."""
 
     role: str
     identity: str
@@ -154,6 +154,8 @@ class WindowState:
     """Whether the card is watched between runs."""
     connecting_since_s: float = math.nan
     """Time (time.monotonic) at which the bench was asked for last; NaN if unknown."""
+    awaited: str = ""
+    """Role of the instrument that is being opened; empty if none is."""
     connected: bool = False
     """The instruments answered at the last connection."""
     queued: str = ""
@@ -214,12 +216,14 @@ class WindowState:
     def instruments(self) -> tuple[InstrumentStatus, ...]:
         """The instruments; a connected one is suspect where a message or the card's reading indicates a fault in it."""
         remarks = {**self.remarks, **({"generator": "the card sees another voltage"} if self.off_aim else {})}
-        return tuple(
-            InstrumentStatus(each.role, each.identity, Lamp.SUSPECT, remarks.get(each.role, ""))
-            if each.lamp is Lamp.READY and (each.role in self.suspects or each.role in remarks)
-            else each
-            for each in self.fitted
-        )
+
+        def status(each: InstrumentStatus) -> InstrumentStatus:
+            if each.lamp is Lamp.READY and (each.role in self.suspects or each.role in remarks):
+                return replace(each, lamp=Lamp.SUSPECT, remark=remarks.get(each.role, ""))
+            is_awaited = each.lamp is Lamp.WAITING and each.role == self.awaited
+            return replace(each, remark="no answer yet") if is_awaited else each
+
+        return tuple(map(status, self.fitted))
 
     @property
     def danger(self) -> bool:

@@ -72,7 +72,7 @@ class StripView:
         aim: what the program wants.
         act: what the operator has to do about the voltage; empty if nothing.
         run: the run.
-        instruments: by role: why it is suspect, or its status; and when it answered last.
+        instruments: by role: why it is suspect or waited for, or its status; and when it answered last.
 
     Views are equal where their texts are: ages that no text shows do not count.
     """
@@ -230,9 +230,10 @@ def _run_line(view: WindowState, streamed_s: float, bench: "Bench | None", now_s
     waits_s = now_s - view.connecting_since_s
     waited = f", {format_duration(waits_s)}" if view.phase is BenchState.CONNECTING and waits_s >= 1 else ""
     if view.queued:
-        return RunLine(view.queued, f"begins when the bench is connected{waited}")
+        awaited = f", waits for the {view.awaited}" if view.awaited else ""
+        return RunLine(view.queued, f"begins when the bench is connected{awaited}{waited}")
     if view.phase is BenchState.CONNECTING:
-        return RunLine(view.bench_name, f"opens its instruments{waited}")
+        return RunLine(view.bench_name, f"waits for the {view.awaited or 'instruments'}{waited}")
     if progress is None:
         return RunLine(view.bench_name, verdict if view.connected else "")
     done = f"{progress.done} of {pluralize(progress.entries, 'point')}{flagged}"

@@ -51,7 +51,7 @@ class PerceptionThreshold:
     @property
     def line_label(self) -> str:
         """Label of its line in a plot."""
-        return f"felt: {self.marked_label}"
+        return f"Felt: {self.marked_label}"
 
     @property
     def description(self) -> str:

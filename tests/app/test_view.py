@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import pytest
 
 from app.session.reducer import reduce
-from app.session.session import BenchFailed, BenchOpened, RunRejected
+from app.session.session import BenchFailed, BenchOpened, InstrumentAwaited, RunRejected
 from app.session.state import (
     BenchState,
     Lamp,
@@ -198,6 +198,9 @@ def test_lamps_tell_what_is_known_of_each_instrument() -> None:
         return {i.role: i.lamp for i in view_after(*events).instruments}
 
     assert set(lamps().values()) == {Lamp.WAITING}
+    asked = InstrumentAwaited("generator"), InstrumentAwaited("card")
+    assert [i.role for i in view_after(*asked).instruments if i.remark] == ["card"]
+    assert not any(i.remark for i in view_after(*asked, BenchFailed("x"), OperatorAction.RECONNECT).instruments)
     assert set(lamps(OPENED).values()) == {Lamp.READY}
     assert set(lamps(BenchFailed("x")).values()) == {Lamp.MISSING}
     after_failure = lamps(*LIVE, AT_REST, FAILED)

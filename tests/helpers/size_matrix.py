@@ -198,6 +198,8 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
             continue  # an icon alone
         if isinstance(widget, QAbstractButton) and widget.text():
             needed = max(map(widget.fontMetrics().horizontalAdvance, widget.text().split("\n")))
+            if not widget.icon().isNull():
+                needed += widget.iconSize().width()
             if isinstance(widget, QCheckBox):
                 needed = widget.minimumSizeHint().width()
             if needed > widget.width():

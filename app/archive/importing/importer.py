@@ -22,7 +22,7 @@ from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, record_audit, usage_errors
 from app.config import AmplifierTable, validation_messages
-from app.session import load_protocol_class
+from app.session import load_protocol_class, unknown_parameter
 from drivers import open_regular
 from model import current_parameter
 from protocols import PROTOCOLS
@@ -227,10 +227,9 @@ def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKi
         if name not in protocol.model_fields:
             if name in others:
                 continue
-            names = ", ".join(protocol.model_fields)
             raise UsageError(
-                f"{protocol.name} has no parameter '{name}'; omit --set {name} for this table, or import it together with tables "
-                f"that have it. It has: {names}"
+                f"{unknown_parameter(protocol, name)}; omit --set {name} for this table, or import it together with "
+                "tables that have it"
             )
         try:
             given[name] = read_value(protocol, name, text)

@@ -18,7 +18,7 @@ class AmplifierPlot(Chart):
         super().__init__("characteristic of the amplifier", headed=False, zooms=False, parent=parent)
         self._map: AmplifierMap | None = None
         self._input: float | None = None
-        set_length(self, height=150)
+        set_length(self, height=172)
         self.setObjectName("bench.amplifier.plot")
         self.setAccessibleName("characteristic of the amplifier")
 
@@ -40,11 +40,12 @@ class AmplifierPlot(Chart):
         if self._map is None:
             return
         inputs = np.array([self._map.low_v, self._map.rest_v, self._map.high_v])
+        volts = self._map.specimen_v(inputs)
         layers = [
             layer(
                 name="characteristic",
                 x=inputs,
-                y=self._map.specimen_v(inputs),
+                y=volts,
                 tone="model",
                 line=SOLID,
                 width=MODEL_WIDTH,
@@ -61,7 +62,7 @@ class AmplifierPlot(Chart):
         self.show_picture(
             Picture(
                 x_title="Amplifier's input, V",
-                panels=(Panel(title="Specimen, V"),),
+                panels=(Panel(title="Specimen, V", ticks=tuple(map(float, volts))),),
                 layers=tuple(layers),
                 log=(False, False),
             )

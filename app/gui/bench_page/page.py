@@ -158,9 +158,6 @@ class BenchPage(QWidget):
     def set_state(self, view: WindowState) -> None:
         """Show identity and state of the instruments of the open bench."""
         self._state = view
-        by_role = {status.role: status for status in view.instruments} if self.is_open else {}
-        for tile in self.editor.tiles:
-            tile.set_status(by_role.get(tile.role), view.problem)
         if self.editor.simulation.controls is not None:
             self.editor.simulation.controls.set_state(view)
         self._update_buttons()
@@ -294,6 +291,9 @@ class BenchPage(QWidget):
         self.connect_button.setText("Save and connect" if edited else "Connect again" if self.is_open else "Connect")
         self.connect_button.setEnabled(draft is not None and not busy)
         if self._state is not None:
+            by_role = {status.role: status for status in self._state.instruments} if self.is_open else {}
+            for tile in self.editor.tiles:
+                tile.set_status(by_role.get(tile.role), self._state.problem, self.connect_button.text())
             self.wiring.set_state(self._state, self.is_open, self._can_run)
         for button in (self.commissioning.start_button, self.live.level_button, self.live.tone_button):
             button.setEnabled(self._can_run)

@@ -40,8 +40,6 @@ TRACE_LENGTH, LEAST_SPAN = 100, 0.01
 
 RANGE_STEPS = 1000
 
-NOT_CONNECTED = "Save and connect to see its identity and live values"
-
 
 class TraceLine(QWidget):
     """The last live values as a line without axes, between their lowest and highest; none while there are none."""
@@ -156,17 +154,20 @@ class Tile(QFrame):
         """Fill in an instrument of the scan; no scan covers the tiles that do not override this."""
         del device
 
-    def set_status(self, status: InstrumentStatus | None, problem: str) -> None:
-        """Show identity and state of the instrument of the open bench; None for a bench that is not open."""
+    def set_status(self, status: InstrumentStatus | None, problem: str, connect: str) -> None:
+        """Show identity and state of the instrument of the open bench; None for a bench that is not open.
+
+        `connect` is the text of the button that opens it.
+        """
         wrong = status is not None and status.lamp in (Lamp.SUSPECT, Lamp.MISSING)
         self.problem_label.setVisible(wrong)
         if status is None:
             self.state_icon.show_icon("", "")
             self.state_label.setText("")
-            self.identity_label.setText(NOT_CONNECTED)
+            self.identity_label.setText(f"{connect} to see its identity and live values")
             return
         self.state_icon.show_icon(*LAMP_SIGNS[status.lamp])
-        self.state_label.setText(str(status.lamp))
+        self.state_label.setText(status.remark if status.lamp is Lamp.WAITING and status.remark else str(status.lamp))
         self.identity_label.setText(str(status.identity))
         what = problem or status.remark
         mended_by = self.role if status.lamp is Lamp.MISSING or self.role == "sensor" else "amplifier"

@@ -126,9 +126,9 @@ def _apply_margins(layout: QLayout) -> None:
         layout.setSpacing(px(spacing))
 
 
-def set_length(widget: QWidget, width: int = 0, height: int = 0) -> None:
-    """Fix a widget's width or height in lengths of the design; they follow the text size."""
-    widget.setProperty("design", [width, height])
+def set_length(widget: QWidget, width: int = 0, height: int = 0, least_width: int = 0) -> None:
+    """Fix a widget's width or height, or set its least width, in lengths of the design; they follow the text size."""
+    widget.setProperty("design", [width, height, least_width])
     _apply_length(widget)
 
 
@@ -136,7 +136,9 @@ def _apply_length(widget: QWidget) -> None:
     design = widget.property("design")
     if design is None:
         return
-    width, height = (int(each) for each in design)
+    width, height, least_width = (int(each) for each in design)
+    if least_width:
+        widget.setMinimumWidth(px(least_width))
     if width:
         widget.setFixedWidth(px(width))
     if height:

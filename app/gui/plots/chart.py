@@ -107,8 +107,8 @@ class Chart(QWidget):
         if new_chips:
             self._make_chips()
         show_text(self.title_label, picture.title if self.has_title else "")
-        self.note_label.setText(picture.note)
         self.note_label.hint = not picture.alarming
+        self.note_label.setText(picture.note)
         for label in (self.title_label, self.note_label):
             label.setToolTip(picture.note)
         set_style_kind(self.note_label, "fault" if picture.alarming else "note")
@@ -166,7 +166,7 @@ class Chart(QWidget):
         low, high = drawn.extent()
         ends = [each for each in (panel.low, panel.high) if each is not None]
         if drawn.log[1]:
-            above = [each.y[each.y > 0] for each in drawn.layers]
+            above = [each.y[(each.y > 0) & each.usable] for each in drawn.layers]
             least = min((float(each.min()) for each in above if each.size), default=0.1)
             top = float(np.log10(np.nanmax([high * 1.1, 1.0, *(e for e in ends if e > 0)])))
             bottom = float(np.log10(least))
@@ -224,7 +224,8 @@ class Chart(QWidget):
         self.layers_button.setMinimumWidth(self.layers_button.sizeHint().width())
         every: list[QWidget] = [self.title_label, *self.head.findChildren(QPushButton)]
         fitted = {*chips, *self.tools.buttons[:-1], self.layers_button}
-        room = self.width() - px(40) - _width_of(each for each in every if not each.isHidden() and each not in fitted)
+        room = self.width() - px(16) - self.note_label.minimumSizeHint().width()
+        room -= _width_of(each for each in every if not each.isHidden() and each not in fitted)
         fits = _width_of([*chips, *tools]) <= room
         for each in chips:
             each.setVisible(fits)
@@ -288,11 +289,12 @@ def layer_icon(layer: Layer, ratio: float) -> QIcon:
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
     color = color_of(layer.tone)
-    middle = QPointF(CHIP_ICON.width() / 2, CHIP_ICON.height() / 2)
+    end = CHIP_ICON.width() - 4  # a line does not touch the text beside it
+    middle = QPointF(end / 2, CHIP_ICON.height() / 2)
     with painting(pixmap) as painter:
         if layer.line is not None:
             painter.setPen(QPen(color, layer.width, layer.line))
-            painter.drawLine(QPointF(0, middle.y()), QPointF(CHIP_ICON.width(), middle.y()))
+            painter.drawLine(QPointF(0, middle.y()), QPointF(end, middle.y()))
         if layer.symbol:
             painter.translate(middle)
             painter.scale(8, 8)

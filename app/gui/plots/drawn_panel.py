@@ -19,7 +19,19 @@ from PySide6.QtWidgets import (
 from app.gui.face import px, text_font
 from app.gui.plots.axes import TITLE_PX, PlotAxis
 from app.gui.plots.labels import Label, Placer, along, beside, fitting_text, nearest_to
-from app.gui.plots.picture import MODEL_WIDTH, ON_AXIS, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
+from app.gui.plots.picture import (
+    LABEL_SEPARATOR,
+    MODEL_WIDTH,
+    ON_AXIS,
+    RING,
+    Layer,
+    Panel,
+    Picture,
+    Region,
+    Rule,
+    Spot,
+    color_of,
+)
 from app.gui.plots.zoom import ZoomBox
 from model import Array, Mask
 
@@ -30,7 +42,7 @@ SMALLEST = 1e-12
 SYMBOLS = pg.graphicsItems.ScatterPlotItem.Symbols
 SYMBOLS[ON_AXIS] = QTransform.fromScale(0.5, 0.5).map(SYMBOLS["t"]).translated(0.0, -0.25)  # the upper half of the size
 
-MAX_OBSTACLES = 4000
+MAX_OBSTACLES, OBSTACLE_GAP_PX = 4000, 8
 BAND_ALPHA = 56
 FRAME_PX = 1
 
@@ -134,9 +146,9 @@ class DrawnLayer:
         options: dict[str, Any] = {"symbol": layer.symbol, "pen": full[0], "brush": full[1]}
         if layer.symbol == RING:
             options = {"symbol": "o", "pen": pg.mkPen(color, width=2), "brush": None}
-        if layer.series.usable is not None and not np.all(layer.series.usable):
-            each = [full if good else empty for good in np.asarray(layer.series.usable)[there]]
-            symbols = [layer.symbol if good else crossed_circle() for good in np.asarray(layer.series.usable)[there]]
+        if not layer.usable.all():
+            each = [full if good else empty for good in layer.usable[there]]
+            symbols = [layer.symbol if good else crossed_circle() for good in layer.usable[there]]
             options = {"symbol": symbols, "pen": [p for p, _ in each], "brush": [b for _, b in each]}
         if layer.chosen is not None and np.any(layer.chosen):
             pen = pg.mkPen(color_of("accent"), width=px(4))
@@ -210,26 +222,27 @@ class DrawnPanel:
         return next((each for key, each in self.drawn.items() if key.startswith(f"{name}:")), None) or self.drawn[name]
 
     def extent(self) -> tuple[float, float]:
-        """Return lowest and highest drawn value, with error bars of usable points that widen the range threefold at most."""
-        ends, bars = [], []
+        """Return lowest and highest drawn value; error bars and bands of usable points widen the range threefold at most.
+
+        Points that are not usable set no range unless there are no others.
+        """
+        ends, bars, unusable = [np.empty(0)], [np.empty(0)], [np.empty(0)]
         for layer in self.layers:
-            ends.append(layer.y[np.isfinite(layer.y)])
+            ends.append(layer.y[layer.usable])
+            unusable.append(layer.y[~layer.usable])
             if layer.series.errors is not None:
-                half = np.nan_to_num(layer.series.errors)
-                if layer.series.usable is not None:
-                    half = np.where(layer.series.usable, half, 0.0)
-                bars += [layer.y - half, layer.y + half]
-            for end in layer.series.band or ():
-                bars.append(np.asarray(end))
-        ends += [np.array([each.y]) for each in self.picture.spots if each.panel == self._index]
-        every = np.concatenate(ends) if ends else np.empty(0)
-        every = every[np.isfinite(every)]
+                bars += [(layer.y + side * layer.series.errors)[layer.usable] for side in (-1.0, 1.0)]
+            bars += [np.asarray(end) for end in layer.series.band or ()]
+        ends.append(np.array([each.y for each in self.picture.spots if each.panel == self._index]))
+        every, wide = (values[np.isfinite(values)] for values in map(np.concatenate, (ends, bars)))
+        if not every.size:
+            every = np.concatenate(unusable)
+            every = every[np.isfinite(every)]
         if not every.size:
             return np.nan, np.nan
         low, high = float(every.min()), float(every.max())
-        wide = np.concatenate((*bars, [low, high]))
-        wide = wide[np.isfinite(wide)]
-        if wide.max() - wide.min() <= 3 * (high - low):
+        wide = np.append(wide, (low, high))
+        if np.ptp(wide) <= 3 * (high - low):
             low, high = float(wide.min()), float(wide.max())
         return low, high
 
@@ -299,7 +312,9 @@ class DrawnPanel:
             pixels = self.to_pixels(x, y)
             pixels = pixels[np.isfinite(pixels).all(axis=1)]
             if layer.line is not None and 1 < len(pixels) < MAX_OBSTACLES:  # the line between the points, too
-                steps = np.linspace(0, len(pixels) - 1, max(4 * len(pixels), 200))
+                longest = float(np.hypot(*np.diff(pixels, axis=0).T).max())
+                number = max(4, longest / px(OBSTACLE_GAP_PX)) * len(pixels)
+                steps = np.linspace(0, len(pixels) - 1, min(max(int(number), 200), 2 * MAX_OBSTACLES))
                 at = np.arange(len(pixels))
                 pixels = np.column_stack([np.interp(steps, at, pixels[:, axis]) for axis in (0, 1)])
             places.append(pixels[: 2 * MAX_OBSTACLES])
@@ -382,15 +397,23 @@ class DrawnPanel:
             x, y = pixels[inside][min(int(layer.label_at * inside.sum()), int(inside.sum()) - 1)]
             label.setPos(x - size.width() / 2, y - size.height() / 2)
             return
-        wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
         # Points are compared with points and lines with lines, because a model's line runs through its points.
         alike = [e for e in self.layers if e is not layer and (e.symbol if layer.symbol else e.line is not None)]
         own, others = self._obstacles([layer]), self._obstacles(alike)
-        self._place(label, placer, nearest_to(own, others, wishes, size))
+        short = layer.label.partition(LABEL_SEPARATOR)[0]
+        for text in dict.fromkeys((layer.label, short)):
+            size = label.show_text(text, label.tone)
+            wishes = along(pixels[inside], size, from_left=bool(layer.symbol))
+            if self._place(
+                label, placer, nearest_to(own, others, wishes, size), covers=text == short and not layer.group
+            ):
+                return
 
     @staticmethod
-    def _place(label: Label, placer: Placer, wishes: Iterable[QPointF]) -> None:
-        at = placer.place(label.boundingRect(), wishes)
+    def _place(label: Label, placer: Placer, wishes: Iterable[QPointF], covers: bool = True) -> bool:
+        """Show a label at the best place, and return whether there is one."""
+        at = placer.place(label.boundingRect(), wishes, covers)
         label.setVisible(at is not None)
         if at is not None:
             label.setPos(at)
+        return at is not None

@@ -56,15 +56,19 @@ class Placer:
         self._area, self._obstacles = area, obstacles
         self.taken: list[QRectF] = []
 
-    def place(self, size: QRectF, wishes: Iterable[QPointF]) -> QPointF | None:
-        """Return the place among the wished ones, best first, that covers least; None if each would lie over a text or the edge."""
+    def place(self, size: QRectF, wishes: Iterable[QPointF], covers: bool = True) -> QPointF | None:
+        """Return the place among the wished ones, best first, that covers least; None if each would lie over a text or the edge.
+
+        Without `covers` a place is over no curve and no symbol.
+        """
         best: tuple[float, QPointF] | None = None
         for rank, at in enumerate(wishes):
             rect = QRectF(at, size.size())
             if not self._area.contains(rect) or any(rect.intersects(each) for each in self.taken):
                 continue
-            cost = self._covered(rect) + 0.02 * rank
-            if best is None or cost < best[0]:
+            covered = self._covered(rect)
+            cost = covered + 0.02 * rank
+            if (covers or not covered) and (best is None or cost < best[0]):
                 best = cost, at
             if cost < 0.5:
                 break

@@ -22,6 +22,9 @@ ON_AXIS = "on-axis"
 CURVE_SYMBOLS = ("t1", "d", "p", "s", "t", "star", "h", "o")
 """Symbols of the n-th of several curves: shapes are distinguishable without colours."""
 
+LABEL_SEPARATOR = "  "
+"""Of a label: what stands before it is shown alone where the whole would lie over a curve."""
+
 RING = "ring"
 """Symbol around points of another layer."""
 
@@ -93,7 +96,7 @@ class Layer:
         hollow: whether the symbols are empty.
         chosen: (N,), whether each point is selected.
         texts: of the points, for the pointer: strings, or functions that return one.
-        label: written beside the line or points.
+        label: written beside the line or points; see `LABEL_SEPARATOR`.
         label_at: share of the points at which the label stands on the line itself; None: beside it, where there is space.
         group: chip above the plot that hides the layer; empty for no chip.
         panel: index of the panel.
@@ -131,6 +134,11 @@ class Layer:
     def y(self) -> Array:
         """(N,)."""
         return np.asarray(self.series.y, float)
+
+    @property
+    def usable(self) -> Mask:
+        """(N,), whether each point is usable."""
+        return np.broadcast_to(True if self.series.usable is None else self.series.usable, self.y.shape)
 
     def value_at(self, x: float, reach: float) -> tuple[float, float] | None:
         """Return value and standard error at a place: of the nearest point within `reach`, or on the line; None without one."""

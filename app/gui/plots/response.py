@@ -44,6 +44,8 @@ THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
 ENDLESS_HZ = 1e6
 LOWER = (NOTHING, RESIDUAL, PHASE)
 MODEL, BAND, EARLIER = "Model", f"{100 * COVERAGE:g} % band", "Earlier runs"
+NO_BAND = "no band"
+"""Where no calibration has given the parameters' errors."""
 COMING = "still to be measured"
 NOT_USABLE = "crossed: not usable"
 
@@ -103,7 +105,7 @@ def model_layers(
                     name=f"{series.label}{where}, curve: {curves.active_model.description}",
                     x=drawn.x, y=drawn.plotted, band=drawn.band if has_band else None, tone=tone,
                     line=series.line, width=MODEL_WIDTH if is_main else DATA_WIDTH,
-                    label=((each["peak_to_peak"].label if several else f"{label}, {BAND}" if has_band else label) if is_main else ""),
+                    label=((each["peak_to_peak"].label if several else f"{label}, {BAND if has_band else NO_BAND}" if band else label) if is_main else ""),
                     group=MODEL,
                 )
             )  # fmt: skip
@@ -141,8 +143,7 @@ class RunInPlot:
     @property
     def largest(self) -> float:
         """Largest response at a usable point, µm; NaN without one."""
-        usable = self.layer.series.usable
-        y = self.layer.y if usable is None else self.layer.y[usable]
+        y = self.layer.y[self.layer.usable]
         return float(np.nanmax(y)) if np.isfinite(y).any() else math.nan
 
 

@@ -243,6 +243,8 @@ class TimePlot(Chart):
 
     def _draw_traces(self, fresh: bool) -> None:
         """Move the curves so that `_right_s` is at the right edge; a triggered span draws the displayed part only."""
+        if not self.is_calm:
+            self._lines = {}
         for at, (curve, (time_s, values)) in enumerate(zip(self.curves, self._samples, strict=False)):
             left_s = self._right_s - self.span.shown_s
             ends = np.searchsorted(time_s, (left_s, self._right_s), "right")

@@ -15,6 +15,7 @@ from app.comparison import Comparison
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
 from app.gui.runs.compare import ComparisonPlot, DifferencesPane
+from app.gui.runs.folder_model import RunFolderModel
 from app.gui.widgets import (
     SELECTABLE,
     UPRIGHT,
@@ -70,16 +71,15 @@ class _NoteEdit(QPlainTextEdit):
 
 
 class RunDetailsPane(QWidget):
-    """Shows the selected runs; tags and note are saved when their field loses the focus."""
+    """Shows the selected runs of a folder; tags and note are saved when their field loses the focus."""
 
     notes_changed = Signal(str, str)
     export_pressed = Signal(str)
 
-    def __init__(self) -> None:
+    def __init__(self, folder_model: RunFolderModel) -> None:
         super().__init__()
+        self._folder_model = folder_model
         self._saved_notes, self._run_path, self._people = ("", ""), "", ""
-        self.is_reading = False
-        """Whether the runs of the folder are still being read."""
         self.heading = make_label(kind="caption", name="runs.heading")
         links: dict[str, Any] = {"textFormat": Qt.TextFormat.AutoText, "openExternalLinks": True}
         self.message_label = make_label(name="runs.message", visible=False, **links)
@@ -192,7 +192,7 @@ class RunDetailsPane(QWidget):
         self.plot.setVisible(count > 0)
         self.result_plots.hide()
         self.empty_label.setVisible(not count)
-        empty_text = READING_TEXT if self.is_reading else EMPTY_TEXT
+        empty_text = READING_TEXT if self._folder_model.is_reading else EMPTY_TEXT
         self.empty_label.setText("No curve to compare.\nEnter opens the run." if selected_count else empty_text)
 
     def show_result(self, run: LoadedRun) -> None:

@@ -39,10 +39,10 @@ class RunFolderModel(QObject):
         self.summaries: list[RunSummary] = []
         self._catalogue: Catalogue | None = None
         self.is_reading = False
-        """Whether runs of the folder may still be missing in `summaries`."""
+        """Whether the folder is being read: runs may be missing in `summaries`, and no other scan begins."""
         self.active_file: Path | None = None
         """The file that this program is writing; scans skip it."""
-        self._busy = self._rescan_due = self._scanning = False
+        self._busy = self._rescan_due = False
         self._looked_s = 0.0
         self._progress = JobProgress(self.progressed.emit)
 
@@ -70,8 +70,9 @@ class RunFolderModel(QObject):
             self._worker.submit(self._catalogue.has_changed_folder, lambda changed: self.rescan() if changed else None)
 
     def rescan(self) -> None:
-        """List the catalogued runs, then scan for changes."""
-        if self._scanning:
+        """List the catalogued runs, then scan for changes; while the folder is being read, at the next refresh."""
+        self._rescan_due = self.is_reading
+        if self.is_reading:
             return
         self.is_reading = True
         folder, excluded = self._folder(), () if self.active_file is None else (self.active_file,)
@@ -79,7 +80,7 @@ class RunFolderModel(QObject):
             self._catalogue = Catalogue(folder, self._index)
             self.summaries = []
             self.cleared.emit()
-        catalogue, self._rescan_due, self._scanning, self._progress.cancelled = self._catalogue, False, True, False
+        catalogue, self._progress.cancelled = self._catalogue, False
         self._worker.submit(catalogue.entries, self._on_listed, self._on_error)
         self._worker.submit(lambda: catalogue.scan(self._progress, excluded), self._on_scanned, self._on_error)
 
@@ -92,15 +93,20 @@ class RunFolderModel(QObject):
         self._worker.submit(lambda: annotate_runs(list(runs), tags, note), lambda _: self.rescan(), self._on_error)
 
     def _on_listed(self, summaries: list[RunSummary]) -> None:
-        self.summaries, self.is_reading = summaries, self._scanning
+        self.summaries = summaries
         self.listed.emit()
 
     def _on_scanned(self, result: ScanResult) -> None:
-        self._scanning, self.is_reading = False, result.has_changes and self._catalogue is not None
+        assert self._catalogue is not None
+        self.is_reading = result.has_changes
         self.scanned.emit(result)
-        if result.has_changes and self._catalogue is not None:
-            self._worker.submit(self._catalogue.entries, self._on_listed, self._on_error)
+        if result.has_changes:
+            self._worker.submit(self._catalogue.entries, self._on_read, self._on_error)
+
+    def _on_read(self, summaries: list[RunSummary]) -> None:
+        self.is_reading = False
+        self._on_listed(summaries)
 
     def _on_error(self, error: Exception) -> None:
-        self._scanning = self.is_reading = False
+        self.is_reading = False
         self.failed.emit(error)

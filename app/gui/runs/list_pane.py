@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import RunSummary, ScanResult
 from app.comparison import LETTERS, MAX_RUNS
-from app.gui.face import px
+from app.gui.face import set_length
 from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
@@ -30,9 +30,10 @@ class RunListPane(QWidget):
         self.model = RunTableModel(self)
         self._rows: list[int] | None = None
         self.model.modelReset.connect(self._forget_rows)
-        self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane()
+        self.table, self.filter_bar = RunTableView(self.model), RunFilterBar()
+        self.details = RunDetailsPane(self.folder_model)
         columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
-        self.details.setMinimumWidth(px(340))  # now: at first the details have the width that their buttons need
+        set_length(self.details, least_width=340)  # now: at first the details have the width that their buttons need
         column(self.filter_bar, (columns, 1), parent=self, margins=(0, 0, 8, 0), spacing=6)
         self.filter_bar.changed.connect(self._update_table)
         self.filter_bar.stop_pressed.connect(self.folder_model.cancel)
@@ -118,7 +119,6 @@ class RunListPane(QWidget):
             self._update_table()
 
     def _update_table(self) -> None:
-        self.details.is_reading = self.folder_model.is_reading
         chosen = [entry.path for entry in self.selected]
         try:
             first, others = self.filter_bar.selected_filter.split(self.folder_model.summaries)

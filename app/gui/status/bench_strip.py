@@ -297,6 +297,9 @@ class BenchStrip(QWidget):
             titles, notes = (points.removesuffix(" points"),), (rest,)
         elif narrow and run.outcome is not None:
             titles, notes = (run.note.partition(", ")[0],), titles
+        elif narrow and self.view.state == "connecting":
+            begin, _, rest = run.note.partition(", ")[0].partition(" the ")
+            titles, notes = (sentence_case(begin),), (f"the {rest}", rest.rpartition(" ")[2])
         elif run.outcome is None and not run.fraction:
             titles = (*titles, "No run")
         colored = not self.view.danger and look_of(self.view).tint not in ("amber", "red") and run.outcome is not None

@@ -26,6 +26,8 @@ from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
     BenchArmed,
+    InterferenceLine,
+    InterferenceMeasured,
     LogMessage,
     PointMeasured,
     Prompt,
@@ -206,6 +208,14 @@ def test_an_armed_bench_is_told_with_its_high_voltage(needed: bool, says: str) -
     with ConsoleObserver(Console(file=out, width=200)) as told:
         told(BenchArmed(needed))
     assert says in out.getvalue()
+
+
+def test_the_remedy_for_hum_is_an_option_of_the_command_line() -> None:
+    out = io.StringIO()
+    with ConsoleObserver(Console(file=out, width=400)) as told:
+        told(InterferenceMeasured((0, 100), (InterferenceLine(50.0, 1e-6, 1e-8),)))
+    assert "(--set mains_shift_hz=3)" in out.getvalue()
+    assert SineDwell.model_fields["mains_shift_hz"]
 
 
 def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:

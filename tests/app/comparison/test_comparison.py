@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,7 +13,7 @@ import pytest
 import scipy.io
 
 import tactor_bench as tb
-from app.archive import FORMATS
+from app.archive import FORMATS, compare_runs
 from app.cli.main import main
 from app.comparison import (
     MAX_RUNS,
@@ -69,6 +70,32 @@ def test_peaks_are_those_of_the_files(paths: list[Path]) -> None:
     assert columns["natural_frequency"] == [158.35] * 4
     assert columns["largest"] == pytest.approx([2e-4, 4e-4, 6e-4, 8e-4])
     assert columns["quality_factor"] == [None] * 4, "no damping was identified"
+
+
+def test_one_column_of_peaks_has_one_number_of_decimals(paths: list[Path]) -> None:
+    runs = []
+    for letter, path, value, error in zip("AB", paths, (158.304, 158.35), (0.34, 2.1), strict=False):
+        run = ComparedRun.read(path, letter)
+        record = run.summary.record
+        found = (replace(record.estimates[0], value=value, standard_error=error),)
+        known = run.summary._replace(record_json=replace(record, estimates=found).to_json())
+        runs.append(replace(run, summary=known))
+    table = Comparison(runs, ComparisonView()).peaks
+    at = [column.name for column in table.columns].index("natural_frequency")
+    assert [row[at : at + 2] for row in table.text_rows] == [("158.30", "0.34"), ("158.35", "2.10")]
+
+
+def test_results_whose_difference_rounds_to_nothing_do_not_differ(paths: list[Path]) -> None:
+    def rows(*values: float) -> dict[str, bool]:
+        figures = [json.dumps([["damping_ratio", value, 0.001, 0.001, "1"]]) for value in values]
+        run = ComparedRun.read(paths[0]).summary
+        return {
+            each.name: each.is_equal for each in compare_runs([run._replace(figures_json=each) for each in figures])
+        }
+
+    assert rows(0.21849, 0.21851)["damping ratio"], "0.218 and 0.219"
+    assert not rows(0.218, 0.224)["damping ratio"]
+    assert not rows(0.21849, 0.21851, 0.21851)["damping ratio"]
 
 
 def test_a_waterfall_stands_in_the_order_of_its_setting_and_shows_true_values(paths: list[Path]) -> None:

@@ -75,6 +75,17 @@ def test_the_open_bench_has_identity_state_and_live_values(window: MainWindow) -
     assert "ready" in find(window, "bench.sensor.state").text()
 
 
+def test_tiles_of_a_bench_that_is_not_open_name_the_button_that_opens_it(window: MainWindow) -> None:
+    page, card = window.tabs.bench, find(window, "bench.card.identity")
+    other = next(each for name, each in page.benches.buttons.items() if name != page.draft.name)
+    other.click()
+    until(lambda: not page.is_open, "for the other bench")
+    for what in ("Connect", "Save and connect"):
+        assert card.text() == f"{what} to see its identity and live values"
+        assert find(page, "bench.connect").text() == what
+        type_into(window, "bench.amplifier.rest_v", "2.4")
+
+
 def test_speed_prompts_and_faults_of_the_simulated_bench_are_at_hand(window: MainWindow) -> None:
     find(window, "bench.faults").click()
     assert window.faults.isVisible()

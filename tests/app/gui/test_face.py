@@ -9,13 +9,24 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QColor, QFontInfo, QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QApplication,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QPushButton,
+    QTableWidget,
+    QWidget,
+)
 
 from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
 from app.gui.face.tokens import COLORS
 from app.gui.plots import color_of, curve_tone
 from app.gui.shell.page_host import MEASURE
 from app.gui.status.bench_strip import LOOKS, BenchStrip, look_of
+from app.gui.widgets import column, configure
 from app.session import BenchState
 from app.session.strip import RunLine, StripView
 from protocols.base import Outcome, Prompt, PromptShown, RunPaused
@@ -505,3 +516,26 @@ def test_the_smallest_window_is_900_by_540(stage: Stage, tmp_path: Path) -> None
     assert stage.window.size() == QSize(900, 540)
     assert isinstance(stage.window.strip, BenchStrip)
     assert QApplication.font().pixelSize() == 12
+
+
+CHECKABLE = ("choice", "chip", "segment")
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+def test_the_focus_ring_has_two_pixels_on_every_side_of_a_control(qt: QApplication, theme: Tokens) -> None:
+    window = QWidget(styleSheet=style_sheet(theme))
+    kinds = ("", *CHECKABLE, "tool", "link", "primary", "go", "stop")
+    controls: list[QWidget] = [*(configure(QPushButton("Text"), kind=kind) for kind in kinds)]
+    controls += [configure(QPushButton("Text", checkable=True, checked=True), kind=kind) for kind in CHECKABLE]
+    column(*controls, QLineEdit(), QComboBox(), QPlainTextEdit(), QTableWidget(2, 2), parent=window)
+    window.show()
+    window.activateWindow()
+    rings = {QColor(theme.accent_text).rgb(), QColor(theme.text).rgb()}
+    for control in window.findChildren(QWidget, options=Qt.FindChildOption.FindDirectChildrenOnly):
+        control.setFocus()
+        QCoreApplication.processEvents()
+        image, (right, bottom) = control.grab().toImage(), (control.width() - 1, control.height() - 1)
+        across, down = right // 2, bottom // 2
+        ends = [(at, down) for at in (0, 1, right - 1, right)] + [(across, at) for at in (0, 1, bottom - 1, bottom)]
+        assert {image.pixelColor(*at).rgb() for at in ends} <= rings, control.property("kind")
+    window.deleteLater()

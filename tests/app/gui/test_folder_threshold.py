@@ -23,7 +23,7 @@ def levels(chart: Chart) -> dict[str, float]:
 
 
 def felt_at(chart: Chart, hz: float) -> float:
-    layer = chart.layer("felt: own")
+    layer = chart.layer("Felt: own")
     assert layer is not None
     return float(np.interp(hz, layer.x, layer.y))
 
@@ -39,16 +39,16 @@ def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_i
     (folder / "own.csv").write_text("50,20\n200,5\n")
     (folder / LABORATORY_FILE_NAME).write_text('threshold = "own.csv"\n')
     find(stage.window, "measure.folder").setText(str(folder))
-    until(lambda: chart.layer("felt: own") is not None, "for the file")
+    until(lambda: chart.layer("Felt: own") is not None, "for the file")
     assert felt_at(chart, 100.0) == pytest.approx(10, rel=0.01)
     assert not levels(chart)
     tabs.select_page(RUNS)
-    assert tabs.runs.details.plot._threshold.label == "felt: own"  # drawn with the runs that are selected
+    assert tabs.runs.details.plot._threshold.label == "Felt: own"  # drawn with the runs that are selected
     tabs.select_page(EXPLORE)
     page = tabs.explore
     assert isinstance(page, ExplorePage)
     assert page.toolbar.site_box.currentText() == "laboratory"
-    until(lambda: page.result is not None and page.result.threshold_label == "felt: own", "for the curve")
+    until(lambda: page.result is not None and page.result.threshold_label == "Felt: own", "for the curve")
     tabs.select_page(LABORATORY)
     laboratory = tabs.laboratory
     laboratory.show_view(SPECIMENS)

@@ -19,6 +19,9 @@ from tests.helpers.messages import assert_names
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
 
 CTRL = Qt.KeyboardModifier.ControlModifier
+TAB_ORDER = ["bench.browse", "bench.connect", "bench.name", "bench.scan"]
+"""Controls of the head of the bench page, in the order in which they are seen."""
+
 ASKED = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last"), hands_on=True)
 
 
@@ -239,3 +242,25 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
         bench_factory=lambda name: application.OpenedBench(lambda: pytest.fail("nobody connects here"), config),
     )
     assert led == [("Tactor Bench – the real bench", False), ("Tactor Bench – ideal simulated bench", True)]
+
+
+def test_arrow_keys_choose_a_bench_and_tab_leads_on_through_its_page(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.press(Qt.Key.Key_5, CTRL)
+    page = stage.window.tabs.bench
+    until(lambda: page.draft is not None, "for the bench")
+    page.activate()
+
+    def press(key: Qt.Key) -> str:
+        """Press a key where the keyboard is, and return where it is then."""
+        QTest.keyClick(stage.window.focusWidget(), key)
+        return stage.window.focusWidget().objectName()
+
+    assert list(page.benches.buttons) == ["sim", "ideal"]
+    for key, name in ((Qt.Key.Key_Left, "sim"), (Qt.Key.Key_Right, "ideal")):
+        assert press(key) == f"bench.show.{name}"
+        until(lambda name=name: page.draft.name == name, f"for {name}")
+    assert press(Qt.Key.Key_Tab) == "bench.new", "the choice of benches is one stop of Tab"
+    reached = [press(Qt.Key.Key_Tab) for _ in range(12)]
+    assert [each for each in reached if each in TAB_ORDER] == TAB_ORDER
+    assert press(Qt.Key.Key_Backtab) == reached[-2]

@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QPushButton
 
 from app.gui.face import LIGHT
 from app.gui.plots import SOLID, Chart, Panel, Picture, Region, Rule, Spot, layer, time_plot
@@ -85,7 +85,7 @@ def test_at_rest_a_horizontal_trace_is_drawn_once_and_a_moving_one_with_every_bl
     plot.is_calm = True
     scans = 2500
 
-    def next_drawn(seconds: float, amplitude_v: float = 0.0) -> list[bool]:
+    def next_drawn(seconds: float, amplitude_v: float = 0.0, ticks: bool = True) -> list[bool]:
         """Let seconds of one drive pass, and return which traces are drawn anew by the last block: displacement, drive."""
         nonlocal scans
         for _ in range(round(seconds / 0.1)):
@@ -95,12 +95,18 @@ def test_at_rest_a_horizontal_trace_is_drawn_once_and_a_moving_one_with_every_bl
             scans += 500
             clock[0] += 0.2
             before = [curve.pos().x() for curve in plot.curves]
-            plot.tick()
+            if ticks:
+                plot.tick()
         return [bool(curve.pos().x() != x) for curve, x in zip(plot.curves, before, strict=True)]
 
     assert next_drawn(1.0) == [True, False]
     assert next_drawn(0.1, amplitude_v=2.5) == [True, True]
     assert next_drawn(1.0) == [True, False]
+    plot.is_calm = False  # a run, whose end is not seen
+    next_drawn(0.5, amplitude_v=2.5)
+    next_drawn(2.0, ticks=False)
+    plot.is_calm = True
+    assert next_drawn(0.1) == [True, True]
     plot.select_span(1)  # the line does not reach from edge to edge yet
     assert next_drawn(0.1) == [True, True]
     plot.deleteLater()
@@ -305,6 +311,37 @@ def test_a_label_stands_nearer_to_its_own_curve_than_to_any_other(qt: QApplicati
     chart.deleteLater()
 
 
+@pytest.mark.parametrize("alarming", [False, True])
+def test_chips_are_whole_or_one_button_at_every_width(qt: QApplication, alarming: bool) -> None:
+    chart, x = Chart("chips"), np.arange(2.0)
+    chart.show()
+    layers = [layer(name=each, x=x, y=x, line=SOLID, tone="model", group=each) for each in ("Model", "Run before, 5 V")]
+    chart.show_picture(Picture(title="Response", note="the note of a plot", alarming=alarming, layers=tuple(layers)))
+    seen = set()
+    for width in range(300, 700, 7):
+        chart.resize(width, 200)
+        QApplication.processEvents()
+        shown = [each for each in chart.head.findChildren(QPushButton) if each.isVisible()]
+        assert all(each.width() >= each.sizeHint().width() for each in shown), width
+        seen.add(chart.layers_button.isVisible())
+    assert seen == {True, False}
+    chart.deleteLater()
+
+
+def test_a_label_that_would_lie_over_a_curve_is_its_letter(qt: QApplication) -> None:
+    chart = Chart("low")
+    chart.resize(340, 180)
+    chart.show()
+    x = np.arange(18.0)
+    for y, text in ((x, "A  T7 29 Nov 09:34"), (x % 2, "A")):
+        curve = layer(name="run", x=x, y=y, symbol="o", line=SOLID, label="A  T7 29 Nov 09:34")
+        chart.show_picture(Picture(layers=(curve,)))
+        QApplication.processEvents()
+        labels = [each for each in chart.canvas.scene().items() if isinstance(each, Label) and each.isVisible()]
+        assert [each.text() for each in labels if each.text()] == [text]
+    chart.deleteLater()
+
+
 def test_two_cursors_read_the_difference(qt: QApplication) -> None:
     chart = Chart("cursors", headed=False)
     chart.resize(500, 320)
@@ -339,17 +376,33 @@ def test_the_labels_of_a_vertical_axis_have_place_at_every_size(qt: QApplication
     chart.deleteLater()
 
 
-def test_error_bars_of_unusable_points_set_no_range(qt: QApplication) -> None:
+def test_unusable_points_and_their_error_bars_set_no_range(qt: QApplication) -> None:
     chart = Chart("range", headed=False)
     usable = np.array([True, True, False])
     points = layer(
         name="points", x=np.arange(3.0), y=np.array([900.0, 1000.0, 0.0]), errors=np.array([1.0, 1.0, 90.0]),
         symbol="o", usable=usable,
     )  # fmt: skip
-    chart.show_picture(
-        Picture(x_title="Frequency, Hz", panels=(Panel(title="Displacement, µm", low=0.0),), layers=(points,))
-    )
-    assert chart.panels[0].axes["left"].range[0] == 0.0
+    for low, least in ((0.0, 0.0), (None, 850.0)):
+        panel = Panel(title="Displacement, µm", low=low)
+        chart.show_picture(Picture(x_title=f"Frequency, {low}, Hz", panels=(panel,), layers=(points,)))
+        assert least <= chart.panels[0].axes["left"].range[0] <= 900.0 * bool(least)
+    chart.deleteLater()
+
+
+def test_the_numbers_of_an_axis_have_their_places_after_a_resize(qt: QApplication) -> None:
+    chart = Chart("resized", headed=False)
+    chart.resize(300, 200)
+    chart.show()
+    line = layer(name="line", x=np.arange(2.0), y=np.array([0.0, 1150.0]), line=SOLID)
+    chart.show_picture(Picture(panels=(Panel(title="Displacement, µm", low=0.0),), layers=(line,)))
+    QApplication.processEvents()
+    chart.grab()
+    chart.resize(300, 500)
+    QApplication.processEvents()
+    resized = chart.grab().toImage()
+    chart.show_picture(chart.picture, force=True)
+    assert resized == chart.grab().toImage()
     chart.deleteLater()
 
 

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from app.config import BenchConfig
+from app.live.session_link import PromptMailbox
 from app.session import bench_connection as module
 from app.session.bench_connection import BenchConnection, connect, rest_without_card
+from app.session.session import BenchOpened, InstrumentAwaited, Session, SessionEvent
 from drivers import BenchError, Digitizer, HeartbeatClock, Identity, InstrumentError, NoWatchdog, UnsafeError
 from drivers.watchdog.config import WatchdogConfig
 from tests.helpers.simulated_bench import assert_safe_voltage, laboratory, simulated
@@ -172,3 +174,11 @@ def test_a_source_that_relies_on_its_interlock_gets_no_high_voltage_before_that_
     bench: Any = SimpleNamespace(amplifier=amplifier, interlock=SimpleNamespace(), simulated=False, configuration={})
     module._gate(config, bench, "the laboratory knows why", measures)
     assert ("interlock" in bench.high_voltage_refusal) == refused
+
+
+def test_the_instrument_that_is_waited_for_is_told_before_the_bench_is_open() -> None:
+    told: list[SessionEvent] = []
+    session = Session(lambda: connect(simulated()), (told.append,), PromptMailbox())
+    session.start()
+    assert session.close()
+    assert [type(each) for each in told] == [InstrumentAwaited, BenchOpened]

@@ -8,7 +8,7 @@ import pytest
 
 from app.common import Severity
 from app.session.reducer import observe, reduce
-from app.session.session import BenchFailed, MonitorFailed, MonitorStarted, Observation
+from app.session.session import BenchFailed, InstrumentAwaited, MonitorFailed, MonitorStarted, Observation
 from app.session.state import (
     BenchState,
     CommissioningEnded,
@@ -393,7 +393,7 @@ def test_a_card_that_could_not_be_read_is_suspect_at_once() -> None:
 @pytest.mark.parametrize(
     ("events", "title", "note"),
     [
-        ((), "bench", "opens its instruments"),
+        ((), "bench", "waits for the instruments"),
         ((OPENED,), "bench", "no run yet"),
         ((RunRequested("Sine dwell"),), "Sine dwell", "begins when the bench is connected"),
         ((OPENED, RunRequested("Sine dwell")), "Sine dwell", "begins"),
@@ -411,8 +411,13 @@ def test_the_run_is_told_in_two_lines(events: tuple[WindowEvent, ...], title: st
 
 def test_a_bench_that_is_being_connected_tells_for_how_long() -> None:
     for events, note in (
-        ((), "opens its instruments"),
+        ((), "waits for the instruments"),
+        ((InstrumentAwaited("card"),), "waits for the card"),
         ((RunRequested("Sine dwell"),), "begins when the bench is connected"),
+        (
+            (RunRequested("Sine dwell"), InstrumentAwaited("card")),
+            "begins when the bench is connected, waits for the card",
+        ),
     ):
         view = replace(view_after(*events), connecting_since_s=100.0)
         assert [strip_view(view, now_s=at_s).run.note for at_s in (100.9, 103.0)] == [note, f"{note}, 3 s"]

@@ -98,7 +98,7 @@ class LayerTable(QTableWidget):
         both, unit = len(self._places) > 1, f" {self._x_unit}".rstrip()
         unit_of_y = f", {typeset(self._factors[0][1][1])}".removesuffix(", ") if self._factors else ""
         first, second = (*(f"{number_text(x)}{unit}" for x in self._places), "", "")[:2]
-        self.setHorizontalHeaderLabels(["", "", "Run", first if both else f"at {first}{unit_of_y}" if first else "at the cursor", second, f"Δ{unit_of_y}", "ratio"])  # fmt: skip
+        self.setHorizontalHeaderLabels(["", "", "Run", first if both else f"At {first}{unit_of_y}" if first else "At the cursor", second, f"Δ{unit_of_y}", "Ratio"])  # fmt: skip
         self.setColumnWidth(FIRST, (9 if both else 16) * self.fontMetrics().averageCharWidth())
         is_narrow = self.viewport().width() < NARROW_CHARACTERS * self.fontMetrics().averageCharWidth()
         for at in (SECOND, CHANGE, RATIO):

@@ -98,7 +98,7 @@ class ComparisonPlot(Chart):
         return layer(
             name=each.title, x=scaled.x, y=scaled.plotted, errors=scaled.total_errors if has_symbols else None, tone=curve_tone(at),
             line=SOLID, symbol=(curve_symbol(at) if few else "o") if has_symbols else "", size=8 if few else 5,
-            label=each.run.title if alone else each.title if few else each.name, label_at=None if few else share,
+            label="" if alone else each.title if few else each.name, label_at=None if few else share,
         )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, Format
+from app.common import typeset
 from app.comparison import (
     ORDERS,
     VIEW_SUFFIX,
@@ -21,6 +22,7 @@ from app.comparison import (
     save_view,
     views_in,
 )
+from app.gui.plots import axis_title
 from app.gui.runs.compare.differences import DifferencesPane
 from app.gui.runs.compare.layer_table import LAYER_ACTIONS, LayerTable
 from app.gui.runs.compare.plot import ComparisonPlot
@@ -242,10 +244,7 @@ class ComparisonWorkspace(QWidget):
     def _fill_peaks(self, comparison: Comparison) -> None:
         columns = [each for each in comparison.peaks.columns if each.displayed]
         self.peaks.setColumnCount(len(columns))
-        titles = [
-            f"{each.displayed_name}{f', {each.displayed_unit}' if each.displayed_unit.strip('1') else ''}"
-            for each in columns
-        ]
+        titles = [axis_title(each.displayed_name, typeset(each.displayed_unit.removeprefix("1"))) for each in columns]
         self.peaks.setHorizontalHeaderLabels(titles)
         texts = [[each.format_value(cell) for cell in each.cells] for each in columns]
         fill_table(self.peaks, list(zip(*texts, strict=True)), right_aligned=range(2, len(columns)))

@@ -153,7 +153,7 @@ def test_the_models_curve_is_laid_over_the_runs(page: RunsPage, workspace: Compa
 def test_peaks_and_differences_are_in_tables(workspace: ComparisonWorkspace) -> None:
     cells = [[workspace.peaks.item(row, at).text() for at in range(workspace.peaks.columnCount())] for row in range(5)]  # type: ignore[union-attr]
     assert [row[0] for row in cells] == list("ABCDE")
-    assert {row[2] for row in cells} == {"158.35"}
+    assert {row[2] for row in cells} == {"158.350"}
     find(workspace, "compare.tables.1").click()
     assert workspace.differences.table.columnCount() == 6
 
