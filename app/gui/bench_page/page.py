@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
@@ -74,9 +73,8 @@ class BenchSwitch(WrappingPane):
         self.buttons = {name: self.buttons.get(name) or self._make_button(name) for name in named}
         for name, title in named.items():
             self.buttons[name].setText(f"{title}  (open)" if name == open_bench else title)
-        for before, button in pairwise((self, *self.buttons.values(), *self._others)):
+        for button in (*self.buttons.values(), *self._others):
             self._row.addWidget(button)
-            self.setTabOrder(before, button)
         self.buttons[current].setChecked(True)
 
     def _make_button(self, name: str) -> QPushButton:
