@@ -1,6 +1,7 @@
 """Order of Tab: through the visible controls as the layouts show them, not as they were made."""
 
 from collections.abc import Iterator
+from typing import cast
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLayout, QScrollArea, QSplitter, QWidget
@@ -37,10 +38,9 @@ def _in_order(widget: QWidget) -> Iterator[QWidget]:
     yield widget
     within = [each for each in widget.children() if isinstance(each, QWidget) and not each.isHidden()]
     layout = widget.layout()
-    placed = [] if layout is None else list(_placed(layout))
+    at = {} if layout is None else {each: place for place, each in enumerate(_placed(layout))}
     if isinstance(widget, QSplitter):
-        placed = [widget.widget(at) for at in range(widget.count())]
-    at = {each: place for place, each in enumerate(placed)}
+        within.sort(key=widget.indexOf)
     for each in sorted(within, key=lambda each: at.get(each, len(at))):
         if not each.isWindow():
             yield from _in_order(each)
@@ -49,8 +49,8 @@ def _in_order(widget: QWidget) -> Iterator[QWidget]:
 def _placed(layout: QLayout) -> Iterator[QWidget]:
     places = list(range(layout.count()))
     if isinstance(layout, QGridLayout):
-        places.sort(key=layout.getItemPosition)  # row, column, spans
-    for item in map(layout.itemAt, places):
+        places.sort(key=lambda at: cast(tuple[int, ...], layout.getItemPosition(at)))  # row, column, spans
+    for item in filter(None, map(layout.itemAt, places)):
         inner, widget = item.layout(), item.widget()
         if widget is not None:
             yield widget
