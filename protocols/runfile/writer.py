@@ -42,6 +42,7 @@ from protocols.runfile.creation import create_file, create_group, free_name
 from protocols.runfile.errors import (
     WRITE_FAILURES,
     FileLostError,
+    NotesError,
     RunReadError,
     StorageError,
     os_error_text,
@@ -541,22 +542,25 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
         yield file
         if new or stored is not None:
             store_checksums(file)
-    _store_for_lists(path)
+        record = _record_for_lists(path, file)
+    with suppress(*NOT_LISTED):
+        from protocols.runfile.sidecar import store_listed  # not needed before the end of a run
 
-
-def _store_for_lists(path: Path) -> None:
-    """Store the record of an ended run in its sidecar; lists read a run without it from its data."""
-    try:
-        from protocols.runfile.errors import NotesError
-        from protocols.runfile.reader import Run  # not needed before the end of a run
-        from protocols.runfile.sidecar import store_listed
-    except ImportError:  # the program was replaced or removed during the run, whose results are in the file
-        return
-    with suppress(RunReadError, NotesError, OSError, ValueError, TypeError, LookupError):
-        with h5py.File(path, "r", locking=False) as file, Run(path, file) as run:
-            record = run.stored_record()
-        if record.status is not RunStatus.RUNNING:
+        if record is not None and record.status is not RunStatus.RUNNING:
             store_listed(path, record)
+
+
+NOT_LISTED = (RunReadError, NotesError, OSError, ValueError, TypeError, LookupError, ImportError)
+"""Lists then read the run from its data. ImportError: the program was replaced or removed during the run."""
+
+
+def _record_for_lists(path: Path, file: h5py.File) -> RunRecord | None:
+    """Return the record; from the open file, since HDF5 gives a path's as another reader in this program has read it before."""
+    with suppress(*NOT_LISTED):
+        from protocols.runfile.reader import Run
+
+        return Run(path, file).stored_record()
+    return None
 
 
 def store_verdict(file: h5py.File, verdict: Verdict) -> None:

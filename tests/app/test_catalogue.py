@@ -291,6 +291,15 @@ def test_a_finished_run_is_listed_from_its_sidecar_as_from_its_data(folder: Path
     }
 
 
+def test_a_run_that_is_read_while_it_ends_is_listed_with_its_verdict(tmp_path: Path) -> None:
+    """HDF5 gives a second reader in the same program what the first one has read."""
+    begun = begun_run(tmp_path, "T7", (100.0,), 5000.0)
+    with Run(begun.path) as reader:
+        assert reader.stored_record().status is RunStatus.RUNNING
+        begun.finish(RunStatus.COMPLETED, "all points measured", verdict=Verdict(Outcome.GOOD))
+        assert read_run_summary(begun.path, begun.path.name).verdict == Outcome.GOOD  # type: ignore[union-attr]
+
+
 def is_listed(path: Path) -> bool:
     """Whether lists find the record in the sidecar."""
     return listed_record(path, read_notes(notes_path(path))) is not None

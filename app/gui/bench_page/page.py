@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
@@ -74,9 +73,8 @@ class BenchSwitch(WrappingPane):
         self.buttons = {name: self.buttons.get(name) or self._make_button(name) for name in named}
         for name, title in named.items():
             self.buttons[name].setText(f"{title}  (open)" if name == open_bench else title)
-        for before, button in pairwise((self, *self.buttons.values(), *self._others)):
+        for button in (*self.buttons.values(), *self._others):
             self._row.addWidget(button)
-            self.setTabOrder(before, button)
         self.buttons[current].setChecked(True)
 
     def _make_button(self, name: str) -> QPushButton:
@@ -201,14 +199,15 @@ class BenchPage(QWidget):
 
     # -- commands --------------------------------------------------------------------------------------------------------
 
-    def show_bench(self, name: str, simulated: bool = False) -> None:
-        """Show a bench file or a simulated bench; an empty name begins a new one, real or `simulated`."""
+    def show_bench(self, name: str, simulated: bool = False, typed_name: str = "") -> None:
+        """Show a bench file or a simulated bench; an empty name begins a new one, real or `simulated`, with a name that was typed."""
         if self.draft is not None and self.draft.config != self.draft.saved:
             self._edited[self.draft.name] = self.draft
         kept = self._edited.pop(name, None)
 
         def load() -> tuple[BenchDraft, list[Path]]:
-            return kept or (BenchDraft.load(name) if name else BenchDraft.new(simulated)), bench_files()
+            draft = kept or (BenchDraft.load(name) if name else BenchDraft.new(simulated))
+            return draft.with_tables(name=typed_name) if typed_name else draft, bench_files()
 
         self._worker.submit(load, lambda loaded: self._show_draft(*loaded), self._on_error, latest_only="load")
 
@@ -266,6 +265,8 @@ class BenchPage(QWidget):
     def _show_draft(self, draft: BenchDraft, files: list[Path]) -> None:
         self.benches.show_benches(files, draft.name, self._open_bench)
         self.editor.show_draft(draft, draft.name == self._open_bench)
+        if not draft.name and self.window().focusWidget() is self.editor.name_edit:
+            self.editor.name_edit.selectAll()
         if self._state is not None:
             self.set_state(self._state)
         self._update_buttons()
@@ -274,12 +275,14 @@ class BenchPage(QWidget):
         self.show_message(str(error))
 
     def _begin_bench(self, simulated: object = None) -> None:
-        """Show a new bench, whose name is typed first; one of another kind begins without the edits of the last one."""
-        if simulated is not None:
+        """Show a new bench, whose name is typed first; one of another kind begins without the edits of the last one, but with its name."""
+        last, typed_name = self.draft, ""
+        if simulated is not None and last is not None:
+            typed_name = last.config.name if last.config.name != last.saved.name else ""
             self.editor.draft = None
-        self.show_bench("", bool(simulated))
-        self.editor.name_edit.setFocus()
-        self.editor.name_edit.selectAll()
+        self.show_bench("", bool(simulated), typed_name)
+        if not typed_name:
+            self.editor.name_edit.setFocus()
 
     def _update_buttons(self) -> None:
         draft = self.draft

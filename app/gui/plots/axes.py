@@ -99,9 +99,6 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         self.update()
         size = self.heading.boundingRect()
         self.heading.setPos(self.size().width() - size.width(), px(TICK_PX) + px(TITLE_ROW_PX))
-        self.picture = None  # the same range has other places now
-        for mode in (self.CacheMode.NoCache, self.CacheMode.DeviceCoordinateCache):
-            self.setCacheMode(mode)  # an update does not empty the cache while Qt repaints the whole scene
 
     def places(self) -> list[tuple[float, str]]:
         """Return the ticks: the place on the axis, in view coordinates, and its label."""

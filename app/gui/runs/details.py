@@ -150,13 +150,12 @@ class RunDetailsPane(QWidget):
         show_text(self.message_label, text)
         set_style_kind(self.message_label, "fault" if is_error else "note")
 
-    def show_selection(self, selected: Sequence[RunSummary]) -> None:
-        """Show facts and notes of the selected runs; the plot follows when the files are read."""
+    def show_selection(self, selected: Sequence[RunSummary], readable: bool = True) -> None:
+        """Show facts and notes of the selected runs, of which one is `readable`; the plot follows when the files are read."""
         one = selected[0] if len(selected) == 1 else None
         if one is None or self.card.summary is None or Path(self.card.summary.path).name != Path(one.path).name:
             self.card.hide()
             self.facts_label.show()
-        readable = any(e.readable for e in selected)
         for widget in (self.open_button, self.explore_button, self.export_button):
             widget.setEnabled(readable)
         self.open_button.setText("Open" if len(selected) < 2 else "Compare")
@@ -183,8 +182,8 @@ class RunDetailsPane(QWidget):
         if not selected:
             self.show_runs(None, 0)
 
-    def show_runs(self, comparison: Comparison | None, selected_count: int) -> None:
-        """Plot the selected runs; None: they have no curve."""
+    def show_runs(self, comparison: Comparison | None, selected_count: int, why: str = "") -> None:
+        """Plot the selected runs; None: they have no curve, which `why` may explain."""
         count = 0 if comparison is None else len(comparison.runs)
         self.plot.show_comparison(
             comparison, f"{count} of {selected_count} are shown" if 0 < count < selected_count else ""
@@ -193,7 +192,8 @@ class RunDetailsPane(QWidget):
         self.result_plots.hide()
         self.empty_label.setVisible(not count)
         empty_text = READING_TEXT if self._folder_model.is_reading else EMPTY_TEXT
-        self.empty_label.setText("No curve to compare.\nEnter opens the run." if selected_count else empty_text)
+        none_text = why or "No curve to compare.\nEnter opens the run."
+        self.empty_label.setText(none_text if selected_count else empty_text)
 
     def show_result(self, run: LoadedRun) -> None:
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""

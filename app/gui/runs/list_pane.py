@@ -52,6 +52,12 @@ class RunListPane(QWidget):
         return [self.model.summaries[row] for row in self._selected_rows]
 
     @property
+    def readable_paths(self) -> list[Path]:
+        """The selected runs that can be opened: not the one that this program is writing."""
+        paths = [self.path_of(each) for each in self.selected if each.readable]
+        return [path for path in paths if path != self.folder_model.active_file]
+
+    @property
     def _selected_rows(self) -> list[int]:
         """The selected rows by their ranges: Qt's list of rows asks the model for the flags of every cell."""
         if self._rows is None:
@@ -137,5 +143,5 @@ class RunListPane(QWidget):
         chosen = self.selected
         rows = [row for row in self._selected_rows if self.model.summaries[row].readable]
         self.model.show_letters(dict(zip(rows, LETTERS, strict=False)) if 1 < len(rows) <= MAX_RUNS else {})
-        self.details.show_selection(chosen)
+        self.details.show_selection(chosen, bool(self.readable_paths))
         self.selection_changed.emit()

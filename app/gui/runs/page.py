@@ -104,13 +104,12 @@ class RunsPage(QStackedWidget):
 
     def open_selected(self) -> None:
         """Open the selected run, or compare several."""
-        chosen = self.list.selected
-        if len(readable := [self.list.path_of(each) for each in chosen if each.readable]) > 1:
+        if len(paths := self.list.readable_paths) > 1:
             self.details.show_message("opening …")
-            self.workspace.open_runs(readable)
-        elif chosen and chosen[0].readable:
-            self.open_run(self.list.path_of(chosen[0]))
-        elif chosen:
+            self.workspace.open_runs(paths)
+        elif paths:
+            self.open_run(paths[0])
+        elif chosen := self.list.selected:
             self.details.show_message(chosen[0].record.reason, is_error=True)
 
     def open_run(self, path: Path) -> None:
@@ -136,7 +135,7 @@ class RunsPage(QStackedWidget):
         """Overlay the selected or opened runs on the model curve."""
         if self.currentWidget() is self.viewer and self.viewer.run is not None:
             self.explore_requested.emit([self.viewer.run.path])
-        elif paths := [self.list.path_of(e) for e in self.list.selected if e.readable]:
+        elif paths := self.list.readable_paths:
             self.explore_requested.emit(paths)
 
     def continue_selected(self) -> None:
@@ -167,8 +166,7 @@ class RunsPage(QStackedWidget):
 
     def _on_selection_changed(self) -> None:
         self._update_continue()
-        chosen = self.list.selected
-        paths = [self.list.path_of(e) for e in chosen if e.readable][:MAX_RUNS]
+        chosen, paths = self.list.selected, self.list.readable_paths[:MAX_RUNS]
 
         def read() -> tuple[Comparison | None, LoadedRun | None]:
             runs = []
@@ -180,11 +178,14 @@ class RunsPage(QStackedWidget):
             return Comparison(runs, ComparisonView()) if runs else None, one
 
         def show(loaded: tuple[Comparison | None, LoadedRun | None]) -> None:
-            self.details.show_runs(loaded[0], len(chosen))
+            self.details.show_runs(loaded[0], len(chosen), "" if paths else "No curve to compare.")
             if loaded[1] is not None:
                 self.details.show_result(loaded[1])
 
-        self._worker.submit(read, show, self._on_error, latest_only="responses")
+        def show_error(error: Exception) -> None:
+            self.details.show_runs(None, len(chosen), str(error))
+
+        self._worker.submit(read, show, show_error, latest_only="responses")
 
     def _continue_refusal(self) -> str:
         """Return why the selected run cannot be continued now; empty if it can."""

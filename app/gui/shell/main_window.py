@@ -22,6 +22,7 @@ from app.gui.shell.menus import MainMenus
 from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE, TITLES
 from app.gui.shell.page_stack import CentralStack
 from app.gui.shell.rail import Rail
+from app.gui.shell.tab_order import TabOrder
 from app.gui.shell.tabs import MainTabs
 from app.gui.status import (
     NOTICE_KEY,
@@ -345,7 +346,7 @@ class MainWindow(QMainWindow):
         for overlay in (*self._faults, self.log):
             self.central.add_overlay(overlay)
         self.menus = MainMenus(self, self.central, self.look.set_appearance)
-        menu_line, content = QWidget(), QWidget()
+        menu_line, content = QWidget(), TabOrder()
         row(self.menus.bar, (self.ribbon, 1), parent=menu_line, spacing=0)
         set_length(menu_line, height=MENU_HEIGHT)
         body = row(self.rail, (self.central, 1), spacing=0)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QCoreApplication, QSettings, Qt
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.config.bench_editing import bench_files
@@ -135,9 +136,12 @@ def test_a_new_bench_can_be_simulated(window: MainWindow) -> None:
     find(page, "bench.new").click()
     until(lambda: page.draft.name == "", "for the new bench")
     assert not page.draft.config.simulated
+    name = find(page, "bench.name")
+    QTest.keyClicks(name, "Practice")
+    assert name.text() == "Practice", "what is typed takes the place of the suggested name"
     find(page, "bench.kind.True").click()
     until(lambda: page.draft is not None and page.draft.config.simulated, "for the simulated one")
-    type_into(window, "bench.name", "Practice")
+    assert name.text() == "Practice"
     find(page, "bench.save").click()
     until(lambda: page.draft.name, "for the file")
     assert load_bench(page.draft.name).simulated

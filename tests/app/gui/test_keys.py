@@ -102,6 +102,36 @@ def test_a_page_s_key_takes_the_keyboard_there_also_where_the_page_is_seen(stage
     assert stage.window.measure_page.hasFocus()
 
 
+@pytest.mark.parametrize(
+    ("page", "from_here", "to_there"),
+    [
+        (
+            Qt.Key.Key_1,
+            "measure.protocol",
+            ["form.frequencies_hz", "measure.specimen", "measure.operator", "measure.run"],
+        ),
+        (Qt.Key.Key_4, "runs.since", ["runs.table", "status.log"]),
+        (Qt.Key.Key_5, "bench.new", ["bench.browse", "bench.connect", "bench.name", "bench.generator.resource"]),
+    ],
+)
+def test_tab_follows_what_is_seen(stage: Stage, page: Qt.Key, from_here: str, to_there: list[str]) -> None:
+    stage.happen(OPENED)
+    stage.press(page, CTRL)
+    controls = [find(stage.window, each) for each in (from_here, *to_there)]
+    until(lambda: all(each.isVisible() and each.isEnabled() for each in controls))
+    find(stage.window, from_here).setFocus()
+    reached = list[str]()
+    while "status.log" not in reached:
+        focused = QApplication.focusWidget()
+        assert focused is not None
+        QTest.keyClick(focused, Qt.Key.Key_Tab)
+        reached.append(stage.window.focusWidget().objectName())
+    assert [each for each in reached if each in to_there] == to_there
+    assert "status.stop" not in reached
+    QTest.keyClick(stage.window.focusWidget(), Qt.Key.Key_Backtab)
+    assert stage.window.focusWidget().objectName() == reached[-2]
+
+
 def test_stop_is_in_reach_while_a_file_is_asked_for(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
     stage.window.start_run()

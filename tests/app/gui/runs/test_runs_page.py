@@ -22,13 +22,14 @@ from app.gui.runs.page import RunsPage
 from app.gui.runs.run_table import COLUMNS, THUMBNAIL_COLUMN
 from app.live.model_overlay import Overlay
 from app.session.state import BenchState
+from protocols.base import RunStatus
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.names import notes_path
 from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
 from protocols.runfile.sidecar import read_notes
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
-from tests.helpers.run_files import crashed_run, finished_run, newer_run
+from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
 from tests.helpers.simulated_bench import laboratory, run
 
@@ -104,6 +105,28 @@ def test_a_file_that_another_program_puts_into_the_folder_appears(
     added.unlink()
     until(lambda: ticked(3), "for the list without it")
     until(lambda: page.list.folder_model.is_idle, "for the last look")
+
+
+def test_the_run_that_is_being_written_is_not_opened(
+    page: RunsPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = begun_run(folder, "T9", (100.0,), 5000.0)
+    read = list[Path]()
+    monkeypatch.setattr("app.gui.runs.page.load_run", lambda path, **_: read.append(path))
+    page.set_active_file(written.path)
+    page.list.folder_model.rescan()
+    listed(page, 4)
+    choose(page, "T9")
+    page.open_selected()
+    assert written.path not in read
+    assert not find(page, "runs.open").isEnabled()
+    assert "being written" in page.details.message_label.text()
+    assert "Enter" not in page.details.empty_label.text()
+    written.finish(RunStatus.COMPLETED, "all points measured")
+    page.set_active_file(None)
+    page.list.folder_model.rescan()
+    until(lambda: written.path in read, "for the run after its end")
+    assert find(page, "runs.open").isEnabled()
 
 
 def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> None:
