@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import read_since
-from app.common import Column, Table
+from app.common import Column, Table, sentence_case
 from app.fleet.catalogue_values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import BASELINE
 from app.fleet.drift import GoldenChart, golden_charts, sensor_drifts
@@ -133,14 +133,15 @@ def _without_extremes(table: Table) -> Table:
 def _summary_table(selection: FleetSelection, limits: Mapping[str, Bounds]) -> Table:
     """Return the statistics of one quantity, a row each."""
     table = quantity_table([selection], limits)
-    rows = list(zip(table.headings, table.text_rows[0], table.columns, strict=True))
-    shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "name"]
+    cells = zip(table.headings, table.text_rows[0], table.columns, strict=True)
+    shown = [(heading, text) for heading, text, column in cells if column.displayed and column.name != "name"]
     values, _ = arrays(selection.values)
     if (trend := trend_of(times_of(selection), values)) is not None:
         shown.append(("trend in 30 days", format_trend(selection, trend)))
     if selection.left_out:
         shown.append(("not compared", f"{selection.left_out} of another protocol or drive"))
-    return Table.of_rows(f"{selection.label}, newest values", ("statistic", "value"), [row for row in shown if row[1]])
+    rows = [(sentence_case(name), text) for name, text in shown if text]
+    return Table.of_rows(f"{selection.label}, newest values", ("statistic", "value"), rows)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelInd
 from PySide6.QtGui import QColor, QFont, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
-from app.common import CellValue, Column, Severity, Table, typeset
+from app.common import CellValue, Column, Severity, Table, sentence_case, typeset
 from app.gui.face import tokens
 from app.gui.widgets import configure_table
 
@@ -65,7 +65,7 @@ class ValueTableModel(QAbstractTableModel):
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
             column = self._columns[section]
-            name = typeset(column.displayed_name)
+            name = sentence_case(typeset(column.displayed_name))
             return f"{name} ({column.displayed_unit})" if column.displayed_unit else name
         return None
 

@@ -99,7 +99,7 @@ def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) ->
 def test_limits_filter_grouping_sorting_and_export(page: LaboratoryPage, tmp_path: Path) -> None:
     choose(page, page.fleet.quantity, "natural_frequency")
     shown = dict(rows(page.fleet.summary))
-    assert shown["outside"] == "2"  # P4 and P5 have 162 and 163 Hz
+    assert shown["Outside"] == "2"  # P4 and P5 have 162 and 163 Hz
     assert "Cpk, 95 %" in shown
     assert [row[0] for row in rows(page.fleet.groups)] == ["A", "B", "no batch"]
     choose(page, page.fleet.batch, "A")
