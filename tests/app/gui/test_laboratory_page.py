@@ -78,7 +78,7 @@ def choose(page: LaboratoryPage, combo: Any, name: str) -> None:
 def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) -> None:
     choose(page, page.fleet.quantity, "amplitude_at_resonance")
     shown = dict(rows(page.fleet.summary))
-    assert shown["specimens"] == "7"
+    assert shown["Specimens"] == "7"
     assert shown["outliers"] == ODD
     newest = [950.0 * (2.0 if name == ODD else 1 + 0.01 * at) for at, name in enumerate(BATCHES)]
     assert float(shown["mean"]) == pytest.approx(np.mean([*newest, 950.0]), rel=0.01)
