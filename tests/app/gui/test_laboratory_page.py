@@ -105,7 +105,7 @@ def test_limits_filter_grouping_sorting_and_export(page: LaboratoryPage, tmp_pat
     choose(page, page.fleet.batch, "A")
     assert [row[0] for row in rows(page.fleet.specimens)] == ["P0", "P1", "P2"]
     header = [page.fleet.specimens.model().headerData(c, Qt.Orientation.Horizontal) for c in range(5)]
-    page.fleet.specimens.sortByColumn(header.index("natural frequency"), Qt.SortOrder.DescendingOrder)
+    page.fleet.specimens.sortByColumn(header.index("Natural frequency"), Qt.SortOrder.DescendingOrder)
     assert [row[0] for row in rows(page.fleet.specimens)] == ["P2", "P1", "P0"]
     page.fleet.export(tmp_path / "specimens.csv")
     until(lambda: is_idle(page))
