@@ -17,6 +17,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEventLoop, QTimer
 from timing import seconds
 
+from app.explore.fit import fit_runs
 from app.gui.application import qt_application
 from app.gui.explore.model import PAINT_PAUSE_S
 from app.gui.explore.page import ExplorePage
@@ -31,7 +32,7 @@ FRAME_MS = 16.0
 
 def main() -> None:
     qt_application()
-    page = ExplorePage()
+    page = ExplorePage(fit_runs)
     page.resize(1280, 560)
     page.show()
     page.tick()

@@ -1,7 +1,6 @@
 """Characteristic of the amplifier: volts on the specimen over volts at the input, with rest and the live value."""
 
 import numpy as np
-from PySide6.QtWidgets import QWidget
 
 from app.gui.face import set_length
 from app.gui.plots import MODEL_WIDTH, SOLID, Chart, Panel, Picture, layer
@@ -14,8 +13,8 @@ LEAST_STEP_V = 0.01
 class AmplifierPlot(Chart):
     """The amplifier's map as two lines that meet at rest."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("characteristic of the amplifier", headed=False, zooms=False, parent=parent)
+    def __init__(self) -> None:
+        super().__init__("characteristic of the amplifier", headed=False, zooms=False)
         self._map: AmplifierMap | None = None
         self._input: float | None = None
         set_length(self, height=172)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtWidgets import QWidget
 
 from app.config import CalibrationPoint, SensorCalibration
 from app.gui.face import set_length
@@ -15,8 +14,8 @@ LEAST_RANGE_UM = 0.01
 class CalibrationPlot(Chart):
     """Points and line; residuals below on the same volts."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("points and line of the calibration", headed=False, zooms=False, parent=parent)
+    def __init__(self) -> None:
+        super().__init__("points and line of the calibration", headed=False, zooms=False)
         self.is_simulated = False
         set_length(self, height=300)
         self.setObjectName("bench.calibration.plot")

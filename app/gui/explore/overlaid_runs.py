@@ -27,7 +27,7 @@ class OverlaidRuns(QObject):
     message = Signal(str, bool)
     """A message, and whether it is an error."""
 
-    def __init__(self, fit: FitRuns | None, parent: QObject) -> None:
+    def __init__(self, fit: FitRuns, parent: QObject) -> None:
         super().__init__(parent)
         self.fit_with = fit
         self.runs: tuple[MeasuredResponse, ...] = ()
@@ -58,7 +58,7 @@ class OverlaidRuns(QObject):
             self._cancelled.set()
             return
         find, runs = self.fit_with, self.runs
-        if find is None or not runs:
+        if not runs:
             self.message.emit("overlay a measured run on the curves first", True)
             return
         self._cancelled.clear()

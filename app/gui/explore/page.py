@@ -50,15 +50,15 @@ class ExplorePage(QWidget):
     """One page of the window.
 
     Args:
-        fit: fits the model to the overlaid runs; without it there is no such button.
+        fit: fits the model to the overlaid runs.
     """
 
     title = "Explore"
     runs_requested = Signal()
     """The user wants to choose runs from the list of the page Runs."""
 
-    def __init__(self, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, fit: FitRuns) -> None:
+        super().__init__()
         self.model = ExploreModel(self)
         self.save_state, self.restore_state = self.model.save_state, self.model.restore_state
         self.folder: Callable[[], Path] = Path
@@ -71,7 +71,7 @@ class ExplorePage(QWidget):
         self._sliders_stale = True
         self.overlaid = OverlaidRuns(fit, self)
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(), ShapePlot()
-        self.toolbar = ExploreToolbar(self, fit is not None)
+        self.toolbar = ExploreToolbar(self)
         self.card = ResultCard("explore.card", ("open", "report"), scrolls=True)
         """Result of the chosen overlaid run."""
         self.design = DesignPanel(self)

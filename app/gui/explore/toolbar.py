@@ -46,10 +46,9 @@ class ExploreToolbar(QObject):
 
     Args:
         page: the page.
-        fits: whether the model can be fitted to the overlaid runs.
     """
 
-    def __init__(self, page: "ExplorePage", fits: bool) -> None:
+    def __init__(self, page: "ExplorePage") -> None:
         super().__init__(page)
         self._page, model = page, page.model
         choices = [("Begin from …", None), *((title, name) for name, title in PRESET_TITLES.items())]
@@ -95,8 +94,6 @@ class ExploreToolbar(QObject):
         self.fit_button = make_button(
             "Fit to the runs", lambda: page.overlaid.fit(model.setting), "choice", tooltip("explore.fit")
         )
-        if not fits:  # showing it before it has a parent would open a window
-            self.fit_button.hide()
         self.study_button = make_button("Save study …", page.choose_study_file, "choice", tooltip("explore.study"))
         self.copy_json_button, self.copy_toml_button = (
             make_button(f"Copy {kind}", partial(model.copy, kind), "choice", tip)

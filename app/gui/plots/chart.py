@@ -47,8 +47,8 @@ class Chart(QWidget):
     _scale: float | None = None
     """Text scale at which the plot was last drawn; None before the first time."""
 
-    def __init__(self, name: str, *, headed: bool = True, zooms: bool = True, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, name: str, *, headed: bool = True, zooms: bool = True) -> None:
+        super().__init__()
         self.canvas = pg.GraphicsLayoutWidget()
         self.canvas.setAccessibleName(f"plot: {name}")
         self.canvas.ci.setSpacing(0)

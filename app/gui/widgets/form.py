@@ -83,8 +83,8 @@ class FieldForm(QWidget):
 
     changed = Signal()
 
-    def __init__(self, kind: type[Any], rows: Mapping[str, FieldRow], parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, kind: type[Any], rows: Mapping[str, FieldRow]) -> None:
+        super().__init__()
         self.kind, self.rows = kind, rows
         for row in rows.values():
             row.edited.connect(self._on_edited)
@@ -108,10 +108,10 @@ class ProtocolForm(FieldForm):
     help_changed = Signal(str)
     """Description of the field with the keyboard focus; empty without one."""
 
-    def __init__(self, protocol: Protocol, parent: QWidget | None = None) -> None:
+    def __init__(self, protocol: Protocol) -> None:
         fields = form_fields(type(protocol))
         rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in fields}
-        super().__init__(type(protocol), rows, parent)
+        super().__init__(type(protocol), rows)
         self.more_button = configure(QPushButton(), "form.more", kind="choice", checkable=True)
         self.more_button.toggled.connect(self._show_more)
         self._layout = layout = grid(parent=self, spacing=(8, 0), stretch={1: 1})
