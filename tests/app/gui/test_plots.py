@@ -339,6 +339,20 @@ def test_the_labels_of_a_vertical_axis_have_place_at_every_size(qt: QApplication
     chart.deleteLater()
 
 
+def test_an_axis_whose_height_changes_alone_draws_its_labels_anew(qt: QApplication) -> None:
+    chart = Chart("resized", headed=False)
+    curve = layer(name="curve", x=np.arange(1.0, 6.0), y=np.arange(5.0), symbol="o")
+    chart.show_picture(Picture(x_title="Repeat", panels=(Panel(title="Sag, µm"),), layers=(curve,)))
+    chart.resize(700, 500)
+    chart.show()
+    chart.grab()
+    axis = chart.panels[0].axes["left"]
+    assert axis.picture is not None
+    axis.resize(axis.size().width(), axis.size().height() - 40.0)
+    assert axis.picture is None, "pyqtgraph draws the labels that it has kept at their old places"
+    chart.deleteLater()
+
+
 def test_error_bars_of_unusable_points_set_no_range(qt: QApplication) -> None:
     chart = Chart("range", headed=False)
     usable = np.array([True, True, False])
