@@ -374,6 +374,12 @@ def test_an_unsafe_source_off_rest_stays_suspect_after_connecting_again() -> Non
     assert {i.role: i.lamp for i in look(view, REST)[0].instruments}["generator"] is Lamp.READY
 
 
+def test_a_card_that_is_not_read_sees_no_voltage() -> None:
+    view, strip = look(view_after(OPENED, MonitorStarted(1e4, ())), ZERO)
+    assert "sees another voltage" in strip.act
+    assert "sees" not in look(view, card(0.0, age_s=4.0))[1].act
+
+
 def test_old_volts_change_no_state() -> None:
     view = view_after(*LIVE, RunPaused("rest"))
     assert look(view, card(0.0, age_s=0.6))[0].bench_state is BenchState.PAUSED
