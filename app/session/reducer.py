@@ -228,10 +228,8 @@ def _is_off_aim(view: WindowState, card: CardReading) -> bool:
             return view.off_aim  # compared with the drive by the abort levels
         case BenchState.LIVE:
             return off_rest and (view.off_aim or not card.moves)  # on the way to a drive that begins
-        case BenchState.PAUSED | BenchState.HV_OFF | BenchState.AT_REST | BenchState.IDLE:
+        case BenchState.PAUSED | BenchState.HV_OFF | BenchState.AT_REST | BenchState.IDLE | BenchState.UNSAFE:
             return off_rest
-        case BenchState.UNSAFE:
-            return off_rest and view.off_aim
         case BenchState.GOING_TO_REST:
             return off_rest and (view.off_aim or (card.measured_s > view.obey_by_s and not card.moves))
         case _:

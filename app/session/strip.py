@@ -214,7 +214,8 @@ def _act(view: WindowState) -> str:
     """Return the operator's next action concerning the voltage; empty if none is needed."""
     if view.danger:
         when = "before you touch the specimen" if view.phase is BenchState.IDLE else "now"
-        why = "; the card sees another voltage than is wanted" if view.off_aim else ""
+        is_seen = view.off_aim and "card" not in view.remarks  # a card that is not read sees nothing
+        why = "; the card sees another voltage than is wanted" if is_seen else ""
         return f"Switch the high voltage OFF at the amplifier {when}{why}"
     if view.off_aim and view.phase is BenchState.HV_OFF:
         return "The amplifier's input is not at rest: leave the high voltage off"

@@ -296,7 +296,7 @@ def test_a_run_that_is_read_while_it_ends_is_listed_with_its_verdict(tmp_path: P
     begun = begun_run(tmp_path, "T7", (100.0,), 5000.0)
     with Run(begun.path) as reader:
         assert reader.stored_record().status is RunStatus.RUNNING
-        begun.finish(RunStatus.COMPLETED, "all points measured", verdict=Verdict(Outcome.GOOD))
+        begun.finish(RunStatus.COMPLETED, "", verdict=Verdict(Outcome.GOOD))
         assert read_run_summary(begun.path, begun.path.name).verdict == Outcome.GOOD  # type: ignore[union-attr]
 
 

@@ -95,7 +95,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
     def resizeEvent(self, _event: Any = None) -> None:
         if "heading" not in vars(self):  # pyqtgraph sets its size while it is made
             return
-        self.picture = None
+        self.picture = None  # its labels are at the places of the size before
         self.update()
         size = self.heading.boundingRect()
         self.heading.setPos(self.size().width() - size.width(), px(TICK_PX) + px(TITLE_ROW_PX))

@@ -2,9 +2,10 @@
 
 from PySide6.QtCore import QObject, QSettings, QSize, Signal
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QApplication, QLabel, QMainWindow
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QMainWindow
 
 from app.gui.face import LEAST_WINDOW, TEXT_SIZES, install_fonts, px, rescale, style_sheet, tokens_for
+from app.gui.widgets import show_key
 
 FRAME_SIZE = QSize(4, 32)
 """Of the frame that a desktop draws around a window."""
@@ -42,6 +43,9 @@ class WindowLook(QObject):
         self._settings.setValue("window/text-size", choice)
         install_fonts(TEXT_SIZES[choice])
         rescale(self._window)
+        for button in self._window.findChildren(QAbstractButton):
+            if key := button.property("cap"):
+                show_key(button, key)
         self._window.setStyleSheet(self._window.styleSheet())  # styled widgets do not follow the application's font
         self._fit_least_size()
         self.text_size_changed.emit()

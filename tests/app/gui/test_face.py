@@ -421,6 +421,16 @@ def test_the_content_of_a_card_stays_inside_its_edge_when_the_text_size_changes(
         assert left + band.width() <= card.width() - left
 
 
+def test_a_key_cap_holds_its_key_at_every_text_size(stage: Stage) -> None:
+    button = find(stage.window, "status.log")
+    before = button.iconSize().width()
+    stage.window.look.set_text_size("125")
+    assert button.iconSize().width() == pytest.approx(before * text_scale(), abs=1)
+    assert text_scale() > 1
+    stage.window.look.set_text_size("100")
+    assert button.iconSize().width() == before
+
+
 def test_red_is_inside_stop_alone_at_rest_and_violet_inside_the_ribbon(stage: Stage) -> None:
     stage.happen(OPENED)
     reach(stage, "live")

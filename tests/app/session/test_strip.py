@@ -367,6 +367,19 @@ def test_a_drive_that_begins_is_not_lost_before_the_card_was_compared_with_it() 
     assert look(begun, SWING)[0].bench_state is BenchState.LIVE
 
 
+def test_an_unsafe_source_off_rest_stays_suspect_after_connecting_again() -> None:
+    view = view_after(*LIVE, ShutdownStarted(), NOT_AT_REST, UNSAFE, OperatorAction.RECONNECT, OPENED)
+    assert view.phase is BenchState.UNSAFE
+    assert {i.role: i.lamp for i in look(view, ZERO)[0].instruments}["generator"] is not Lamp.READY
+    assert {i.role: i.lamp for i in look(view, REST)[0].instruments}["generator"] is Lamp.READY
+
+
+def test_a_card_that_is_not_read_sees_no_voltage() -> None:
+    view, strip = look(view_after(OPENED, MonitorStarted(1e4, ())), ZERO)
+    assert "; " in strip.act
+    assert "; " not in look(view, card(0.0, age_s=4.0))[1].act
+
+
 def test_old_volts_change_no_state() -> None:
     view = view_after(*LIVE, RunPaused("rest"))
     assert look(view, card(0.0, age_s=0.6))[0].bench_state is BenchState.PAUSED
