@@ -28,9 +28,10 @@ Written by `python docs/make_attribution_matrix.py` from identifications of `ben
 `tests/helpers/model/laboratories.py`. These have finite elements for the beam, their own membrane, amplifier, plays for hysteresis and lags for creep; specimen, sheet and instruments are drawn for each,
 nonidealities from distributions that are not the fit's priors (uniform, exponential, lognormal, shifted, heavy-tailed).
 
-Without a departure: 500 laboratories, all fitted with 20 shape functions, as every fit is now (`docs/decisions/0071-shapes-of-a-fit.md`); with 7, the laser's delay held in 88.8 % with a mean z of -0.54. Two numbers miss their goals:
-26 alarms of 500 (goal: less than 5 %; 14 name no cause; the tests' own level is 3 %; not traced), and c0 holds in 98.4 % where the simultaneous 99 % band ends at 98.2 %. Its total has the 1 K that a
-temperature not stated may be off, 4 to 5 % of the total, and these laboratories have no temperature. Of adequate fits, one has parameters that are not assumed beyond 4 total errors: E_m and the gain of the laser, drawn 6 stated errors off.
+Without a departure: 500 laboratories, all fitted with 20 shape functions, as every fit is now (`docs/decisions/0071-shapes-of-a-fit.md`); with 7, the laser's delay held in 88.8 % with a mean z of -0.54. The tests' own level is 3 % (3.2 % of
+the noise of one campaign). 21 alarms of 500 (goal: less than 5 %) are 4.2 %; a cause that six of them name is what was drawn, 2.3 to 4.4 stated errors off (delay of the laser, creep, share of the masses; two each). It was 26: the measured set was ranked one
+place too low (4.0 % of noise), and in two laboratories a peak was stated where the response only falls; since these changes only the alarms and these two laboratories were judged again. c0 holds in 98.4 % where the simultaneous 99 % band ends at 98.2 %: 29 % of its total is the 1 K that a temperature not stated may be
+off, and these laboratories have no temperature (97.0 % without it); half of its variance is the length's, whose error is bounded by 1.7 stated ones in a third of the laboratories. Of adequate fits, one has parameters that are not assumed beyond 4 total errors: E_m and the gain of the laser, drawn 6 stated errors off.
 
 The withheld sets: fits with 7. Departures of the development: the rows up to "clamp turns, 15 %" and of drifts, of the laser's gain, of one elongation by -1 mm and of a membrane dwell's scale are of fits with 20, the others with 7.
 Of the laser's gain, 1 of 4 is detected; the other 3 are adequate with m_add, E_m and mass_fraction 6 to 14 errors off: a gain that all displacements share moves k2, the moving mass and the moment alike, frequencies stay, and
