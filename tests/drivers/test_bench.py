@@ -220,6 +220,17 @@ def test_missing_card_with_high_voltage_left_on_is_unsafe(lab: BenchConnection) 
         pass
 
 
+def test_a_missing_card_with_high_voltage_left_on_is_unsafe_whatever_the_source_says(
+    lab: BenchConnection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with live(lab):
+        pass
+    lab.control.inject("card-unplugged")
+    monkeypatch.setattr(lab.bench.amplifier, "may_be_left_live", lambda: False)
+    with pytest.raises(UnsafeError), live(lab):
+        pass
+
+
 def test_run_file_that_cannot_be_created_with_high_voltage_on_ends_at_rest(lab: BenchConnection) -> None:
     with live(lab):
         pass

@@ -297,6 +297,7 @@ CONDITIONS = (
 )
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_an_unattended_run_without_a_condition_is_refused_before_anything_moves(condition: str, tmp_path: Path) -> None:
     with laboratory(bench()) as lab:
