@@ -19,6 +19,9 @@ from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, BenchError
 from protocols.base import (
     BenchArmed,
     BlockStored,
+    Cycle,
+    CyclesInterrupted,
+    CycleStatistics,
     DriveStarted,
     Event,
     EventBus,
@@ -48,6 +51,8 @@ from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
+from protocols.runner.cycle_tally import CycleTally
+from protocols.runner.publisher import RunCancelled
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 from tests.helpers.messages import assert_names
@@ -373,3 +378,29 @@ def test_a_level_that_a_protocol_diagnoses_by_itself_is_a_warning_in_its_runs(
             levels.point_measured(Quality.NO_RESPONSE)
         assert [event.action for event in levels.take_events() if isinstance(event, LevelExceeded)] == [action]
         made.give_up(RunStatus.FAILED, "")
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("driven", "played", "counted"), [(0, 9.5, 11), (40, 9.5, 51), (40, 59.5, 100), (40, 70.0, 100)]
+)
+def test_cycles_of_a_block_are_counted_through_every_interruption(
+    driven: int, played: float, counted: int, runner: tuple[Runner, list[Event]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop counts the cycle that was begun, and one for the way to rest, and never more than there are."""
+    made, seen = runner
+    drives: list[Sine] = []
+
+    def interrupted(*_: object) -> None:
+        made._bench.clock.sleep(played / 100.0)
+        raise RunCancelled
+
+    monkeypatch.setattr(CycleTally, "read", interrupted)
+    monkeypatch.setattr(made._executor, "_start_drive", lambda _, drive: drives.append(drive))
+    made._executor.driven[3] = CycleStatistics(cycles=driven)
+    armed: Any = None
+    with pytest.raises(RunCancelled):
+        made._executor._cycle(armed, Cycle(Sine(100.0, 1.0, 2.5, 100), 0.1), 3)
+    assert [drive.cycles for drive in drives] == [100 - driven]
+    assert made._executor.driven[3].cycles == counted
+    assert [event.driven.cycles for event in seen if isinstance(event, CyclesInterrupted)] == [counted]
