@@ -658,6 +658,7 @@ def test_a_warning_names_no_volts_that_are_old_and_says_for_how_long_the_card_wa
     assert not re.search(r"-?\d+ V", warning.message)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("reason", "part"),
     [
@@ -675,6 +676,7 @@ def test_a_warning_names_the_part_that_failed(lab: BenchConnection, reason: obje
     assert "about -298 V on the specimen" in warning.message
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("wait_s", "predicted_s", "unmoved_s"), [(0.0, math.nan, 0.0), (0.0, 0.4, 0.0), (0.0, 1.2, 0.7), (9.0, 0.6, 9.1)]
 )

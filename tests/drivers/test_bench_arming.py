@@ -544,6 +544,7 @@ def test_without_a_card_the_way_to_rest_is_in_the_log_of_the_watchdog(lab: Bench
     assert str(failed.value.__cause__) in line
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("factor", "refused"), [(0.9892, True), (0.9931, False), (1.0, False), (1.0068, False), (1.0121, True)]
 )

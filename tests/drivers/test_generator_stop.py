@@ -57,6 +57,7 @@ def playing(source: BurstGenerator, bench: SimulatedBench) -> None:
     bench.clock.sleep(0.2)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", [model for model in BOXES if model not in HOLDERS])
 def test_a_burst_whose_trigger_was_not_confirmed_is_waited_for(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with direct(model) as (source, bench, _):

@@ -196,6 +196,7 @@ def test_a_trigger_that_never_comes_does_not_keep_us_from_rest(bench: SimulatedB
     source.close()
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("options", "drive", "says"),
     [

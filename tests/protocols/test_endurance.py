@@ -207,6 +207,7 @@ def test_a_killed_block_is_told_with_its_cycles() -> None:
     assert protocol.uncounted(snapshot) == ""
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("figures", "kind"),
     [

@@ -579,6 +579,7 @@ def test_stroke_and_rate_are_limited_in_both_directions(side: int, rate_m_per_s:
     assert found == [*(["stroke"] * bool(exceeded)), *exceeded]
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("volts", "words"),
     [

@@ -9,6 +9,7 @@ from protocols.signals.held_level import MIN_SAMPLES, estimate_level, estimate_s
 from protocols.signals.sine import fit_sine
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("mains_hz", [50.0, 60.0])
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("phase", [0.0, np.pi / 2])
@@ -138,6 +139,7 @@ def test_the_standard_error_of_a_peak_is_the_spread_of_many(shared: float) -> No
     assert np.mean([each.standard_error_hz for each in seen]) == pytest.approx(spread, rel=0.2)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
