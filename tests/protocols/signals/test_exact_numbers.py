@@ -63,6 +63,15 @@ def test_a_ramp_is_found_where_it_is(levels: tuple[float, float]) -> None:
     assert (ramp.start_level_v, ramp.end_level_v) == pytest.approx(levels)
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("step_v", "found"), [(0.09, False), (-0.09, False), (0.2, True), (-0.2, True)])
+def test_a_ramp_is_one_beyond_ten_deviations_of_the_noise(step_v: float, found: bool) -> None:
+    t = np.arange(1000) / 1000.0
+    noise_v = 0.01 * (-1.0) ** np.arange(1000)
+    ramp = find_ramp(np.interp(t, [0.2, 0.5], [2.5, 2.5 + step_v]) + noise_v, 1000.0, 0.3, 0.1)
+    assert (ramp.begin_s, ramp.end_s) == pytest.approx((0.2, 0.5) if found else (0.7, 0.7), abs=0.03)
+
+
 def test_two_samples_of_rest_and_four_of_level_are_the_fewest_of_a_ramp() -> None:
     drive_v = np.array([0.0, 0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0])
     assert find_ramp(drive_v, 1.0, 4.0, 2.0).end_level_v == pytest.approx(3.0)
