@@ -138,7 +138,6 @@ class BurstGenerator:
         self.dialect.clear_errors()  # of another program, which the next command would be blamed for
         if self.plays_to_the_end or not self._output.has_ended():
             self.stop()  # a burst that another program started shows in no setting, also at the idle amplitude
-            self._output.burst_end_s = self._clock.now()
         return True
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:

@@ -181,6 +181,7 @@ class BurstOutput:
         way.raise_first_error()
         if left_vpp is not None:
             self._check(left_vpp, idle_vpp, idle_vpp, "the amplitude in volts peak to peak")
+        self.burst_end_s = self._clock.now()
 
     def _reduce_amplitude(self, way: RampDown, amplitude_vpp: float, duration_s: float) -> None:
         """Set the idle amplitude in steps of at most `step_v` at the output."""

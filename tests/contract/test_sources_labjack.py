@@ -211,6 +211,10 @@ def test_its_own_watchdog_and_another_program_are_refused() -> None:
             source.initialize_at_rest(2.5, 0.0, 5.0)
         device.registers.values[61600] = 0
         source.initialize_at_rest(2.5, 0.0, 5.0)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
+        device.registers.values[61600] = 1  # by another program, meanwhile
+        assert not source.is_at_rest(2.5, 0.0, 5.0)
+        device.registers.values[61600] = 0
         source.start_drive(Sine(20.0, 0.5, 2.5, 400))
         device.registers.values[46100] = 0  # another program's
         with pytest.raises(InstrumentError, match="another"):

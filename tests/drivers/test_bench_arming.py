@@ -5,6 +5,7 @@
 import contextlib
 import math
 from collections.abc import Iterator
+from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
@@ -278,6 +279,23 @@ def test_a_spike_in_every_block_is_not_a_source_that_has_left_rest(
     assert warnings == []
 
 
+@pytest.mark.parametrize("returns", [True, False])
+def test_short_excursions_with_rest_between_them_are_not_added_up(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch, returns: bool
+) -> None:
+    seen = count()
+
+    def moved(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
+        return drive_voltage(block, scales) + (0.2 if not returns or next(seen) % 2 else 0.0)
+
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings) as armed, monkeypatch.context() as patch:
+        patch.setattr("drivers.bench.armed_bench.drive_voltage", moved)
+        for _ in range(20):
+            armed.read_block()
+    assert len(warnings) == (not returns)
+
+
 def test_a_commanded_level_is_not_a_source_that_has_left_rest(lab: BenchConnection, journal: Journal) -> None:
     warnings: list[LiveWarning] = []
     with armed_bench(lab, journal, warnings) as armed:
@@ -526,6 +544,7 @@ def test_without_a_card_the_way_to_rest_is_in_the_log_of_the_watchdog(lab: Bench
     assert str(failed.value.__cause__) in line
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("factor", "refused"), [(0.9892, True), (0.9931, False), (1.0, False), (1.0068, False), (1.0121, True)]
 )

@@ -162,6 +162,7 @@ def test_a_second_driver_hastens_the_end_of_a_level_that_the_program_has_stated(
         assert noted == [()]
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C", "DG812"])
 def test_a_level_whose_end_cannot_be_hastened_is_waited_for(model: str) -> None:
     """The wire is cut: the level returns to rest by itself, and Stop does not report rest before."""

@@ -24,6 +24,7 @@ def driver_of(name: str) -> type[BurstGenerator]:
     return driver
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_family_has_driver_evidence_and_simulated_instruments(name: str) -> None:
     assert driver_of(name).__module__ == f"drivers.generators.{FAMILIES[name].module}"
@@ -44,6 +45,7 @@ def test_idle_deviations_are_half_of_the_idle_amplitudes() -> None:
         assert all(f"within {able.idle_amplitude_vpp / 2 * 1e3:g} mV" in each.value for each in held)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("driver", "quantity", "models", "number"),
     [

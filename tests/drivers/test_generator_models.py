@@ -104,6 +104,7 @@ class NamedLink:
     def close(self) -> None: ...
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("identity", UNSUITABLE)
 def test_a_generator_whose_idle_level_nothing_guarantees_is_advised_against_before_anything_is_set(
     identity: str,
@@ -134,11 +135,13 @@ def test_each_supported_model_has_one_driver(model: str) -> None:
     assert drivers_for(model) == [SUPPORTED[model]]
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", RELATIVES)
 def test_devices_names_no_driver_for_a_relative(model: str) -> None:
     assert _role_of(Identity("", model)) == ("instrument", "")
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", RELATIVES)
 def test_a_relative_with_another_command_set_has_none(model: str) -> None:
     assert drivers_for(model) == []
@@ -155,6 +158,7 @@ def test_a_derived_driver_is_for_its_own_models() -> None:
     assert not Relabelled.supports_model("DG1032Z")
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", ["33210A", "33220A", "33250A"])
 def test_a_332xx_is_armed_at_twenty_millivolts_and_plays(model: str) -> None:
     """Into a high-impedance load 10 mVpp is out of its range, and it says so: it never armed."""
@@ -192,6 +196,7 @@ def test_a_rigol_sweeps_and_then_starts_the_next_drive() -> None:
     assert_safe_voltage(bench.report())
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("points", [8193, 16_385, 24_577])
 def test_no_packet_of_a_rigol_is_too_small(points: int) -> None:
     """Cut at 8192, the last packet of each would have one point, and a real DG1000Z rejects less than eight."""

@@ -112,6 +112,7 @@ def test_a_burst_of_anybody_elses_is_over_when_the_box_has_been_prepared(model: 
     assert bench.generator.busy_s(bench.clock.now()) == 0
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", [m for m in BOXES if BOXES[m].dialect_type.capabilities.holds_range])
 def test_an_amplitude_that_an_instrument_does_not_take_starts_no_drive(
     model: str, monkeypatch: pytest.MonkeyPatch

@@ -129,6 +129,7 @@ def test_changed_output_load_is_detected_when_other_settings_match() -> None:
     assert not source.is_at_rest(2.5, 1.5, 3.5)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", CHANGES)
 def test_limits_of_another_bench_file_are_another_state(model: str) -> None:
     source, _, _ = made(model)

@@ -57,6 +57,7 @@ def playing(source: BurstGenerator, bench: SimulatedBench) -> None:
     bench.clock.sleep(0.2)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("model", [model for model in BOXES if model not in HOLDERS])
 def test_a_burst_whose_trigger_was_not_confirmed_is_waited_for(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with direct(model) as (source, bench, _):
@@ -194,6 +195,18 @@ def test_a_small_burst_of_another_program_is_ended(model: str) -> None:
         begin_s = bench.clock.now()
         bench.clock.sleep(0.2)
         assert np.ptp(bench.history.volts(np.arange(begin_s, bench.clock.now(), 1e-4))) == 0.0
+
+
+@pytest.mark.parametrize("model", BOXES)
+def test_a_drive_that_was_stopped_is_known_to_have_ended(model: str) -> None:
+    with direct(model) as (source, bench, _):
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        source.start_drive(Sine(100.0, 1.0, 2.5, 500))
+        bench.clock.sleep(0.05)
+        assert not source._output.has_ended()
+        source.stop()
+        bench.clock.sleep(1.0)
+        assert source._output.has_ended()
 
 
 def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:

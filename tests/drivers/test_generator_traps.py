@@ -1,6 +1,7 @@
 """Peculiarities of each generator that a naive driver misses, checked by the voltage at the amplifier."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -316,3 +317,12 @@ def test_the_wrong_driver_by_name_is_a_sentence() -> None:
     config = config.model_copy(update={"generator": config.generator.model_copy(update={"driver": "siglent-sdg"})})
     with pytest.raises(InstrumentError, match=r"answered as .*DG1032Z.*; this driver is for Siglent"), connect(config):
         pass
+
+
+@pytest.mark.parametrize("field", ["model", "serial"])
+@pytest.mark.parametrize("model", BOXES)
+def test_another_box_behind_a_connection_that_is_opened_again_is_refused(model: str, field: str) -> None:
+    source, _, _ = live(model)
+    source.identity = replace(source.identity, **{field: "another"})
+    with pytest.raises(LinkError, match="another"):
+        source.reconnect()

@@ -178,6 +178,7 @@ def test_a_folder_that_cannot_be_written_is_named(folder: Path) -> None:
         locks.lock_address("the source", ADDRESS)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.skipif(os.name == "nt", reason="the folder of Windows is another one")
 @pytest.mark.parametrize(
     ("mode", "exists", "parent"),
@@ -349,6 +350,7 @@ def test_a_watchdog_that_still_works_is_waited_for(folder: Path, monkeypatch: py
     timer.join()
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("record", "says"),
     [

@@ -54,6 +54,7 @@ def test_a_range_beyond_a_card_names_its_own() -> None:
         card.close()
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("product", "told"),
     [

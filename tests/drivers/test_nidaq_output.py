@@ -14,6 +14,7 @@ from drivers.drive_shapes import LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
+from drivers.nidaq.output_readback import OutputReadback
 from drivers.nidaq.output_task import PlaybackProgress
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
@@ -195,6 +196,7 @@ def test_a_trigger_that_never_comes_does_not_keep_us_from_rest(bench: SimulatedB
     source.close()
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("options", "drive", "says"),
     [
@@ -239,3 +241,18 @@ def test_more_channels_are_raw_integers_each_with_its_own_scale(bench: Simulated
     assert stream.scales[0].to_volts(block.raw[0]).mean() == pytest.approx(2.5, abs=1e-3)
     assert stream.scales[2].to_volts(block.raw[2]).mean() == pytest.approx(0.0, abs=1e-3)
     source.close()
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("level_v", "rests"), [(2.5, True), (2.495, True), (2.4, False), (2.6, False), (None, False)])
+def test_a_level_that_is_not_known_is_no_rest(bench: SimulatedBench, level_v: float | None, rests: bool) -> None:
+    source = live(bench)
+    source._level_v = level_v
+    assert source.is_left_live(2.5, 0.0, 5.0) is not rests
+
+
+def test_a_level_is_steady_where_three_readings_agree(bench: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One reading of a wave, or two, may be any level between its ends."""
+    readings, source = iter((3.0, 2.0, 3.0, 2.6, 2.6, 3.0, 2.7, 2.7, 2.7)), live(bench)
+    monkeypatch.setattr(OutputReadback, "inside_v", lambda _: next(readings))
+    assert source._readback.steady_v(0.0, 5.0) == pytest.approx(2.7)

@@ -282,6 +282,7 @@ def test_an_output_that_is_not_at_rest_after_its_set_up_is_refused(
             source.initialize_at_rest(2.5, 0.0, 5.0)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("drive", "served_s"), [(Hold(4.0, 1.0), 5.3), (Hold(1.0, 1.0), 5.3), (Sine(40.0, 1.0, 2.5, 80), 2.0)]
 )

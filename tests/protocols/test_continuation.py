@@ -86,6 +86,7 @@ def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) 
         load_resumable(ran.path, repeat_entries=(7,))
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(("sigmas", "asks"), [(3.9, False), (4.5, True), (30.0, True)])
 def test_a_change_of_more_than_four_standard_errors_is_asked_about(sigmas: float, asks: bool) -> None:
     error = 0.1 / sigmas / math.sqrt(2)

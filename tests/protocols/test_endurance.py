@@ -207,6 +207,7 @@ def test_a_killed_block_is_told_with_its_cycles() -> None:
     assert protocol.uncounted(snapshot) == ""
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("figures", "kind"),
     [
@@ -297,6 +298,7 @@ CONDITIONS = (
 )
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_an_unattended_run_without_a_condition_is_refused_before_anything_moves(condition: str, tmp_path: Path) -> None:
     with laboratory(bench()) as lab:

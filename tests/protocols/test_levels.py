@@ -1,6 +1,5 @@
 """Abort levels: each acts in the acquisition, is stored and reported, and leaves ordinary runs undisturbed."""
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -580,6 +579,7 @@ def test_stroke_and_rate_are_limited_in_both_directions(side: int, rate_m_per_s:
     assert found == [*(["stroke"] * bool(exceeded)), *exceeded]
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("volts", "words"),
     [
@@ -712,22 +712,3 @@ def test_every_exceeded_level_is_told_before_an_interrupt_and_the_operator_is_as
                 acquisition.read_block(armed)
             acquisition.close()
             assert (told.events, str(raised.value)) == (found, str(end))
-
-
-def test_during_an_analysis_the_blocks_that_are_due_are_read_and_no_others() -> None:
-    with laboratory() as lab:
-        told: Any = Told()
-        acquisition, due, size = RunAcquisition(lab.bench, told, lambda: None), threading.Event(), 100
-        rate_hz, starts = size / lab.bench.block_s, iter(range(0, 11 * size, size))
-
-        def discard_block() -> Block:
-            start = next(starts)  # none is left after the eleventh
-            if start == 9 * size:
-                due.set()
-            return Block(start, np.zeros((2, size), np.int16))
-
-        stream = SimpleNamespace(start_time_s=lab.bench.clock.now() - 10.5 * lab.bench.block_s)
-        armed: Any = SimpleNamespace(discard_block=discard_block, stream=stream, rate_hz=rate_hz)
-        assert acquisition.run_analysis(armed, lambda: due.wait(20.0)) is True  # type: ignore[arg-type,return-value]
-        acquisition.close()
-    assert [event.block.start for event in told.events] == list(range(0, 10 * size, size))

@@ -12,13 +12,16 @@ from unittest import mock
 
 import pytest
 
-from drivers.bench.bench import ArmedBench
+from drivers.bench.bench import ArmedBench, LevelAction
 from drivers.bench.rest import LiveWarning
 from drivers.drive_shapes import Hold, Sine
-from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
+from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, BenchError
 from protocols.base import (
     BenchArmed,
     BlockStored,
+    Cycle,
+    CyclesInterrupted,
+    CycleStatistics,
     DriveStarted,
     Event,
     EventBus,
@@ -28,6 +31,8 @@ from protocols.base import (
     ProgressUpdated,
     PromptAnswered,
     PromptShown,
+    Protocol,
+    Quality,
     Record,
     RestMeasured,
     RunEnded,
@@ -40,10 +45,14 @@ from protocols.base import (
     Step,
     StreamStarted,
 )
+from protocols.measurements.endurance import Endurance
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
+from protocols.runner.cycle_tally import CycleTally
+from protocols.runner.publisher import RunCancelled
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 from tests.helpers.messages import assert_names
@@ -341,3 +350,57 @@ def test_a_run_that_was_given_up_tells_nothing_afterwards(runner: tuple[Runner, 
     assert ended.status is RunStatus.FAILED
     made._warn_of_live_specimen(LiveWarning(""))
     assert (seen, made.give_up(RunStatus.STOPPED, "")) == (told, ended)
+
+
+def test_an_unattended_run_ends_at_its_longest_duration_and_not_before(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        protocol = Endurance(unattended=True, responsible="Anna", longest_s=100.0)
+        made = Runner(RunRequest(protocol, tmp_path, "T1"), lab.bench, lab.operator)
+        made._limit_duration()
+        lab.bench.clock.sleep(99.0)
+        made._interrupts.check()
+        lab.bench.clock.sleep(2.0)
+        with pytest.raises(BenchError, match="100 s"):
+            made._interrupts.check()
+        made.give_up(RunStatus.FAILED, "")
+
+
+@pytest.mark.parametrize(("protocol", "action"), [(WiringCheck(), "warning"), (SHORT, "rest")])
+def test_a_level_that_a_protocol_diagnoses_by_itself_is_a_warning_in_its_runs(
+    protocol: Protocol, action: str, tmp_path: Path
+) -> None:
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, no_response=LevelAction.REST)
+        made = Runner(RunRequest(protocol, tmp_path, "T1"), lab.bench, lab.operator)
+        levels = made._acquisition.levels
+        levels.attach((), 1000.0, 0.0)
+        for _ in range(lab.bench.levels.no_response_points):
+            levels.point_measured(Quality.NO_RESPONSE)
+        assert [event.action for event in levels.take_events() if isinstance(event, LevelExceeded)] == [action]
+        made.give_up(RunStatus.FAILED, "")
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("driven", "played", "counted"), [(0, 9.5, 11), (40, 9.5, 51), (40, 59.5, 100), (40, 70.0, 100)]
+)
+def test_cycles_of_a_block_are_counted_through_every_interruption(
+    driven: int, played: float, counted: int, runner: tuple[Runner, list[Event]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop counts the cycle that was begun, and one for the way to rest, and never more than there are."""
+    made, seen = runner
+    drives: list[Sine] = []
+
+    def interrupted(*_: object) -> None:
+        made._bench.clock.sleep(played / 100.0)
+        raise RunCancelled
+
+    monkeypatch.setattr(CycleTally, "read", interrupted)
+    monkeypatch.setattr(made._executor, "_start_drive", lambda _, drive: drives.append(drive))
+    made._executor.driven[3] = CycleStatistics(cycles=driven)
+    armed: Any = None
+    with pytest.raises(RunCancelled):
+        made._executor._cycle(armed, Cycle(Sine(100.0, 1.0, 2.5, 100), 0.1), 3)
+    assert [drive.cycles for drive in drives] == [100 - driven]
+    assert made._executor.driven[3].cycles == counted
+    assert [event.driven.cycles for event in seen if isinstance(event, CyclesInterrupted)] == [counted]

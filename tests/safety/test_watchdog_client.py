@@ -179,6 +179,7 @@ def test_one_that_has_ended_is_replaced_when_the_bench_is_armed(
     client.raise_for_status()
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("greeting", "why"),
     [

@@ -78,6 +78,7 @@ def test_no_watchdog_on_virtual_clock_and_warning_when_disabled() -> None:
     assert "a held level stays on the specimen" in WATCHDOG_DISABLED_WARNING
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("resource", "shared"),
     [

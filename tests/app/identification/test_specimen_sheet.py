@@ -215,7 +215,7 @@ def test_a_sheet_is_the_model_of_a_specimen_without_a_calibration(tmp_path: Path
         path.write_text(f'specimen = "{other}"\n', "utf-8")
         wrong = load_active_model(tmp_path, "T7")
         assert wrong.tactor == Tactor()
-        assert f"belongs to specimen {other}, not to T7" in wrong.problem
+        assert_names(wrong.problem, other, "T7")
 
 
 @pytest.mark.deep

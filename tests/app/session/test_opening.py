@@ -29,6 +29,22 @@ def left(volts: float) -> Iterator[BenchConnection]:
         yield lab
 
 
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("resource", "allowed"),
+    [
+        ("TCPIP::192.0.2.7::5025::SOCKET", True),
+        ("TCPIP::192.0.2.7::INSTR", True),
+        ("USB0::1::2::3::INSTR", False),
+        ("usb0::1::2::3::INSTR", False),
+        ("ASRL/dev/ttyUSB0::INSTR", False),
+        ("GPIB0::7::INSTR", False),
+    ],
+)
+def test_only_a_network_carries_two_connections(resource: str, allowed: bool) -> None:
+    assert module.allows_second_connection(resource) is allowed
+
+
 def test_without_a_card_a_level_that_was_left_is_ramped_to_rest_and_rest_is_left_alone() -> None:
     for volts in (2.5, 1.2, 4.0):
         with left(volts) as lab:

@@ -435,6 +435,7 @@ def test_every_state_of_session_and_window_has_a_way_out(depth: int, least: int)
                 raise AssertionError(f"after {', '.join(path)}; then {result}: {error}") from error
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("press", ["run", "stop", "connect"])
 def test_a_run_during_a_reconnect_waits_and_begins_when_the_bench_is_connected(press: str) -> None:
     world = World("open", "tick", "speed", "tick", "run", "tick", *(() if press == "run" else (press,)))

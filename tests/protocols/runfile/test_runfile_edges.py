@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from drivers import Block, Hold, Scale
-from protocols.base import LogMessage, Quality, RunStatus, Series, SeriesAxis
+from protocols.base import EntryStarted, LogMessage, Quality, RunStatus, Series, SeriesAxis
 from protocols.runfile.checksums import _digest, changed_names
 from protocols.runfile.errors import FileLostError, RunReadError, StorageError
 from protocols.runfile.open import translate_read_errors
@@ -276,6 +276,7 @@ def test_tables_of_a_killed_program_are_cut_to_their_common_length(
     repair_run(left)
     with h5py.File(left) as repaired:
         lengths = {name: repaired[f"entry/trace/{name}"].shape for name in ("drive", "displacement")}
+        assert REPAIRED in repaired["entry"]
     assert lengths == {"drive": (10,), "displacement": (10,)}
 
 
@@ -361,11 +362,20 @@ def test_earlier_runs_are_the_oldest_first_and_so_are_their_recordings(tmp_path:
         )
         file.append_block(Block(0, np.full((2, 10), k, np.int16)), 0.0)
         file.append_recording((0, 10 - k), 0, Hold(2.5, 1.0))
+        for entry in (0, k + 1):
+            file.append_event(EntryStarted(entry, "", (k,)), 0.0)
         file.finish(RunStatus.STOPPED, "")
         paths.append(file.path)
     with Run(paths[-1]) as run:
         assert run.earlier_runs() == paths[:-1]
         assert [each.drive_v.size for each in run.recordings()] == [10, 9, 8, 7]
+        assert {entry: each.key for entry, each in run.entries().items()} == {
+            0: (3,),
+            1: (0,),
+            2: (1,),
+            3: (2,),
+            4: (3,),
+        }
 
 
 def test_a_file_replaced_by_an_equal_one_while_it_is_written_is_lost(tmp_path: Path) -> None:
@@ -403,3 +413,14 @@ def test_an_event_that_a_kill_cut_is_dropped_and_the_others_stay(
 def test_a_process_of_another_user_is_alive(error: Exception | None, lives: bool) -> None:
     with mock.patch("protocols.runfile.presence.os.kill", side_effect=error):
         assert process_is_alive(4711) is lives
+
+
+def test_an_event_has_the_row_of_the_samples_that_follow_it(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    for start in (0, 30):
+        file.append_event(LogMessage(""), 0.1)
+        file.append_block(Block(start, np.zeros((2, 30), np.int16)), 0.2)
+    file.append_event(LogMessage("third " * 400), 0.3)
+    file.finish(RunStatus.COMPLETED, "")
+    with Run(file.path) as run:
+        assert [(event.time_s, event.row) for event in run.events()] == [(0.1, 0), (0.1, 30), (0.3, 60)]

@@ -33,6 +33,7 @@ def test_a_parallel_rc_has_its_closed_form() -> None:
     assert abs(1 / seen.admittance_s) == pytest.approx(100 / np.abs(rc_current(T)).max(), rel=1e-4)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("f", [20.0, 150.0, 180.0])
 def test_the_bending_adds_its_charge(f: float) -> None:
     c_per_m = 5e-4

@@ -9,6 +9,7 @@ from protocols.signals.held_level import MIN_SAMPLES, estimate_level, estimate_s
 from protocols.signals.sine import fit_sine
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("mains_hz", [50.0, 60.0])
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("phase", [0.0, np.pi / 2])
@@ -60,6 +61,15 @@ def test_a_ramp_is_found_where_it_is(levels: tuple[float, float]) -> None:
     ramp = find_ramp(np.interp(t, [0.2, 0.5], levels), 1000.0, 0.3, 0.1)
     assert (ramp.begin_s, ramp.end_s) == pytest.approx((0.2, 0.5), abs=0.0015)
     assert (ramp.start_level_v, ramp.end_level_v) == pytest.approx(levels)
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(("step_v", "found"), [(0.09, False), (-0.09, False), (0.2, True), (-0.2, True)])
+def test_a_ramp_is_one_beyond_ten_deviations_of_the_noise(step_v: float, found: bool) -> None:
+    t = np.arange(1000) / 1000.0
+    noise_v = 0.01 * (-1.0) ** np.arange(1000)
+    ramp = find_ramp(np.interp(t, [0.2, 0.5], [2.5, 2.5 + step_v]) + noise_v, 1000.0, 0.3, 0.1)
+    assert (ramp.begin_s, ramp.end_s) == pytest.approx((0.2, 0.5) if found else (0.7, 0.7), abs=0.03)
 
 
 def test_two_samples_of_rest_and_four_of_level_are_the_fewest_of_a_ramp() -> None:
@@ -139,6 +149,7 @@ def test_the_standard_error_of_a_peak_is_the_spread_of_many(shared: float) -> No
     assert np.mean([each.standard_error_hz for each in seen]) == pytest.approx(spread, rel=0.2)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("lines", "message"),
     [

@@ -40,6 +40,7 @@ def point(
     return sine_point([recording], simulated=True)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("corner_hz", [0.0, 0.5, 30.0])
 def test_amplitude_phase_and_harmonics_are_those_of_the_displacement(corner_hz: float) -> None:
     seen = point(corner_hz)

@@ -148,6 +148,7 @@ def test_the_paper_s_frequencies_can_be_moved_off_the_mains() -> None:
     assert [entry.key for entry in SineDwell(mains_shift_hz=3.0).plan(2.5)][1] == (47.0,)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("true_hz", [4900.0, 100.0, 9876.5, 30_050.0])
 def test_a_second_rate_tells_a_folded_line_from_a_genuine_one(true_hz: float) -> None:
     random = np.random.default_rng(round(true_hz))

@@ -64,6 +64,7 @@ def test_a_step_is_read_where_it_is_asked_for() -> None:
     assert found[0].before.value == pytest.approx(7, abs=0.005)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("step_s", "read_s", "message"),
     [
@@ -77,6 +78,7 @@ def test_a_window_that_is_not_there_is_named(step_s: float, read_s: float, messa
         estimate_step(np.zeros(5000), RATE, step_s, read_s)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("samples", "mains_hz", "message"),
     [

@@ -6,6 +6,7 @@ import pytest
 from protocols.signals.spectral_blocks import band_spectrum, fast_length, make_block_averager
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize("size", [1000, 4096, 29_999, 99_997])
 @pytest.mark.parametrize("band", [(0.0, 2500.0), (25.0, 525.0), (1200.0, 2400.0)])
 def test_a_band_in_rows_is_the_band_of_the_whole(size: int, band: tuple[float, float]) -> None:

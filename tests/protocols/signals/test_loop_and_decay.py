@@ -86,6 +86,7 @@ def test_cycles_that_are_no_whole_number_of_samples_are_folded() -> None:
     assert np.abs(folded - np.sin(phase)).max() < 2e-3
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("drive", "moved", "message"),
     [
@@ -171,6 +172,7 @@ def test_an_amplitude_within_its_noise_is_no_free_vibration() -> None:
         fit_decay(2.5 * error * ringing(t, 158.3, 0.05) + noise, RATE, (60, 500))
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("samples", "message"),
     [

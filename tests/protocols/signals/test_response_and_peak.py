@@ -350,6 +350,7 @@ def test_a_sweep_that_cannot_be_used_is_refused(change: dict, message: str) -> N
         )
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("period_s", "dropped", "message"),
     [
@@ -363,6 +364,7 @@ def test_periods_that_cannot_be_used_are_refused(period_s: float, dropped: int, 
         estimate_periodic_response(np.ones(30_000), np.ones(30_000), RATE, period_s, (25, 525), dropped)
 
 
+@pytest.mark.one_in(1)
 @pytest.mark.parametrize(
     ("samples", "message"),
     [
