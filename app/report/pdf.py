@@ -5,7 +5,7 @@ All lengths are in points unless named otherwise.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from html import escape
 from io import BytesIO
 from pathlib import Path
@@ -60,6 +60,8 @@ MAX_FONT = MIN_FONT = 8.0
 """Of tables; nothing is smaller."""
 RED, GREY = "#C00018", "#444444"
 TONE_STYLES = {"plain": ("#000000", ""), "good": ("#006030", "-Bold"), "bad": ("#B00018", "-Bold"), "small": (GREY, "")}
+text_width = lru_cache(maxsize=1 << 14)(stringWidth)
+"""Width of a text in a font of a size; the layout of a table asks for the same ones again and again."""
 REST_OF_FOOTER = "footer"
 """Footer behind the page number, drawn last, with the number of pages."""
 
@@ -204,11 +206,11 @@ def _decorate_page(report: Report, marked: bool, canvas: Any, _: Any) -> None:
     _write(canvas, LEFT, top + 0.18 * INCH, report.laboratory.header, 8, color=GREY)
     _write(canvas, LEFT, 0.27 * INCH, report.laboratory.footer, 8, color=GREY)
     marks = "  ".join(report.page_marks)
-    _write(canvas, PAGE[0] - LEFT - stringWidth(marks, font("-Bold"), 9), top, marks, 9, "-Bold", RED)
+    _write(canvas, PAGE[0] - LEFT - text_width(marks, font("-Bold"), 9), top, marks, 9, "-Bold", RED)
     number = f"page {canvas.getPageNumber()} "
     _write(canvas, LEFT, 0.42 * INCH, number, 8, color=GREY)
     canvas.saveState()
-    canvas.translate(LEFT + stringWidth(number, font(), 8), 0.42 * INCH)
+    canvas.translate(LEFT + text_width(number, font(), 8), 0.42 * INCH)
     canvas.doForm(REST_OF_FOOTER)
     canvas.restoreState()
     if not (marked and report.page_marks):
@@ -226,7 +228,7 @@ def _decorate_page(report: Report, marked: bool, canvas: Any, _: Any) -> None:
 
 def shorten(text: str, width: float, size: float = 8.5) -> str:
     """Return a text that fits one line of a width; without its end if it is longer."""
-    return text if stringWidth(text, font(), size) <= width else f"{wrap_text(text, width - 10, size, font())[0]} …"
+    return text if text_width(text, font(), size) <= width else f"{wrap_text(text, width - 10, size, font())[0]} …"
 
 
 def _write(canvas: Any, x: float, y: float, text: str, size: float, style: str = "", color: str = "#000000") -> None:
@@ -270,7 +272,7 @@ def _headings(report: Report) -> Iterator[Any]:
     if report.laboratory.name:
         yield _lines(report.laboratory.name, 10, "-Bold", after=3)
     pictures = sum(width + COLUMN_GAP for _, width, _ in _pictures(report))
-    fitting = (size for size in TITLE_SIZES if stringWidth(report.title, font("-Bold"), size) <= WIDTH - pictures)
+    fitting = (size for size in TITLE_SIZES if text_width(report.title, font("-Bold"), size) <= WIDTH - pictures)
     yield _lines(report.title, next(fitting, TITLE_SIZES[-1]), "-Bold", after=4, right=pictures)
 
 
@@ -361,7 +363,7 @@ def lay_out_table(table: Table, width: float) -> LaidOutTable:
         return wide if row == 0 or row - 1 in table.highlighted_rows or column == 0 else plain
 
     def widest(texts: Callable[[str], list[str]], i: int) -> float:
-        widths = (stringWidth(text, face(at, i), 1) for at, row in enumerate(every) for text in texts(row[i]))
+        widths = (text_width(text, face(at, i), 1) for at, row in enumerate(every) for text in texts(row[i]))
         return float(max(widths))
 
     # In ems: a width is proportional to the size.
@@ -416,19 +418,19 @@ def _shrink_columns(
 
 def wrap_text(text: str, width: float, size: float, face: str) -> list[str]:
     """Wrap a text into lines; words wider than a line are broken anywhere."""
-    if stringWidth(text, face, size) <= width:
+    if text_width(text, face, size) <= width:
         return [text]
     lines, line = [], ""
     for each in text.split(" "):
         word = each
         longer = f"{line} {word}" if line else word
-        if stringWidth(longer, face, size) <= width:
+        if text_width(longer, face, size) <= width:
             line = longer
             continue
         if line:
             lines.append(line)
-        while stringWidth(word, face, size) > width:
-            cut = next((n for n in range(len(word) - 1, 1, -1) if stringWidth(word[:n], face, size) <= width), 1)
+        while text_width(word, face, size) > width:
+            cut = next((n for n in range(len(word) - 1, 1, -1) if text_width(word[:n], face, size) <= width), 1)
             lines.append(word[:cut])
             word = word[cut:]
         line = word

@@ -477,7 +477,7 @@ def with_predictions(
     observations: observed.ObservationSet, forward: "ForwardModel", theta: Array
 ) -> observed.ObservationSet:
     """Return the observations with their values replaced by the model's predictions."""
-    pairs = zip(observations.runs, forward.predict(theta), strict=True)
+    pairs = zip(observations.runs, forward.predict(theta, slopes=False), strict=True)
     return observed.ObservationSet(
         tuple(observed.with_observed_values(run, predicted.values) for run, predicted in pairs)
     )

@@ -71,7 +71,10 @@ class LeastSquaresProblem:
         if self.options.loss != "linear" or "stiffening" in self.forward_model.effects:
             return self
         few, constant = condensed(self.observations, self.forward_model.effects)
-        if sum(run.usable.sum() for run in few.runs) == self.forward_model.rows.observed.size or few.reference_c != self.observations.reference_c:
+        if (
+            sum(run.usable.sum() for run in few.runs) == self.forward_model.rows.observed.size
+            or few.reference_c != self.observations.reference_c
+        ):
             return self
         if tuple(few.shared_errors) != tuple(self.observations.shared_errors):
             return self

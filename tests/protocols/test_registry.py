@@ -3,16 +3,30 @@
 import re
 import subprocess
 import sys
+from inspect import getdoc
 from pathlib import Path
 
 import pytest
 
-from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS, ProtocolFileError, load_protocol_file
+from protocols.registry import (
+    BUILT_IN_PROTOCOLS,
+    PROTOCOLS,
+    ProtocolFileError,
+    ProtocolRegistry,
+    load_protocol_file,
+)
 
 
 @pytest.mark.parametrize("name", BUILT_IN_PROTOCOLS)
 def test_name_and_title_are_the_protocols_own(name: str) -> None:
     assert (PROTOCOLS[name].name, PROTOCOLS[name].title) == (name, BUILT_IN_PROTOCOLS[name][0])
+
+
+def test_a_summary_is_the_first_line_of_the_description_and_imports_nothing() -> None:
+    registry = ProtocolRegistry(BUILT_IN_PROTOCOLS)
+    summaries = {name: registry.summary(name) for name in registry}
+    assert all(isinstance(place, str) for place in registry._classes.values())
+    assert summaries == {name: (getdoc(PROTOCOLS[name]) or "").splitlines()[0] for name in BUILT_IN_PROTOCOLS}
 
 
 def test_the_list_imports_no_protocol() -> None:

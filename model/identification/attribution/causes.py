@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -259,22 +260,14 @@ def _points(fit: JointFit) -> Iterator[Cause]:
 
 def exchanged_points(fit: JointFit) -> dict[str, list[tuple[int, int]]]:
     """Return by run every two points whose labels may have been exchanged."""
-    labels = {run.label: (labels_of(run), usable) for run, usable in _comparable(fit)}
-    return {
-        name: [(i, j) for at, i in enumerate(usable) for j in usable[at + 1 :] if x[i] != x[j]]
-        for name, (x, usable) in labels.items()
-        if x.size
-    }
+    found = ((run.label, labels_of(run), usable) for run, usable in _comparable(fit))
+    return {name: [(i, j) for i, j in combinations(usable, 2) if x[i] != x[j]] for name, x, usable in found if x.size}
 
 
 def exchanges(pairs: Mapping[str, list[tuple[int, int]]]) -> list[Cause]:
     """Return the exchanges of `exchanged_points` as causes, which share their odds."""
-    count = sum(map(len, pairs.values()))
-    return [
-        Cause("exchange", name, f"exchange in {name}", points=pair, among=count)
-        for name, own in pairs.items()
-        for pair in own
-    ]
+    every = [(name, pair) for name, own in pairs.items() for pair in own]
+    return [Cause("exchange", name, f"exchange in {name}", points=pair, among=len(every)) for name, pair in every]
 
 
 def _comparable(fit: JointFit) -> Iterator[tuple[observed.Observation, list[int]]]:

@@ -62,7 +62,9 @@ class Evidence:
         self.residuals: Array = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
         self.predictions = {
             run.label: p.values
-            for run, p in zip(fit.observations.runs, fit.problem.forward_model.predict(fit.theta), strict=True)
+            for run, p in zip(
+                fit.observations.runs, fit.problem.forward_model.predict(fit.theta, slopes=False), strict=True
+            )
         }
         self.causes = possible_causes(fit, self.predictions)
         """Causes other than exchanges of labels."""
