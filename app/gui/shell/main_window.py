@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit,
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, SizeClass, class_of, set_length
+from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, set_length
 from app.gui.remote import RemoteController
 from app.gui.shell.heartbeat import Heartbeat
 from app.gui.shell.look import FRAME_SIZE, WindowLook
@@ -121,7 +121,6 @@ class MainWindow(QMainWindow):
         self.replaced = False
         """Another window with another bench takes the place of this one, which stays visible until then."""
         self._force_close = self._session_closed = self._connect_started = False
-        self._grid: SizeClass | None = None
         state = initial_window_state(
             config.amplifier.amplifier_map, config.name, config.simulated, _instrument_names(config)
         )
@@ -320,9 +319,7 @@ class MainWindow(QMainWindow):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        if (grid := class_of(self)) is not self._grid:
-            self._grid = grid
-            self.rail.fit()
+        self.rail.fit()
 
     def event(self, event: QEvent) -> bool:
         if isinstance(event, Told):
