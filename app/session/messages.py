@@ -49,7 +49,6 @@ MAINS_TOLERANCE = 5e-3
 """Relative distance from a multiple of the mains that counts as the mains."""
 PRESETS_MENU = "menu Presets"
 """Where the window has the setting; the command line names its option there."""
-
 OFF_MAINS_REMEDY = f"; the setting Mains shift of 3 Hz measures beside the mains ({PRESETS_MENU})"
 
 

@@ -157,16 +157,8 @@ class MonitorFailed:
     words: str
 
 
-SessionEvent = (
-    Event
-    | InstrumentAwaited
-    | BenchOpened
-    | BenchFailed
-    | RunRejected
-    | MonitorStarted
-    | BlockMonitored
-    | MonitorFailed
-)
+ConnectionEvent = InstrumentAwaited | BenchOpened | BenchFailed
+SessionEvent = Event | ConnectionEvent | RunRejected | MonitorStarted | BlockMonitored | MonitorFailed
 Observer = Callable[[SessionEvent], object]
 
 

@@ -317,16 +317,15 @@ class RunPanel(QWidget):
     def _build(self) -> None:
         self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
         self._editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
-        self._where = make_labelled_grid(
-            {editor.accessibleName(): editor for editor in self._editors}, (8, 4), stretch={1: 1}
-        )
-        for editor in self._editors:
-            editor.setMinimumWidth(
-                1
-            )  # the column has its width from the window's class, and the buttons beside them keep theirs
-        self._where.addWidget(self.sheet_button, 0, 2)
-        self._where.addWidget(self._browse, 1, 2)
-        self._where.addWidget(self.operator_edit, 2, 1, 1, 2)
+        for editor in self._editors:  # the column has its width from the window's class, and the buttons keep theirs
+            editor.setMinimumWidth(1)
+        places = {
+            self.specimen_edit.accessibleName(): self.specimen_edit,
+            "": make_pane(row(self.sheet_button, None)),
+            self.folder_edit.accessibleName(): make_pane(row((self.folder_edit, 1), self._browse, spacing=4)),
+            self.operator_edit.accessibleName(): self.operator_edit,
+        }
+        self._where = make_labelled_grid(places, (8, 4), stretch={1: 1})
         # A low window scrolls the parts above the button; a result is never squeezed.
         self._content_area = make_scroll_area(
             self._form_place,

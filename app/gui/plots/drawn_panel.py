@@ -18,20 +18,8 @@ from PySide6.QtWidgets import (
 
 from app.gui.face import px, text_font
 from app.gui.plots.axes import TITLE_PX, PlotAxis
-from app.gui.plots.labels import Label, Placer, along, beside, fitting_text, nearest_to
-from app.gui.plots.picture import (
-    LABEL_SEPARATOR,
-    MODEL_WIDTH,
-    ON_AXIS,
-    RING,
-    Layer,
-    Panel,
-    Picture,
-    Region,
-    Rule,
-    Spot,
-    color_of,
-)
+from app.gui.plots.labels import LABEL_SEPARATOR, Label, Placer, along, beside, fitting_text, nearest_to
+from app.gui.plots.picture import MODEL_WIDTH, ON_AXIS, RING, Layer, Panel, Picture, Region, Rule, Spot, color_of
 from app.gui.plots.zoom import ZoomBox
 from model import Array, Mask
 

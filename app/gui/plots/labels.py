@@ -12,7 +12,7 @@ from app.gui.face import px, text_font
 from app.gui.plots.picture import color_of
 from model import Array
 
-HALO_PX = 4
+HALO_PX, LABEL_SEPARATOR = 4, "  "
 GAP_PX = 5
 PLACES_ALONG = 24
 """Number of places along a curve at which its label may stand."""
@@ -57,10 +57,7 @@ class Placer:
         self.taken: list[QRectF] = []
 
     def place(self, size: QRectF, wishes: Iterable[QPointF], covers: bool = True) -> QPointF | None:
-        """Return the place among the wished ones, best first, that covers least; None if each would lie over a text or the edge.
-
-        Without `covers` a place is over no curve and no symbol.
-        """
+        """Return the wished place, best first, that covers least, or without `covers` nothing; None if each lies over a text or the edge."""
         best: tuple[float, QPointF] | None = None
         for rank, at in enumerate(wishes):
             rect = QRectF(at, size.size())

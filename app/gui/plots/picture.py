@@ -22,9 +22,6 @@ ON_AXIS = "on-axis"
 CURVE_SYMBOLS = ("t1", "d", "p", "s", "t", "star", "h", "o")
 """Symbols of the n-th of several curves: shapes are distinguishable without colours."""
 
-LABEL_SEPARATOR = "  "
-"""Of a label: what stands before it is shown alone where the whole would lie over a curve."""
-
 RING = "ring"
 """Symbol around points of another layer."""
 
@@ -96,7 +93,7 @@ class Layer:
         hollow: whether the symbols are empty.
         chosen: (N,), whether each point is selected.
         texts: of the points, for the pointer: strings, or functions that return one.
-        label: written beside the line or points; see `LABEL_SEPARATOR`.
+        label: written beside the line or points; what stands before two spaces is shown alone where there is no free place.
         label_at: share of the points at which the label stands on the line itself; None: beside it, where there is space.
         group: chip above the plot that hides the layer; empty for no chip.
         panel: index of the panel.

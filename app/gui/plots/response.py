@@ -43,9 +43,7 @@ UNCOMFORTABLE = "Tends to be uncomfortable"
 THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
 ENDLESS_HZ = 1e6
 LOWER = (NOTHING, RESIDUAL, PHASE)
-MODEL, BAND, EARLIER = "Model", f"{100 * COVERAGE:g} % band", "Earlier runs"
-NO_BAND = "no band"
-"""Where no calibration has given the parameters' errors."""
+MODEL, BAND, NO_BAND, EARLIER = "Model", f"{100 * COVERAGE:g} % band", "no band", "Earlier runs"
 COMING = "still to be measured"
 NOT_USABLE = "crossed: not usable"
 

@@ -262,8 +262,9 @@ class ResultCard(QFrame):
     def _show(self, summary: ResultSummary) -> None:
         self.summary = summary
         self.simulated_label.setVisible(summary.simulated and not self._marked_by_ribbon)
-        planned = f" of {summary.planned}" if summary.planned else ""
-        self.count_label.setText(f"{summary.usable}{planned} points usable" if summary.measured else "")
+        planned = f"{summary.usable} of " if summary.planned else ""
+        count = f"{planned}{pluralize(summary.planned or summary.usable, 'point')} usable"
+        self.count_label.setText(count if summary.measured else "")
         is_told = summary.verdict.outcome is not Outcome.GOOD and (summary.reason or summary.verdict.reasons)
         reasons = summary.verdict.describe(summary.reason) if is_told else ""
         brief = reasons
@@ -388,7 +389,10 @@ def rich_table(lines: Sequence[Sequence[str]], heads: Sequence[str] = (), wrap: 
     """
     if not lines:
         return ""
-    head = "".join(f"<th align='left'>{escape(each)}</th>" for each in heads)
+    sides = ["left"] * (len(heads) - 1) + ["right"]
+    head = "".join(
+        f"<th align='{side}'>{escape(sentence_case(each))}</th>" for side, each in zip(sides, heads, strict=False)
+    )
     rows = []
     for *names, value in lines:
         whole = "; white-space:nowrap" if wrap else ""

@@ -528,6 +528,16 @@ def test_the_smallest_window_is_900_by_540(stage: Stage, tmp_path: Path) -> None
     assert QApplication.font().pixelSize() == 12
 
 
+def test_the_rail_has_the_width_of_the_window_s_class_after_another_text_size(stage: Stage) -> None:
+    window = stage.window
+    for percent, width, rail in (("125", 1250, 70), ("100", 900, 56)):
+        window.look.set_text_size(percent)
+        window.resize(width, 720)
+        QCoreApplication.processEvents()
+        assert window.rail.width() == rail
+    window.look.set_text_size("100")
+
+
 CHECKABLE = ("choice", "chip", "segment")
 
 
