@@ -19,6 +19,7 @@ from tests.helpers.messages import assert_names
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
 
 CTRL = Qt.KeyboardModifier.ControlModifier
+AFTER_BENCHES = "bench.new"
 TAB_ORDER = ["bench.browse", "bench.connect", "bench.name", "bench.scan"]
 """Controls of the head of the bench page, in the order in which they are seen."""
 
@@ -290,7 +291,7 @@ def test_arrow_keys_choose_a_bench_and_tab_leads_on_through_its_page(stage: Stag
     for key, name in ((Qt.Key.Key_Left, "sim"), (Qt.Key.Key_Right, "ideal")):
         assert press(key) == f"bench.show.{name}"
         until(lambda name=name: page.draft.name == name, f"for {name}")
-    assert press(Qt.Key.Key_Tab) == "bench.new", "the choice of benches is one stop of Tab"
+    assert press(Qt.Key.Key_Tab) == AFTER_BENCHES, "the choice of benches is one stop of Tab"
     reached = [press(Qt.Key.Key_Tab) for _ in range(12)]
     assert [each for each in reached if each in TAB_ORDER] == TAB_ORDER
     assert press(Qt.Key.Key_Backtab) == reached[-2]

@@ -79,7 +79,7 @@ def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: S
     stage.happen(
         *LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (compliance, ESTIMATES[0]))
     )
-    assert shown_figure(card) == ("Compliance", "140.0 µm/N", "± 0.7 µm/N total", "± 0.01 µm/N noise")
+    assert shown_figure(card) == ("Compliance", "140.0 µm/N", "± 0.70 µm/N total", "± 0.010 µm/N noise")
     assert card.bar.noise_share == pytest.approx(0.01 / 0.7, rel=0.01)
 
 

@@ -214,7 +214,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
         [0.2], abs=0.01
     )  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
     assert [find(view.card, f"run.card.{part}").text() for part in ("figure", "unit", "noise")] == [
-        "158.35", "Hz", "± 0.01 Hz noise",
+        "158.35", "Hz", "± 0.010 Hz noise",
     ]  # fmt: skip
     assert view.card.simulated_label.isVisible()
     assert "Armed" in view.log.toPlainText()
