@@ -248,7 +248,9 @@ def test_arrow_keys_choose_a_bench_and_tab_leads_on_through_its_page(stage: Stag
     stage.happen(OPENED)
     stage.press(Qt.Key.Key_5, CTRL)
     page = stage.window.tabs.bench
-    until(lambda: page.draft is not None, "for the bench")
+    until(lambda: page.draft is not None and page.benches.isVisible(), "for the bench")
+    for _ in range(20):
+        QApplication.processEvents()
     page.benches.buttons["ideal"].setFocus()
 
     def press(key: Qt.Key) -> str:
