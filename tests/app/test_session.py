@@ -9,7 +9,15 @@ from types import SimpleNamespace
 import pytest
 
 from app.session.bench_connection import connect
-from app.session.session import BenchFailed, BenchOpened, BlockMonitored, RunRejected, Session, SessionState
+from app.session.session import (
+    BenchFailed,
+    BenchOpened,
+    BlockMonitored,
+    InstrumentAwaited,
+    RunRejected,
+    Session,
+    SessionState,
+)
 from app.session.supervisor import Signs
 from drivers.errors import BenchError, InstrumentError, UnsafeError
 from protocols.base import PointMeasured, Prompt, PromptAnswered, PromptShown, Record, RunEnded, RunPaused, RunStatus
@@ -59,7 +67,8 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
         assert one.state is SessionState.IDLE
     assert one.close(60)
     assert one.state is SessionState.CLOSED
-    assert isinstance(events[0], BenchOpened)
+    opened = next(i for i, event in enumerate(events) if isinstance(event, BenchOpened))
+    assert {event.role for event in events[:opened] if isinstance(event, InstrumentAwaited)} == {"generator", "card"}
     assert len([e for e in events if isinstance(e, RunEnded)]) == 2
     assert len(list(tmp_path.glob("*.h5"))) == 2
     assert_safe_voltage(laboratories[0].control.report())

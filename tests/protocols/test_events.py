@@ -49,6 +49,7 @@ def test_kinds_in_files_never_change_and_every_event_has_its_own() -> None:
 def test_every_event_of_a_session_has_a_kind_of_its_own() -> None:
     kinds = [*EVENTS, *(event.kind for event in get_args(SessionEvent) if event is not Event)]
     assert set(kinds) == IN_FILES | {
+        "InstrumentAwaited",
         "BenchOpened",
         "BenchFailed",
         "Refused",
