@@ -1,5 +1,6 @@
 """Progress and cancellation of long operations, and the progress bar of a terminal."""
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -82,7 +83,7 @@ NO_PROGRESS = Progress()
 @contextmanager
 def terminal_progress(description: str, quiet: bool = False) -> Iterator[Progress]:
     """Show a bar with the remaining time on a terminal; nothing elsewhere, or if `quiet`."""
-    if quiet or not sys.stderr.isatty():
+    if quiet or not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
         yield NO_PROGRESS  # the library of the bar takes a tenth of a second to load
         return
     from rich.console import Console

@@ -14,15 +14,11 @@ from protocols.base import (
     DISPLACEMENT_RANGE_M,
     REPEAT_ALIASES,
     Aspects,
-    DriveStarted,
-    EntryStarted,
     Figure,
     ImportColumn,
     ImportedTable,
     ImportForm,
     ModelState,
-    RecordingFinished,
-    SettlingFinished,
 )
 
 if TYPE_CHECKING:
@@ -152,9 +148,7 @@ def _rising(points: RunPoints) -> Mask | None:
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
     """Return the history of levels and rests; None if the points do not have them all, as in most imported tables.
 
-    A recorded ramp has its measured times. Every other one, to rest and around the loop before the first level, lasts from the end of the
-    preceding recording or wait until the source reported it; in an imported table a level is held `hold_s`, and the way back takes as
-    long as the ramp.
+    A way to rest begins with the end of the recording, and ends where the source reported it; the loop before the first level is as planned.
     """
     columns, rest_v = points.columns, points.run.setup.amplifier_map.rest_v
     ramp, level = columns["ramp_time"], columns["drive"]
@@ -169,30 +163,35 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
     if reached is None or not np.isfinite(reached).all():
         return None
     begun = reached - ramp
-    begin_s, end_s, to_v = _measured_ways(points, begun, reached)
-    if not end_s.size:
-        begin_s, end_s = (
-            np.stack((at, at + protocol.hold_s + late), axis=1).ravel() for at, late in ((begun, ramp), (reached, ramp))
-        )
-        to_v = np.stack((level, np.full(level.size, rest_v)), axis=1).ravel()
+    begin_s, end_s, to_v = _ways(points, begun, reached)
     time_s = np.linspace(begin_s, end_s, RAMP_LINES + 1, axis=1)
     drive = np.linspace(np.append(rest_v, to_v[:-1]), to_v, RAMP_LINES + 1, axis=1)
     zero_s = (begun - measurements.ZERO_GUARD_S - protocol.window_s / 2)[:, None]
     return DriveHistory.of_points(time_s, drive, reached, reached + columns["read_time"], zero_s)
 
 
-def _measured_ways(points: RunPoints, begun: Array, reached: Array) -> Array:
-    """Return begin, end and level of every ramp of a run in order, s, s and V, (3, R); none for an imported table, which has no events."""
-    rest_v, rows = points.run.setup.amplifier_map.rest_v, {int(e): i for i, e in enumerate(points.columns["entry"])}
-    ways, free_s = list[tuple[float, float, float]](), 0.0
-    for event in points.run.events(EntryStarted.kind, DriveStarted.kind, SettlingFinished.kind, RecordingFinished.kind):
-        if event.kind == DriveStarted.kind:
-            ways.append((free_s, event.time_s, event.fields["drive"].get("level_v", rest_v)))
-            continue
-        free_s = event.time_s
-        if event.kind == RecordingFinished.kind and (i := rows.get(event.fields["entry"])) is not None:
-            ways[-1] = begun[i], reached[i], points.columns["drive"][i]
-    return np.reshape(ways, (-1, 3)).T
+def _ways(points: RunPoints, begun: Array, reached: Array) -> Array:
+    """Return begin, end and level of every ramp in order, s, s and V, (3, R), to rest and around the loop before the first level, too.
+
+    Where the points do not tell when their recording ended and rest was reached, both are as planned.
+    """
+    columns, protocol = points.columns, points.read_protocol()
+    assert isinstance(protocol, measurements.VoltageSteps)
+    rest_v, unknown = points.run.setup.amplifier_map.rest_v, np.full(reached.size, np.nan)
+    ended, rested = columns.get("ended", unknown), columns.get("rested", unknown)
+    ended = np.where(np.isfinite(ended), ended, reached + protocol.hold_s)
+    back = np.append(rested[1:], np.nan)
+    back = np.where(np.isfinite(back), back, ended + reached - begun)
+    levels = np.stack((columns["drive"], np.full(reached.size, rest_v)), axis=1)
+    ways = np.stack((np.stack((begun, ended), axis=1), np.stack((reached, back), axis=1), levels)).reshape(3, -1)
+    if (columns.get("conditioned", np.zeros(1)) == 1).any():
+        high_v, low_v = protocol.conditioning_levels_v(rest_v)
+        lasts_s = np.array([high_v - rest_v, high_v - low_v, rest_v - low_v]) / measurements.RAMP_V_PER_S
+        before_s = np.cumsum(np.append(0.0, lasts_s[:0:-1] + measurements.CONDITIONING_S))[::-1]
+        at_rest_s = rested[0] if np.isfinite(rested[0]) else begun[0] - protocol.lead_s - protocol.rest_s
+        end_s = at_rest_s - before_s
+        ways = np.concatenate((np.stack((end_s - lasts_s, end_s, np.array([high_v, low_v, rest_v]))), ways), axis=1)
+    return np.asarray(ways)
 
 
 def _rest_errors(label: str, zero_m: Array) -> tuple[identification.SharedError, ...]:

@@ -169,6 +169,8 @@ class Recording:
     """Time of the first sample since the begin of the stream."""
     rest_noise_m: float = math.nan
     """Noise of the displacement at rest before the first drive, by the errors of its prediction; NaN if not measured."""
+    rested_s: float = math.nan
+    """Time at which the drive before this one, such as rest, was reached, since the begin of the stream; read from a file, the value of its point."""
     inputs: FurtherInputs | None = None
     """Further inputs of the card; None for a recording of imported samples."""
     velocity_corner_hz: float | None = None

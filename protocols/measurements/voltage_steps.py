@@ -149,6 +149,8 @@ class StepPoint:
     zero: Annotated[float, Unit("m"), "sensor reading at rest, just before the level"]
     drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest, just before the level"]
     reached: Annotated[float, Unit("s"), "time of the end of the ramp, since the first sample of the run"]
+    ended: Annotated[float, Unit("s"), "time of the end of the recording, where the way back to rest begins, likewise"]
+    rested: Annotated[float, Unit("s"), "time of the end of the way to rest before it, likewise"]
     conditioned: Annotated[
         float, Unit("1"), "1: highest and lowest level were held once before the first level; otherwise they were not"
     ]
@@ -257,6 +259,8 @@ class VoltageSteps(Protocol):
             zero=seen.before.value,
             drift=seen.before.drift_per_s,
             reached=recording.start_s + ramp.end_s,
+            ended=recording.start_s + moved.size / rate,
+            rested=recording.rested_s,
             conditioned=1.0,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )

@@ -34,6 +34,9 @@ RECORDING_DTYPE = np.dtype(
 ENTRY_COLUMN = "entry"
 """Column of the points with their plan entries."""
 
+RESTED_COLUMN = "rested"
+"""Column of points of the time at which rest was reached before them."""
+
 AIR_COLUMNS = {
     f"air_{kind}": (QUANTITIES[f"air_{kind}"].unit, QUANTITIES[f"air_{kind}"].definition, 0) for kind in AIR_KINDS
 }

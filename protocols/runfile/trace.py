@@ -34,6 +34,7 @@ from protocols.runfile.schema import (
     FURTHER_CHANNELS,
     MAX_FURTHER_CHANNELS,
     MAX_SCALING_COEFFICIENTS,
+    RESTED_COLUMN,
 )
 from protocols.signals import find_lines, mark_folded, prediction_noise
 
@@ -105,7 +106,7 @@ class RunTrace:
         self._entry, self.sensor, self._rest_record = entry, sensor, rest_record
         self._calibrations: dict[str, ChannelCalibration] = {}
         self._blocks: NDArray[Any] | None = None
-        self._air: dict[int, dict[str, float]] | None = None
+        self._stored: dict[int, dict[str, float]] | None = None
 
     @cached_property
     def interference(self) -> tuple[InterferenceLine, ...]:
@@ -285,8 +286,10 @@ class RunTrace:
             "rest_noise_m": self.rest_noise_m,
             "inputs": FurtherInputs(self._configuration(), self._read_input),
         }
-        self._air = _air_by_entry(self._entry) if self._air is None else self._air
-        attributes["air"] = self._air.get(attributes["entry"], {})
+        self._stored = _stored_by_entry(self._entry) if self._stored is None else self._stored
+        values = self._stored.get(attributes["entry"], {})
+        attributes["rested_s"] = values.get(RESTED_COLUMN, math.nan)
+        attributes["air"] = {name: value for name, value in values.items() if name in AIR_COLUMNS}
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(
                 lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **attributes
@@ -294,10 +297,10 @@ class RunTrace:
         return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **attributes)
 
 
-def _air_by_entry(run: "h5py.Group") -> dict[int, dict[str, float]]:
-    """Return the values of the air by entry: of the entry's last point."""
+def _stored_by_entry(run: "h5py.Group") -> dict[int, dict[str, float]]:
+    """Return the values of a recording that its points have, by entry: of the entry's last point."""
     points = subgroup(run, "points") if "points" in run else {}
-    if not (names := [name for name in AIR_COLUMNS if name in points]) or ENTRY_COLUMN not in points:
+    if not (names := [name for name in (*AIR_COLUMNS, RESTED_COLUMN) if name in points]) or ENTRY_COLUMN not in points:
         return {}
     rows = zip(points[ENTRY_COLUMN][:].tolist(), *(points[name][:].tolist() for name in names), strict=False)
     return {entry: dict(zip(names, values, strict=True)) for entry, *values in rows}

@@ -94,6 +94,8 @@ class StepExecutor:
         self._recording_count = 0
         self._lines_at_rest: tuple[InterferenceLine, ...] = ()
         self._rest_noise_m = math.nan
+        self._reached_s = math.nan, math.nan
+        """Times at which the last two drives were reached, since the begin of the stream."""
         self.interference: InterferenceMeasured | None = None
         """The interference measured at rest; None before, or without a measurement."""
         self.air = AirReadings(bench)
@@ -325,6 +327,7 @@ class StepExecutor:
             "interference": self._lines_at_rest,
             "start_s": buffer.first_scan / armed.rate_hz,
             "rest_noise_m": self._rest_noise_m,
+            "rested_s": self._reached_s[0],
             "cycles": cycles,
             "inputs": FurtherInputs(self._bench.configuration, partial(self._read_input, armed.scales)),
         }
@@ -342,6 +345,7 @@ class StepExecutor:
 
     def _start_drive(self, armed: ArmedBench, drive: Drive) -> None:
         armed.start_drive(drive)
+        self._reached_s = self._reached_s[1], self._recorder.elapsed_s()
         self._recorder.publish(DriveStarted(drive))
 
     def _check_level_lasts(self, armed: ArmedBench, needed_s: float) -> None:

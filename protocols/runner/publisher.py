@@ -37,7 +37,7 @@ class RunRecorder:
         """
         if not self._store_failed:
             try:
-                self._run_file.append_event(event, self._elapsed_s())
+                self._run_file.append_event(event, self.elapsed_s())
             except FileLostError:  # later events can still be saved
                 raise
             except StorageError:
@@ -74,10 +74,11 @@ class RunRecorder:
         Raises:
             StorageError: the file cannot be written; the block was not published.
         """
-        row = self._run_file.append_block(block, self._elapsed_s())
+        row = self._run_file.append_block(block, self.elapsed_s())
         self.notify(BlockStored(block, row))
 
-    def _elapsed_s(self) -> float:
+    def elapsed_s(self) -> float:
+        """Return the time since the stream began, s."""
         return self._clock.now() - self._start_s
 
 

@@ -82,12 +82,12 @@ def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
 
 
 def test_the_history_of_a_run_is_the_drive_that_the_card_saw(ran) -> None:
-    """Of the loop before the first level, too, and of every way to rest, which begins later than planned and takes longer."""
+    """Every way to rest, too, which begins later than planned and takes longer; the loop before the first level is as planned."""
     (steps,) = read_observations([ran.path])[1].runs
     with Run(ran.path) as file:
         time_s, drive_v = file.trace.time_s(), file.trace.drive_v()
     smooth_v = np.convolve(drive_v, np.full(51, 1 / 51), "same")
-    within = (time_s > steps.history.time_s[0]) & (time_s < steps.history.time_s[-1])
+    within = (time_s > steps.history.zero_s[0, 0]) & (time_s < steps.history.zero_s[-1, 0])
     taken_v = np.interp(time_s, steps.history.time_s, steps.history.drive)
     np.testing.assert_allclose(taken_v[within], smooth_v[within], atol=0.15)
 

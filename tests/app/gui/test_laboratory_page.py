@@ -79,9 +79,9 @@ def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) ->
     choose(page, page.fleet.quantity, "amplitude_at_resonance")
     shown = dict(rows(page.fleet.summary))
     assert shown["Specimens"] == "7"
-    assert shown["outliers"] == ODD
+    assert shown["Outliers"] == ODD
     newest = [950.0 * (2.0 if name == ODD else 1 + 0.01 * at) for at, name in enumerate(BATCHES)]
-    assert float(shown["mean"]) == pytest.approx(np.mean([*newest, 950.0]), rel=0.01)
+    assert float(shown["Mean"]) == pytest.approx(np.mean([*newest, 950.0]), rel=0.01)
     outliers = page.fleet.plot.layer("outliers")
     assert outliers is not None
     assert list(outliers.y) == pytest.approx([1900.0])

@@ -131,7 +131,7 @@ def test_masses_and_their_peaks_are_a_table_with_the_hint_in_the_words_of_the_fo
     ended = RunEnded(RunStatus.FAILED, "scans were lost", "run.h5", hints=(hint,))
     stage.happen(started, BenchArmed(), mass_point(0, 1.75e-3, 247.61), mass_point(1, 2.75e-3, 205.98), AT_REST, ended)
     table = find(card, "result.more").text().replace("\u00a0", " ")
-    for words in ("mass", "frequency", "1.75 g", "247.610 ± 0.020 Hz", "2.75 g"):
+    for words in ("Mass", "Frequency", "1.75 g", "247.610 ± 0.020 Hz", "2.75 g"):
         assert words in table
     assert hint in find(card, "result.hints").text()
     assert find(card, "result.continue").text() == "Continue with 2 of 9"
