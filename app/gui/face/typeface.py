@@ -153,3 +153,4 @@ def rescale(window: QWidget) -> None:
         _apply_length(widget)
     for layout in window.findChildren(QLayout):
         _apply_margins(layout)
+        layout.invalidate()  # of a hidden page it keeps the sizes of the text before

@@ -102,9 +102,11 @@ def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, f
 
 
 @pytest.mark.deep
-def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None:
+def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(tmp_path: Path) -> None:
     """Why a real tactor is identified with twenty: what seven lack looks like a clamp that turns."""
-    runs = made(modes=20)
+    precise = DWELL.model_copy(update={"record_s": 0.4})
+    with laboratory(simulated(modes=20)) as lab:
+        runs = [run(protocol, tmp_path, lab).path for protocol in (precise, STEPS)]
     few = identify(runs, n=7, sheet="none")
     assert few.adequacy is not None
     assert few.adequacy.adequate is False
