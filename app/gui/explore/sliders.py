@@ -118,9 +118,8 @@ class SliderPanel(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.layout().setGeometry(
-            self.rect()
-        )  # shown after a change of the text size, Qt keeps the width without scroll bar
+        # Shown after a change of the text size, Qt keeps the width without scroll bar.
+        self._column.setGeometry(self.rect())
 
     def show_setting(self, setting: ExploreSetting) -> None:
         values = setting.all_values
