@@ -9,6 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import (
     QAbstractTableModel,
+    QEvent,
     QItemSelectionModel,
     QMimeData,
     QModelIndex,
@@ -285,10 +286,20 @@ class RunTableView(QTableView):
         header = self.horizontalHeader()
         # A header that knows the selection asks for the flags of every cell of it when it is painted.
         header.setSelectionModel(QItemSelectionModel(model, header))
+        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        self._follow_text_size()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and "_tall_rows" in vars(self):
+            self._follow_text_size()
+
+    def _follow_text_size(self) -> None:
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate(WIDTHS):
             self.setColumnWidth(at, count * wide)
-        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        self.verticalHeader().setDefaultSectionSize(px(ROW_HEIGHT))
+        self._make_place_for_days()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, size_class, style_sheet, text_scale
+from app.gui.face import DARK, FAMILY, LIGHT, SIZES_PX, Tokens, px, size_class, style_sheet, text_scale
 from app.gui.face.tokens import COLORS
 from app.gui.plots import color_of, curve_tone
 from app.gui.shell.page_host import MEASURE
@@ -536,6 +536,24 @@ def test_the_rail_has_the_width_of_the_window_s_class_after_another_text_size(st
         QCoreApplication.processEvents()
         assert window.rail.width() == rail
     window.look.set_text_size("100")
+
+
+def test_heads_of_the_runs_are_whole_after_another_text_size(stage: Stage) -> None:
+    window = stage.window
+    window.resize(1900, 900)
+    stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
+    table = window.tabs.runs.list.table
+    until(table.isVisible, "for the table")
+    for percent in ("125", "100"):
+        window.look.set_text_size(percent)
+        QCoreApplication.processEvents()
+        header = table.horizontalHeader()
+        for at in range(header.count()):
+            text = str(table.model().headerData(at, Qt.Orientation.Horizontal) or "")
+            assert header.isSectionHidden(at) or header.fontMetrics().horizontalAdvance(text) < header.sectionSize(
+                at
+            ), (percent, text)
+        assert table.verticalHeader().defaultSectionSize() == px(40)
 
 
 CHECKABLE = ("choice", "chip", "segment")
