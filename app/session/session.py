@@ -101,7 +101,7 @@ class InstrumentAwaited:
 
 
 announcer: ContextVar[Callable[[InstrumentAwaited], object]] = ContextVar("announcer", default=lambda _: None)
-"""Takes what is opened next, in the thread of a session that connects."""
+"""Callback for each instrument about to be opened, set in the thread of a connecting session."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ POLE_TOLERANCE = 1e-11
 """Last step of the search for a pole, relative to its frequency."""
 
 PEAK_STEP = 1e-7
-"""Last step of Newton's search for a peak, relative to its frequency: what is left is of the order of its square."""
+"""Relative step at which Newton's search for a peak ends; convergence is quadratic, so the remaining error is about its square."""
 
 GROUP_WIDTH = 4e-6
 """Relative width of a group of frequencies: of a resonance of quality 50 the interpolated response is wrong by 1e-11."""

@@ -148,7 +148,7 @@ def _rising(points: RunPoints) -> Mask | None:
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
     """Return the history of levels and rests; None if the points do not have them all, as in most imported tables.
 
-    A way to rest begins with the end of the recording, and ends where the source reported it; the loop before the first level is as planned.
+    A ramp to rest begins when the recording ends, and ends when the source reported rest; the loop before the first level has its planned times.
     """
     columns, rest_v = points.columns, points.run.setup.amplifier_map.rest_v
     ramp, level = columns["ramp_time"], columns["drive"]
@@ -163,35 +163,36 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
     if reached is None or not np.isfinite(reached).all():
         return None
     begun = reached - ramp
-    begin_s, end_s, to_v = _ways(points, begun, reached)
+    begin_s, end_s, to_v = _ramps(protocol, columns, begun, reached, rest_v)
     time_s = np.linspace(begin_s, end_s, RAMP_LINES + 1, axis=1)
     drive = np.linspace(np.append(rest_v, to_v[:-1]), to_v, RAMP_LINES + 1, axis=1)
     zero_s = (begun - measurements.ZERO_GUARD_S - protocol.window_s / 2)[:, None]
     return DriveHistory.of_points(time_s, drive, reached, reached + columns["read_time"], zero_s)
 
 
-def _ways(points: RunPoints, begun: Array, reached: Array) -> Array:
-    """Return begin, end and level of every ramp in order, s, s and V, (3, R), to rest and around the loop before the first level, too.
+def _ramps(
+    protocol: measurements.VoltageSteps, columns: dict[str, Array], begun: Array, reached: Array, rest_v: float
+) -> Array:
+    """Return begin (s), end (s) and final level (V) of every ramp in order, (3, R): of the loop before the first level, to each level, and to rest.
 
-    Where the points do not tell when their recording ended and rest was reached, both are as planned.
+    Planned times replace the end of a recording and the arrival at rest where the points do not have them.
     """
-    columns, protocol = points.columns, points.read_protocol()
-    assert isinstance(protocol, measurements.VoltageSteps)
-    rest_v, unknown = points.run.setup.amplifier_map.rest_v, np.full(reached.size, np.nan)
+    unknown = np.full(reached.size, np.nan)
     ended, rested = columns.get("ended", unknown), columns.get("rested", unknown)
     ended = np.where(np.isfinite(ended), ended, reached + protocol.hold_s)
     back = np.append(rested[1:], np.nan)
     back = np.where(np.isfinite(back), back, ended + reached - begun)
     levels = np.stack((columns["drive"], np.full(reached.size, rest_v)), axis=1)
-    ways = np.stack((np.stack((begun, ended), axis=1), np.stack((reached, back), axis=1), levels)).reshape(3, -1)
+    ramps = np.stack((np.stack((begun, ended), axis=1), np.stack((reached, back), axis=1), levels)).reshape(3, -1)
     if (columns.get("conditioned", np.zeros(1)) == 1).any():
         high_v, low_v = protocol.conditioning_levels_v(rest_v)
         lasts_s = np.array([high_v - rest_v, high_v - low_v, rest_v - low_v]) / measurements.RAMP_V_PER_S
         before_s = np.cumsum(np.append(0.0, lasts_s[:0:-1] + measurements.CONDITIONING_S))[::-1]
         at_rest_s = rested[0] if np.isfinite(rested[0]) else begun[0] - protocol.lead_s - protocol.rest_s
         end_s = at_rest_s - before_s
-        ways = np.concatenate((np.stack((end_s - lasts_s, end_s, np.array([high_v, low_v, rest_v]))), ways), axis=1)
-    return np.asarray(ways)
+        loop = np.stack((end_s - lasts_s, end_s, np.array([high_v, low_v, rest_v])))
+        ramps = np.concatenate((loop, ramps), axis=1)
+    return np.asarray(ramps)
 
 
 def _rest_errors(label: str, zero_m: Array) -> tuple[identification.SharedError, ...]:

@@ -685,7 +685,7 @@ def test_a_reply_that_is_late_at_raised_speed_does_not_make_a_drive_end_early(sp
 
 
 class Told:
-    """A recorder that keeps what is published."""
+    """Fake recorder that collects published events."""
 
     def __init__(self) -> None:
         self.events: list[Any] = []

@@ -151,7 +151,7 @@ class RunDetailsPane(QWidget):
         set_style_kind(self.message_label, "fault" if is_error else "note")
 
     def show_selection(self, selected: Sequence[RunSummary], readable: bool = True) -> None:
-        """Show facts and notes of the selected runs, of which one is `readable`; the plot follows when the files are read."""
+        """Show facts and notes of the selected runs and, once their files are read, the plot; `readable`: at least one can be opened."""
         one = selected[0] if len(selected) == 1 else None
         if one is None or self.card.summary is None or Path(self.card.summary.path).name != Path(one.path).name:
             self.card.hide()

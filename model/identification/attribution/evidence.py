@@ -45,9 +45,11 @@ class CauseEvidence:
 
 
 def chance_of_first(tests: Array) -> float:
-    """Return the share of columns of which a statistic is at least as rare as the rarest of the first, (tests, 1 + draws).
+    """Return the Monte Carlo p-value of the first data set for the minimum rank over all tests.
 
-    The first is ranked among all, as each of the others is: under noise alone any column is as likely as another to be the rarest.
+    Args:
+        tests: statistics of the data set and of draws of noise, (tests, 1 + draws). Every column is ranked among all of them, the
+            first included, so that columns are exchangeable under noise alone.
     """
     ranks = np.array([np.searchsorted(np.sort(-each), -each, side="right") for each in tests])
     least = ranks.min(axis=0)
