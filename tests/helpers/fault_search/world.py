@@ -47,6 +47,9 @@ TOUCHED_V, TOUCHED_SHARE, TOUCHED_DRIVE_SHARE = 0.02, 0.3, 0.1
 """A recording is touched if the input differs by so much from what the program commanded, or a fault is active, for this share of
 the recording; if the program began its drive after another hand had acted, for this share of the drive."""
 
+SAMPLE_S = 1e-5
+"""Longest time for which a source holds a point of a drive's waveform."""
+
 TOUCHES = ("sensor-stuck", "sensor-out-of-range")
 """Faults that make a recording worthless. An amplifier at its current limit is none of them: on these benches, without a voltage
 monitor, it is a specimen with another gain."""
@@ -181,7 +184,13 @@ class World:
         seen = self.volts(times[0], times[-1], times.size)
         begins = [e.start_s for e in self.bench.history.entries() if first_s - COMMAND_S < e.start_s <= last_s]
         most = min(TOUCHED_SHARE, TOUCHED_DRIVE_SHARE * drive.duration_s / (times[-1] - times[0]))
-        return all(np.mean(np.abs(seen - drive.volts(times - begin_s)) > TOUCHED_V) > most for begin_s in begins)
+        return all(np.mean(_distance(seen, drive, times - begin_s) > TOUCHED_V) > most for begin_s in begins)
+
+
+def _distance(volts: Any, drive: Drive, times_s: Any) -> Any:
+    """Distance of volts from the nearest that a drive has within a sample of the source."""
+    early, late = drive.volts(times_s - SAMPLE_S), drive.volts(times_s + SAMPLE_S)
+    return np.maximum(volts - np.maximum(early, late), np.minimum(early, late) - volts)
 
 
 def _is_at_rest(entry: HistoryEntry, at_s: float) -> bool:
