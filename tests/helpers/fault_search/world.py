@@ -25,6 +25,7 @@ from protocols.base import (
     SpecimenMayBeLive,
     StreamStarted,
 )
+from protocols.measurements.endurance import CYCLES
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.history_report import VoltageReport, make_voltage_report
 from sim_hardware.plant.voltage_history import HistoryEntry
@@ -209,7 +210,7 @@ class Watch:
         self.ended: RunEnded | None = None
         self.warned_s = self.failed_s = math.inf
         """Time of the first warning; and since when the source does not answer, while the specimen was live."""
-        self._armed = False
+        self._armed = self._cycling = False
         self._rest: RestMeasured | None = None
         self._rate_hz = math.nan
         self._started_s = self._recorded_s = -math.inf
@@ -242,8 +243,9 @@ class Watch:
                 self._rate_hz = rate_hz
             case BenchArmed():
                 self._armed = True
-            case EntryStarted(index):
+            case EntryStarted(index, key=key):
                 self._touched_s[index], self._recorded = -math.inf, None
+                self._cycling = key[0] == CYCLES
             case DriveStarted():
                 self._started_s = now_s
                 self._hv_seen |= self.world.bench.history.high_voltage_on
@@ -252,6 +254,8 @@ class Watch:
                     last - first
                 ) / self._rate_hz  # it begins with a block, and was read to the end of another one
                 begin_s = now_s - self._block_s * math.ceil(seconds / self._block_s - 1e-6)
+                if self._cycling:  # rows of its start are kept; its values are those of the whole block
+                    begin_s, seconds = self._started_s, drive.duration_s
                 # The flags of a recording are those of its point: a point without them is of another recording.
                 touched = Quality(quality).usable and self.world.is_touched(
                     begin_s, begin_s + seconds, drive, self._started_s
