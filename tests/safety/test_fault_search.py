@@ -12,7 +12,28 @@ from tests.helpers.single_faults.system_calls import supported
 
 ROOT = Path(__file__).parents[2]
 
-FOUND = (47, 366, 905, 909, 914, 1276, 1898, 4188, 4473, 4511, 5527, 6065, 6101, 6168, 6342, 6777, 6860, 8407, 14521, 17527)
+FOUND = (
+    47,
+    366,
+    905,
+    909,
+    914,
+    1276,
+    1898,
+    4188,
+    4473,
+    4511,
+    5527,
+    6065,
+    6101,
+    6168,
+    6342,
+    6777,
+    6860,
+    8407,
+    14521,
+    17527,
+)
 """Seeds whose violation was mended, one of each kind."""
 
 OPEN: set[int] = set()
