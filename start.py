@@ -3,7 +3,7 @@
     python3 start.py              sets up, then the main job: the window with the simulated bench running a sine dwell;
                                   where there is no screen the same job with a progress bar, leaving a file and a picture
     python3 start.py test         sets up, then every check and the quick tests: three to four minutes
-    python3 start.py test --all   the same with the deep tests: less than half an hour
+    python3 start.py test --all   the same with the deep tests: about half an hour
     python3 start.py docs         sets up, then makes the handbook for the browser in build/handbook; no network is needed for that
     python3 start.py desktop      sets up, then builds the program as one folder that needs no Python, in dist/tactor-bench
     python3 start.py ARGUMENTS    sets up, then the command `tactor-bench ARGUMENTS`
@@ -39,6 +39,9 @@ def main(arguments: list[str]) -> int:
         return fail(
             f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; install it and run this again with it"
         )
+    if arguments in (["--help"], ["-h"]):
+        say((__doc__ or "").rstrip())
+        return 0
     extra = arguments[0] if arguments[:1] in (["test"], ["docs"], ["desktop"]) else ""
     deep = extra == "test" and ALL in arguments
     try:

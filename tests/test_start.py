@@ -1,4 +1,4 @@
-"""The repetition of few failed tests by `start.py test`: alone, once, and not of many."""
+"""`start.py`: its help sets nothing up, and few failed tests are repeated alone, once."""
 
 import sys
 from pathlib import Path
@@ -28,3 +28,9 @@ def test_a_test_that_fails_beside_others_only_is_no_failure(
     monkeypatch.setattr(start, "TYPES", (sys.executable,))  # it reads no program and ends
     monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)
     assert (start.run_checks([], deep=False) == 0) is passes
+
+
+def test_help_sets_nothing_up(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(start, "set_up", None)
+    assert start.main(["--help"]) == 0
+    assert capsys.readouterr().out == f"{(start.__doc__ or '').rstrip()}\n"
