@@ -63,8 +63,9 @@ class AfgDialect(ScpiDialect):
     def neutral_settings(self) -> Sequence[NeutralSetting]:
         if self._is_afg1000:
             return (NORMAL_POLARITY,)
+        coupled = () if re.match(r"AFG3\d+1(?!\d)", self.model) else NO_CONCURRENT_CHANNELS
         sequencer = (NO_SEQUENCER,) if self._is_afg31000 else ()
-        return (NORMAL_POLARITY, NO_ADDED_SIGNAL, *NO_CONCURRENT_CHANNELS, *sequencer)
+        return (NORMAL_POLARITY, NO_ADDED_SIGNAL, *coupled, *sequencer)
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         yield from self.common_settings(levels)

@@ -5,6 +5,7 @@ a socket), and a rejected setting is known before the next one is sent.
 """
 
 import contextlib
+import re
 import statistics
 import time
 from collections import deque
@@ -18,8 +19,11 @@ from drivers.transport.errors import reply_remedy
 SCPI_INFINITY = 9.9e37
 """Infinity in SCPI; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
 
-UNDEFINED_HEADER = "-113"
-"""Code of the error of an unknown command (SCPI-99, vol. 2, 21.8.9)."""
+UNDEFINED_HEADER = re.compile(r"\s*-11[34]\b(?!\.)")
+"""Report of an unknown command, or of a channel that the model does not have (SCPI-99, vol. 2, 21.8.9)."""
+
+ERROR_REPORT = re.compile(r'\s*[+-]?\d+(,|  )\s*"?[A-Za-z]')
+"""Reply to `SYST:ERR?`; a Siglent supply separates code and text by blanks."""
 
 MEASURED_REPLIES = 15
 MAX_BLOCK_HEADER = 512
@@ -101,19 +105,40 @@ class ScpiSession:
             shown = query.partition(",#")[0]  # without the bytes of a waveform
             raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
 
+    @property
+    def _keeps_replies(self) -> bool:
+        """Whether a message leaves the replies that are due in place, as on a socket and a serial line. USB-TMC, VXI-11, HiSLIP and
+        GPIB discard them (IEEE 488.2, 6.3.2.3)."""
+        name = self.link.name.upper()
+        return not name.startswith(("USB", "GPIB")) and (not name.startswith("TCPIP") or name.endswith("SOCKET"))
+
     def query_optional(self, query: str) -> str | None:
         """Return the reply to a query that the instrument may not know; None if it reports an unknown header.
+
+        An unknown header is not answered. The error queue is asked in a second message: where replies are kept, before the first
+        is answered, so that the reply timeout need not pass.
 
         Raises:
             LinkError: no reply, although it knows the query.
         """
         try:
-            return self.query(query)
-        except LinkError:  # an unknown header is not answered; the error queue distinguishes it from a lost reply
-            code = self.query("SYST:ERR?").strip().replace("  ", ",").partition(",")[0]
-            if code.strip() != UNDEFINED_HEADER:
+            if not self._keeps_replies:
+                return self.query(query)
+            self.link.write(query)
+            answer = self.query("SYST:ERR?")
+            if UNDEFINED_HEADER.match(answer):
+                return None
+            if ERROR_REPORT.match(answer):  # of something else, and the query was not answered
+                return self.query(query)
+        except LinkError:
+            if not UNDEFINED_HEADER.match(self.query("SYST:ERR?")):
                 raise
-        return None
+            return None
+        try:
+            self.link.read()
+        except LinkError:  # a second message that arrived early was lost; the setting is known
+            self.link.clear()
+        return answer
 
     def query_float(self, query: str) -> float:
         """Return the reply to a query as a number.

@@ -5,8 +5,9 @@ from functools import cache
 import pytest
 
 from drivers.drive_shapes import Steps
+from drivers.errors import LinkError
 from drivers.generators.burst import BurstGenerator
-from drivers.transport.scpi import Link
+from drivers.transport.scpi import Link, ScpiSession
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.plant.parameters import SimulationParameters
@@ -140,6 +141,60 @@ def test_a_model_without_such_a_setting_is_armed_all_the_same(model: str, trait:
     """It answers no query of an unknown header, and says so in its error queue; some do not read the rest of the message."""
     source, bench, _ = opened(model, f"{trait} unknown-header={unknown}".strip())
     source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert bench.clock.now() < 2.0, "a reply timeout passed"
     assert source.is_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     play_to_one_side(source, bench)
+
+
+class ScriptedLink:
+    """A link whose replies to the messages so far are those of a dictionary; a missing one is silence."""
+
+    def __init__(self, name: str, replies: dict[str, tuple[str, ...]]) -> None:
+        self.name, self._replies = name, replies
+        self.sent: list[str] = []
+        self._due: list[str] = []
+
+    def write(self, message: str) -> None:
+        self.sent.append(message)
+        self._due += self._replies.get(" ".join(self.sent), ())
+
+    def read(self) -> str:
+        if not self._due:
+            raise LinkError("silence")
+        return self._due.pop(0)
+
+    def clear(self) -> None:
+        self._due.clear()
+
+    reopen = close = clear
+
+
+SOCKET, USB = "TCPIP::192.0.2.7::5025::SOCKET", "USB0::0x0699::0x0346::C01::INSTR"
+NONE, UNKNOWN, NO_CHANNEL = '0,"No error"', '-113,"Undefined header"', '-114,"Header suffix out of range"'
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize(
+    ("name", "replies", "answer"),
+    [
+        pytest.param(SOCKET, {"X?": ("OFF",), "X? SYST:ERR?": (NONE,)}, "OFF", id="known"),
+        pytest.param(SOCKET, {"X? SYST:ERR?": (UNKNOWN,)}, None, id="unknown"),
+        pytest.param("ASRL3", {"X? SYST:ERR?": (NO_CHANNEL,)}, None, id="no-such-channel"),
+        pytest.param(SOCKET, {"X?": ("OFF",)}, "OFF", id="second-message-lost"),
+        pytest.param(SOCKET, {"X? SYST:ERR? SYST:ERR?": (UNKNOWN,)}, None, id="unknown-and-second-message-lost"),
+        pytest.param(SOCKET, {"X? SYST:ERR?": ('-410,"Query INTERRUPTED"',), "X? SYST:ERR? X?": ("0",)}, "0", id="reply-discarded"),
+        pytest.param(USB, {"X?": ("OFF",)}, "OFF", id="usb"),
+        pytest.param(USB, {"X? SYST:ERR?": (NO_CHANNEL,)}, None, id="usb-no-such-channel"),
+    ],
+)  # fmt: skip
+def test_an_optional_setting_is_known_or_unknown_whatever_becomes_of_the_second_message(
+    name: str, replies: dict[str, tuple[str, ...]], answer: str | None
+) -> None:
+    assert ScpiSession(ScriptedLink(name, replies), "box").query_optional("X?") == answer
+
+
+def test_an_optional_setting_that_is_known_and_not_answered_is_an_error() -> None:
+    link = ScriptedLink(SOCKET, {"X? SYST:ERR?": (NONE,), "X? SYST:ERR? X? SYST:ERR?": (NONE,)})
+    with pytest.raises(LinkError, match="no answer to 'X"):
+        ScpiSession(link, "box").query_optional("X?")
