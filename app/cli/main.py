@@ -87,7 +87,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "laboratory.backup:BackupCommand",
         "copy new and changed runs to a second folder, verified by their hashes",
     ),
-    "export": ("runs:ExportCommand", "export runs for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
+    "export": (
+        "run_files:ExportCommand",
+        "export runs for other programs: CSV, Excel, MATLAB, Parquet, Universal File",
+    ),
     "archive": (
         "specimen.archive:ArchiveCommand",
         "archive a specimen with all its runs as one file for a lab notebook or another computer",
