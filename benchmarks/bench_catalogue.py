@@ -17,7 +17,7 @@ from timing import seconds, tell, timed
 
 from app.archive.catalogue import Catalogue
 from app.archive.run_filter import RunFilter
-from app.archive.run_summary import read_run_summary
+from app.archive.run_reading import read_run_summary
 from app.cli.main import GC_THRESHOLD
 from app.common import Progress
 from protocols.runfile.names import notes_path

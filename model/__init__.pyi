@@ -30,11 +30,14 @@ from .parameters import Skin as Skin
 from .parameters import Tactor as Tactor
 from .parameters import beam_from_values as beam_from_values
 from .parameters import beams as beams
+from .quantities import ERRORS as ERRORS
+from .quantities import FIT as FIT
 from .quantities import LENGTH_UNITS as LENGTH_UNITS
 from .quantities import PARAMETERS as PARAMETERS
 from .quantities import QUANTITIES as QUANTITIES
 from .quantities import RESULTS as RESULTS
 from .quantities import SCALES as SCALES
+from .quantities import TOTAL_ERRORS as TOTAL_ERRORS
 from .quantities import EstimatedQuantity as EstimatedQuantity
 from .quantities import Quantity as Quantity
 from .quantities import current_column as current_column
@@ -44,10 +47,7 @@ from .quantities import quality_factor as quality_factor
 from .quantities import quantity_label as quantity_label
 from .quantities import shown_unit as shown_unit
 from .series import COHERENCE as COHERENCE
-from .series import ERRORS as ERRORS
-from .series import FIT as FIT
 from .series import PHASE as PHASE
-from .series import TOTAL_ERRORS as TOTAL_ERRORS
 from .series import USABLE as USABLE
 from .series import Band as Band
 from .series import Role as Role

@@ -33,6 +33,9 @@ BENCH_UNITS = {
 """Bench units of SI units, for quantities without a bench unit of their own."""
 
 
+ERRORS, TOTAL_ERRORS, FIT = "_errors", "_total_errors", "_fit"
+"""Suffixes of the names of columns that belong to the y of a series."""
+
 LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
 """Units of the quantities that scale with the gain of the displacement sensor."""
 

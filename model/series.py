@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arrays import Array, Mask
-from model.quantities import LENGTH_UNITS
+from model.quantities import ERRORS, FIT, LENGTH_UNITS, TOTAL_ERRORS
 
 PHASE, COHERENCE, USABLE = "phase", "coherence", "usable"
-ERRORS, TOTAL_ERRORS, FIT = "_errors", "_total_errors", "_fit"
-"""Suffixes of the names of columns that belong to y."""
 
 
 class Role(StrEnum):

@@ -38,14 +38,14 @@ from .run_differences import RunDifference as RunDifference
 from .run_differences import compare_runs as compare_runs
 from .run_differences import run_settings as run_settings
 from .run_filter import RunFilter as RunFilter
+from .run_reading import LARGEST_FIGURES as LARGEST_FIGURES
+from .run_reading import read_run_summary as read_run_summary
 from .run_search import FIELDS as FIELDS
 from .run_search import Term as Term
 from .run_search import read_query as read_query
 from .run_search import read_since as read_since
-from .run_summary import LARGEST_FIGURES as LARGEST_FIGURES
 from .run_summary import RunState as RunState
 from .run_summary import RunSummary as RunSummary
-from .run_summary import read_run_summary as read_run_summary
 from .second_person import check_run as check_run
 from .specimen_archive import SUFFIX as SUFFIX
 from .specimen_archive import ArchiveError as ArchiveError

@@ -16,7 +16,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
+from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress, own_cache_folder
 from drivers import Deadline
 from protocols import BUILT_IN_PROTOCOLS
@@ -177,6 +177,11 @@ class Catalogue:
             _upsert(db, entries)
 
     def _read(self, path: str, notes: str, stamp: _FileStamp, excluded: Collection[str]) -> RunSummary | None:
+        from app.archive.run_reading import (
+            read_run_summary,
+            summary_from_file_name,
+        )  # a list of known runs needs it not
+
         file = self.folder / path
         if excluded and str(file.resolve()) in excluded:
             entry: RunSummary | None = summary_from_file_name(path, RunState.RUNNING, "being written by this program")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from app.archive.figures import figures_and_fault
-from app.archive.run_summary import instruments_text
+from app.archive.run_reading import instruments_text
 from app.archive.second_person import describe_check
 from app.common import format_bytes, format_duration, format_outcome, format_point
 from model import format_quantity, format_time, format_value, quantity_label

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from app.common import (
     natural_frequency_of,
     summarize_result,
 )
-from app.session import LogLine, describe_event
 from model import Array, current_column, format_time
 from protocols import PROTOCOLS, measured_points
 from protocols.base import (
@@ -43,6 +42,9 @@ from protocols.runfile import (
     RunTrace,
     translate_read_errors,
 )
+
+if TYPE_CHECKING:
+    from app.session import LogLine
 
 ROWS_PER_CHUNK = 1_000_000
 TRACE_COLUMNS = 2000
@@ -73,7 +75,7 @@ class LoadedRun:
     record: RunRecord
     points: tuple[Any, ...]
     series: tuple[Series, ...]
-    messages: tuple[LogLine, ...]
+    messages: "tuple[LogLine, ...]"
     traces: TraceWindow
     hints: tuple[str, ...] = ()
     """The protocol's warnings about the points."""
@@ -285,8 +287,10 @@ def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:
     return points
 
 
-def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | None) -> LogLine | None:
+def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | None) -> "LogLine | None":
     """Return the log line of an event, None if the event is not logged."""
+    from app.session import LogLine, describe_event  # a report needs it not
+
     kind: Any = EVENTS.get(event.kind)  # None for a type of a newer version of this program
     at = started + timedelta(seconds=event.time_s)
     try:

@@ -123,10 +123,10 @@ class AcceptCommand:
 
     @usage_errors(ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
     def execute(self) -> int:
-        from app.session import load_protocol_class
-
         self._check()
         for file in self.protocols:
+            from app.session import load_protocol_class  # loads all that a bench file needs
+
             load_protocol_class(file)
         setting, corrected = self._fit_options(), _correction(self)
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]

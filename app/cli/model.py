@@ -11,7 +11,7 @@ from app.cli.options import CommandGroup, FileOptions, command, group, option
 from app.cli.output import CommandResult
 from app.cli.specimen import AddedMassTopic, DriveTopic, PowerTopic
 from app.common import Column, Table, UsageError, read_number, track
-from app.identification import TABLE_ONE, sheet_unit
+from app.identification import TABLE_ONE
 from model import (
     NONIDEAL_NAMES,
     Membrane,
@@ -92,6 +92,8 @@ def _format_table_one(name: str) -> str:
     uncertainty = TABLE_ONE[name].uncertainty
     if uncertainty is None:
         return ""
+    from app.identification import sheet_unit  # slow to load
+
     factor, unit = sheet_unit(name)
     return f"{factor * uncertainty:.2g} {unit}"
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from app.cli.options import FileOptions
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message
 from protocols.base import to_jsonable, visible_text
-from protocols.runfile import is_hdf5
 
 if TYPE_CHECKING:
     from model.studies import PaperFigure  # loads scipy
@@ -88,6 +87,8 @@ def check_output_file(path: Path, suffixes: Sequence[str] = ()) -> None:
         raise UsageError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
     if suffixes and path.suffix.lower() not in suffixes:
         raise UsageError(f"{path} cannot be drawn: a picture ends in {', '.join(suffixes)}")
+    from protocols.runfile import is_hdf5  # slow to load, and most commands write no file
+
     if is_hdf5(path):
         raise UsageError(f"{path} holds a run or a study and is not overwritten; choose another name")
 

@@ -1,14 +1,16 @@
-"""The commands `judge` and `verify`: the verdict on run files from their points, and their checksums and repair."""
+"""The commands `judge`, `verify` and `export`: the verdict on run files from their points, their checksums and repair, and runs as files for other programs."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from app.archive import PARTS, ExportError, Format, Part, export_run, raw_left_out
 from app.cli.options import RUN_FILES, argument, command, option
-from app.common import ExitCode, UsageError, exit_code_of, print_line, print_message
+from app.common import ExitCode, UsageError, exit_code_of, print_line, print_message, terminal_progress
 from protocols.runfile import (
     FileState,
     NotesError,
+    Run,
     RunReadError,
     StorageError,
     Verification,
@@ -35,7 +37,6 @@ class JudgeCommand:
         from app.identification import reference_model
         from protocols import judge_file
         from protocols.base import to_jsonable
-        from protocols.runfile import Run
 
         load_all_protocols()
         codes, records, problems = [], [], 0
@@ -108,6 +109,44 @@ class VerifyCommand:
         if FileState.NO_RUN in states:
             return ExitCode.USAGE
         return ExitCode.NO_RESULT if FileState.NOT_CHECKABLE in states else ExitCode.DONE
+
+
+@command("example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets")
+class ExportCommand:
+    """Export points, estimates, events and raw samples with their times, SI units in every header. Files from a simulated
+    bench have SIMULATED in their names. uff: series as a Universal File (data sets 151, 164, 58) for
+    modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.
+    """
+
+    runs: Sequence[Path] = RUN_FILES
+    format: Format = option("format of the files (default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
+    out: Path | None = option("folder for the files (default: the run's folder)", metavar="FOLDER")
+    parts: Sequence[str] = option(
+        "part to export: about, points, series, estimates, events or raw; may be repeated (default: all that the format "
+        "holds)",
+        flag="--part",
+        metavar="PART",
+    )
+
+    def execute(self) -> int:
+        parts: Sequence[Part] | None = tuple(p for p in PARTS if p in self.parts) if self.parts else None
+        if unknown := [p for p in self.parts if p not in PARTS]:
+            raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
+        failed = False
+        for run_path in self.runs:
+            try:
+                with Run(run_path) as run, terminal_progress(run_path.name) as progress:
+                    written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
+                    left_out = "" if parts else raw_left_out(run, self.format)
+            except (RunReadError, ExportError) as error:
+                failed = True
+                print_message(str(error))
+            else:
+                for file in written:
+                    print_line(str(file))
+                if left_out:
+                    print_message(f"{left_out}: the raw data are left out; csv and parquet hold them")
+        return ExitCode.FAILED if failed else ExitCode.DONE
 
 
 def _repair(path: Path) -> None:

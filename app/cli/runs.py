@@ -1,4 +1,4 @@
-"""The commands `runs` and `export`: the runs of a folder, and runs as files for other programs."""
+"""The command `runs`: the runs of a folder."""
 
 import json
 import sys
@@ -7,21 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from app.archive import (
-    PARTS,
-    Catalogue,
-    ExportError,
-    Format,
-    Part,
-    RunFilter,
-    RunState,
-    RunSummary,
-    export_run,
-    raw_left_out,
-    read_query,
-    read_since,
-)
-from app.cli.options import RUN_FILES, argument, command, option
+from app.archive import Catalogue, RunFilter, RunState, RunSummary, read_query, read_since
+from app.cli.options import argument, command, option
 from app.common import (
     SEVERITY_STYLES,
     ExitCode,
@@ -35,7 +22,6 @@ from app.common import (
     terminal_progress,
 )
 from protocols.base import Outcome, visible_text
-from protocols.runfile import Run, RunReadError
 
 DEFAULT_ROWS = 40
 """Runs that are listed without --all."""
@@ -116,44 +102,6 @@ class RunsCommand:
         else:
             _print_runs(summaries, len(entries), self.all)
         return ExitCode.DONE
-
-
-@command("example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets")
-class ExportCommand:
-    """Export points, estimates, events and raw samples with their times, SI units in every header. Files from a simulated
-    bench have SIMULATED in their names. uff: series as a Universal File (data sets 151, 164, 58) for
-    modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.
-    """
-
-    runs: Sequence[Path] = RUN_FILES
-    format: Format = option("format of the files (default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
-    out: Path | None = option("folder for the files (default: the run's folder)", metavar="FOLDER")
-    parts: Sequence[str] = option(
-        "part to export: about, points, series, estimates, events or raw; may be repeated (default: all that the format "
-        "holds)",
-        flag="--part",
-        metavar="PART",
-    )
-
-    def execute(self) -> int:
-        parts: Sequence[Part] | None = tuple(p for p in PARTS if p in self.parts) if self.parts else None
-        if unknown := [p for p in self.parts if p not in PARTS]:
-            raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
-        failed = False
-        for run_path in self.runs:
-            try:
-                with Run(run_path) as run, terminal_progress(run_path.name) as progress:
-                    written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
-                    left_out = "" if parts else raw_left_out(run, self.format)
-            except (RunReadError, ExportError) as error:
-                failed = True
-                print_message(str(error))
-            else:
-                for file in written:
-                    print_line(str(file))
-                if left_out:
-                    print_message(f"{left_out}: the raw data are left out; csv and parquet hold them")
-        return ExitCode.FAILED if failed else ExitCode.DONE
 
 
 def _run_filter(options: RunsCommand) -> RunFilter:

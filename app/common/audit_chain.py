@@ -16,7 +16,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from app.common.people import current_conditions
 from drivers import Deadline, open_regular
 from protocols.base import file_hash, parse_json_object
 
@@ -80,6 +79,8 @@ def record_audit(action: str, *paths: Path, subject: str = "", **details: Any) -
     try:
         if not paths or (folder := audited_folder(paths[0])) is None:
             return
+        from app.common.people import current_conditions  # slow to load, and most folders have no audit trail
+
         hashes = {path.absolute().relative_to(folder).as_posix(): audited_hash(path) for path in paths}
         append_entry(folder, action, subject or paths[0].name, current_conditions().operator, hashes, details)
     except (AuditError, OSError, ValueError) as error:

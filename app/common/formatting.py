@@ -5,10 +5,13 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from model import ERRORS, format_quantity, quantity_label, shown_unit
-from protocols.base import Quality, Series
+from protocols.base import Quality
+
+if TYPE_CHECKING:
+    from protocols.base import Series
 
 SUBSCRIPTS = {"s": "ₛ", "m": "ₘ"}
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -65,7 +68,7 @@ def format_bytes(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-def format_series(curve: Series) -> str:
+def format_series(curve: "Series") -> str:
     """Format a curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
     Empty for a curve without errors, which is a record of samples, and for a loop or a change over counts, whose points have the result.

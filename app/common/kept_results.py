@@ -25,7 +25,7 @@ FOLDER_NAME, KEY_NAME, SUFFIX = "results", "results.key", ".result"
 KEY_BYTES = DIGEST_BYTES = 32
 MAX_BYTES = 500_000_000
 """Size of all kept results; beyond it those that were not used for longest are removed."""
-PACKAGES = ("model", "app/identification", "app/report", "protocols/runfile")
+PACKAGES = ("model", "app/identification", "app/plotting", "app/report", "protocols/runfile")
 """Folders whose code computes the kept results and checks files; after a change of it they are computed anew."""
 KEPT_FAILURES = (OSError, pickle.PickleError, EOFError, AttributeError, ImportError, IndexError, TypeError, ValueError)
 """Errors of a result of another version, or of a folder that cannot be used."""

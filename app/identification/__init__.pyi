@@ -33,7 +33,6 @@ from .result_text import dimensions_line as dimensions_line
 from .result_text import held_parameters as held_parameters
 from .result_text import steps_line as steps_line
 from .result_text import verdict_line as verdict_line
-from .sheet_checks import USUAL_RANGES as USUAL_RANGES
 from .sheet_checks import question_sheet as question_sheet
 from .sheet_draft import ENTRY_FIELDS as ENTRY_FIELDS
 from .sheet_draft import CheckedDraft as CheckedDraft
@@ -66,6 +65,7 @@ from .specimen_sheet import SpecimenSheet as SpecimenSheet
 from .specimen_sheet import sheet_unit as sheet_unit
 from .specimen_sheet import table_one_entry as table_one_entry
 from .table_one import TABLE_ONE as TABLE_ONE
+from .table_one import USUAL_RANGES as USUAL_RANGES
 from .uncertainty_tables import BudgetBar as BudgetBar
 from .uncertainty_tables import budget_bars as budget_bars
 from .uncertainty_tables import budget_record as budget_record

@@ -4,16 +4,8 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 from app.identification.specimen_sheet import SheetEntry, SpecimenSheet, sheet_unit
-from app.identification.table_one import TABLE_ONE
+from app.identification.table_one import TABLE_ONE, USUAL_RANGES
 from model.identification import parameter_spec
-
-USUAL_RANGES: dict[str, tuple[float, float]] = {
-    "L": (2e-3, 0.2), "L1": (5e-4, 0.2), "L2": (1e-3, 0.2), "b_Al": (2e-3, 0.2), "h_Al": (1e-5, 5e-3),
-    "rho1": (1e-4, 1.0), "rho2": (1e-4, 1.0), "E_Al": (1e9, 1e12), "k2": (1e-5, 10.0), "mu": (1e-8, 1e-2),
-    "c0": (0.1, 1e5), "m_add": (1e-5, 0.2), "L_m": (1e-2, 1.0), "b_m": (1e-3, 1.0), "h_m": (1e-5, 2e-2),
-    "E_m": (1e3, 1e10), "delta": (0.0, 0.5), "contact_length": (1e-4, 0.2),
-}  # fmt: skip
-"""Sizes outside which a value of the model most likely has the wrong unit; 0 is never questioned."""
 
 FAR_FROM_TABLE = 0.5
 """Relative difference from Table I that is questioned: another tactor, or another unit."""

@@ -1,4 +1,4 @@
-"""The paper's Table I: source of each parameter, and the standard uncertainty that its instrument has."""
+"""The paper's Table I: source of each parameter, and the standard uncertainty that its instrument has; usual sizes of parameters."""
 
 from dataclasses import dataclass
 
@@ -45,3 +45,11 @@ TABLE_ONE: dict[str, TableOneSource] = {
     "m_add": TableOneSource(f"{IDENTIFIED} the resonance without membrane; 11 g were put in (Sec. IV)"),
 }
 """Third column of Table I, by parameter; m_add is in the text only."""
+
+USUAL_RANGES: dict[str, tuple[float, float]] = {
+    "L": (2e-3, 0.2), "L1": (5e-4, 0.2), "L2": (1e-3, 0.2), "b_Al": (2e-3, 0.2), "h_Al": (1e-5, 5e-3),
+    "rho1": (1e-4, 1.0), "rho2": (1e-4, 1.0), "E_Al": (1e9, 1e12), "k2": (1e-5, 10.0), "mu": (1e-8, 1e-2),
+    "c0": (0.1, 1e5), "m_add": (1e-5, 0.2), "L_m": (1e-2, 1.0), "b_m": (1e-3, 1.0), "h_m": (1e-5, 2e-2),
+    "E_m": (1e3, 1e10), "delta": (0.0, 0.5), "contact_length": (1e-4, 0.2),
+}  # fmt: skip
+"""Sizes outside which a value of the model most likely has the wrong unit; 0 is never questioned."""

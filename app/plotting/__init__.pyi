@@ -20,3 +20,4 @@ from .run_picture import run_figure as run_figure
 from .vector_drawing import VectorDrawing as VectorDrawing
 from .vector_drawing import draw_vectors as draw_vectors
 from .vector_drawing import embedded_font as embedded_font
+from .vector_drawing import matplotlib_folder as matplotlib_folder

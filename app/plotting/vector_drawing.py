@@ -5,7 +5,8 @@ Drawing the ticks and texts of a figure takes matplotlib far longer than writing
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,15 @@ class VectorDrawing:
             if name == "setFont":
                 arguments[0] = embedded_font(arguments[0])
             getattr(canvas, name)(*arguments)
+
+
+@cache
+def matplotlib_folder() -> Path:
+    """Return the folder of matplotlib without loading it, which is slow."""
+    spec = find_spec("matplotlib")
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).parent
 
 
 @lru_cache

@@ -6,9 +6,10 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.metadata import version
 from typing import Any
 
-from app.common import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, Progress, kept_result
 from app.plotting import (
     ReportPlot,
     VectorDrawing,
@@ -16,6 +17,7 @@ from app.plotting import (
     draw_plot,
     draw_vectors,
     legend_height_in,
+    matplotlib_folder,
     new_figure,
     run_figure,
 )
@@ -88,9 +90,14 @@ def _draw(
     tasks: Sequence[ReportPlot | ReportRun], specimen: SpecimenModel, threshold: PerceptionThreshold
 ) -> list[VectorDrawing]:
     return [
-        draw_report_plot(task) if isinstance(task, ReportPlot) else _draw_run(task, specimen, threshold)
-        for task in tasks
+        _kept_plot(task) if isinstance(task, ReportPlot) else _draw_run(task, specimen, threshold) for task in tasks
     ]
+
+
+def _kept_plot(plot: ReportPlot) -> VectorDrawing:
+    """Return the drawing of an equal plot by the same matplotlib, whose fonts it names, or draw it."""
+    drawn_by = version("matplotlib"), matplotlib_folder()
+    return kept_result("drawing", (drawn_by, plot), lambda: draw_report_plot(plot))
 
 
 def draw_report_plot(plot: ReportPlot) -> VectorDrawing:

@@ -30,7 +30,7 @@ from reportlab.platypus import Paragraph as TextLines
 from reportlab.platypus import Table as Grid
 
 from app.common import Table, sentence_case
-from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in
+from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in, matplotlib_folder
 from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Photograph, Report, ReportSection
 from app.report.drawings import Drawings
 from protocols.base import replacing
@@ -69,9 +69,7 @@ REST_OF_FOOTER = "footer"
 @cache
 def font(style: str = "") -> str:
     """Return reportlab's name of matplotlib's DejaVu font in a style: "-Bold", "Mono" or none."""
-    from matplotlib import get_data_path
-
-    return embedded_font(f"{get_data_path()}/fonts/ttf/DejaVuSans{style}.ttf")
+    return embedded_font(f"{matplotlib_folder()}/mpl-data/fonts/ttf/DejaVuSans{style}.ttf")
 
 
 def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:

@@ -109,7 +109,7 @@ def process(*words: str) -> Callable[[], object]:
 def command(*words: str) -> Callable[[], object]:
     """Return the call that runs a command of this program; a function planted here is planted there."""
     plant = (
-        f"from benchmarks.regression import plant; plant({sys.argv[sys.argv.index('--plant') + 1]!r});"
+        f"from benchmarks.guard.regression import plant; plant({sys.argv[sys.argv.index('--plant') + 1]!r});"
         if "--plant" in sys.argv
         else ""
     )

@@ -2,11 +2,10 @@
 
 from collections.abc import Iterable
 from enum import IntFlag
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from model import Mask
+if TYPE_CHECKING:
+    from model import Mask
 
 
 class Quality(IntFlag):
@@ -61,8 +60,10 @@ def point_quality(point: Any) -> Quality:
     return Quality(int(getattr(point, "quality", 0)))
 
 
-def usable_mask(flags: Iterable[float]) -> Mask:
+def usable_mask(flags: Iterable[float]) -> "Mask":
     """Return the mask of values that fits and summaries may use, by their stored flags; (N,)."""
+    import numpy as np  # slow to import; verdicts need it not
+
     return np.array([Quality(int(each)).usable for each in flags], bool)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.archive import RunSummary
-from app.archive.run_summary import summarize_run
+from app.archive.run_reading import summarize_run
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem, campaign_path
 from app.campaign.queue import CampaignRunner, next_item_after, rehearse_campaign

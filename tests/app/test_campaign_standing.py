@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from app.archive.run_summary import RunSummary, summarize_run
+from app.archive.run_reading import summarize_run
+from app.archive.run_summary import RunSummary
 from app.campaign.plan import PAPER_ITEMS, CampaignItem, drop_unknown_protocols
 from app.campaign.series import evaluate_items
 from app.campaign.status import ItemStatus, NextAction

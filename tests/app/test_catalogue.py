@@ -22,8 +22,9 @@ from app.archive import annotate_runs, copy_runs_into, move_to_trash, restore_fr
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import read_tags, write_notes
 from app.archive.run_filter import RunFilter
+from app.archive.run_reading import read_run_summary
 from app.archive.run_search import read_since
-from app.archive.run_summary import RunState, RunSummary, read_run_summary
+from app.archive.run_summary import RunState, RunSummary
 from app.cli.main import main
 from app.common import Progress
 from app.common.exit_codes import ExitCode
@@ -122,7 +123,7 @@ def test_each_verdict_is_listed_found_and_printed(
 
 
 def test_what_has_not_changed_is_not_read_again(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.archive.catalogue.read_run_summary", lambda *_: pytest.fail("it was read"))
+    monkeypatch.setattr("app.archive.run_reading.read_run_summary", lambda *_: pytest.fail("it was read"))
     assert catalogue.scan() == ScanResult()
 
 
@@ -143,7 +144,7 @@ def test_another_program_writes_the_index_while_a_scan_reads(catalogue: Catalogu
 
     for path in folder.glob("*.h5"):
         os.utime(path)
-    with mock.patch("app.archive.catalogue.read_run_summary", written), closing(writer):
+    with mock.patch("app.archive.run_reading.read_run_summary", written), closing(writer):
         catalogue.scan()
     assert len(read) == 2
     assert {each.path for each in catalogue.entries()} == {each.path for each in entries}
@@ -263,7 +264,7 @@ def test_a_run_of_this_program_that_is_being_written_is_listed_unopened(catalogu
 
 def long_way(path: Path) -> RunSummary | None:
     """The summary of a file without its sidecar, as earlier versions wrote it."""
-    with mock.patch("app.archive.run_summary.listed_record", return_value=None):
+    with mock.patch("app.archive.run_reading.listed_record", return_value=None):
         return read_run_summary(path, path.name)
 
 
@@ -281,7 +282,7 @@ def test_a_finished_run_is_listed_from_its_sidecar_as_from_its_data(folder: Path
     stopped.finish(RunStatus.STOPPED, "stopped by the operator")
     for path in folder.glob("*.h5"):
         whole = long_way(path)
-        with mock.patch("app.archive.run_summary.Run", side_effect=AssertionError("it was read")):
+        with mock.patch("app.archive.run_reading.Run", side_effect=AssertionError("it was read")):
             assert read_run_summary(path, path.name) == whole
     assert not notes_path(crashed_run(folder)).exists()
     assert {name: e.verdict for name, e in scanned(folder, tmp_path).items()} == {

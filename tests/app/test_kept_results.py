@@ -6,17 +6,23 @@ import pickle
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from reportlab.pdfgen.canvas import Canvas
 
 from app.common import content_digest, forget_results, kept_result, kept_results, kept_table
 from app.identification import IdentificationResult, SpecimenSheet, identify_observations, specimen_identification
 from app.identification.observations import ObservationError, read_observations
+from app.plotting import ReportPlot, VectorDrawing
+from app.plotting.panels import PlotPanel
+from app.report import drawings
 from benchmarks.campaigns import SHARED, Noise, World, perfect
+from model import Series
 from model.identification import FitOptions, ObservationSet, StaticLoadingObservation
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile import open as open_run
@@ -39,6 +45,26 @@ def counted() -> tuple[Callable[[], list[float]], list[int]]:
         return [1.5, 2.5]
 
     return compute, calls
+
+
+def painted(drawing: VectorDrawing) -> tuple[str, bytes]:
+    canvas = Canvas(file := BytesIO(), invariant=1)
+    drawing.paint(canvas)
+    canvas.save()
+    return drawing.svg, file.getvalue()
+
+
+def test_an_equal_plot_of_a_report_is_drawn_once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def plot(height: float) -> ReportPlot:
+        line = Series(np.arange(3.0), np.array([1.0, height, 2.0]), label="model")
+        return ReportPlot("a plot", (PlotPanel("(a)", "x", "y", (line,)),))
+
+    first = painted(drawings._kept_plot(plot(3.0)))
+    draw = drawings.draw_report_plot
+    monkeypatch.setattr(drawings, "draw_report_plot", lambda _: pytest.fail("it was drawn again"))
+    assert painted(drawings._kept_plot(plot(3.0))) == first
+    monkeypatch.setattr(drawings, "draw_report_plot", draw)
+    assert painted(drawings._kept_plot(plot(4.0))) != first
 
 
 def test_the_same_inputs_are_computed_once_and_any_other_anew(kept: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.run_summary import read_run_summary
+from app.archive.run_reading import read_run_summary
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignItem
 from app.campaign.queue import rehearse_campaign
