@@ -2,7 +2,7 @@
 
     python docs/make_attribution_matrix.py KIND FILE
 
-FILE has the JSON lines of one kind: coverage, developed, withheld or withheld_2. The other sections stay.
+FILE has the JSON lines of one kind. The other sections stay.
 """
 
 import json
@@ -15,11 +15,8 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
-from benchmarks.coverage.laboratories import IDENTIFIED, covered  # noqa: E402
-from tests.helpers.model.departures import DEVELOPED  # noqa: E402
+from benchmarks.coverage.laboratories import DEPARTURES, IDENTIFIED, covered  # noqa: E402
 from tests.helpers.model.laboratories import Departure  # noqa: E402
-from tests.helpers.model.withheld_departures import WITHHELD  # noqa: E402
-from tests.helpers.model.withheld_departures_2 import WITHHELD_2  # noqa: E402
 
 PAGE = HERE / "attribution-matrix.md"
 HEAD = """# Coverage and the attribution matrix
@@ -39,19 +36,19 @@ the share of the added masses that acts is free to follow. With that share known
 """
 
 
-SETS = {
-    "developed": ("Departures of the development", DEVELOPED),
-    "withheld": ("Withheld departures, opened once", WITHHELD),
-    "withheld_2": ("A second withheld set, opened once", WITHHELD_2),
+TITLES = {
+    "coverage": "Without a departure",
+    "developed": "Departures of the development",
+    "withheld": "Withheld departures, opened once",
+    "withheld_2": "A second withheld set, opened once",
+    "withheld_3": "A third withheld set, opened once",
 }
 
 
 def section(kind: str, rows: Sequence[Any]) -> str:
     """Return the section of a kind, with its heading."""
-    title, lines = (
-        ("Without a departure", _covered(rows)) if kind == "coverage" else (SETS[kind][0], _table(SETS[kind][1], rows))
-    )
-    return "\n".join([f"## {title}", "", *lines]) + "\n"
+    lines = _covered(rows) if kind == "coverage" else _table(DEPARTURES[kind], rows)
+    return "\n".join([f"## {TITLES[kind]}", "", *lines]) + "\n"
 
 
 def _covered(coverage: Sequence[Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 Every laboratory of `tests/helpers/model/laboratories.py` has a specimen, a sheet and instruments of its own; its nonidealities are not drawn
 from the fit's priors. The fit is the default one, with the sheet. Kinds: `coverage` (full campaigns, and of every fourth laboratory every
-small set), `developed`, `withheld` and `withheld_2` (one departure each). Every identification is a line of JSON in FILE; lines that are there
+small set), `developed` and three `withheld` sets (one departure each). Every identification is a line of JSON in FILE; lines that are there
 are not made again, so that the command can be interrupted and repeated.
 """
 
@@ -24,9 +24,13 @@ from tests.helpers.model.departures import DEVELOPED
 from tests.helpers.model.laboratories import SMALL_SETS, UNDISTURBED, Departure, World, draw, measure, subset
 from tests.helpers.model.withheld_departures import WITHHELD
 from tests.helpers.model.withheld_departures_2 import WITHHELD_2
+from tests.helpers.model.withheld_departures_3 import WITHHELD_3
 
 IDENTIFIED = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-STREAMS = {"coverage": 2811, "withheld": 2812, "developed": 2813, "withheld_2": 2814}
+STREAMS = {"coverage": 2811, "withheld": 2812, "developed": 2813, "withheld_2": 2814, "withheld_3": 2815}
+DEPARTURES = {
+    "coverage": (UNDISTURBED,), "developed": DEVELOPED, "withheld": WITHHELD, "withheld_2": WITHHELD_2, "withheld_3": WITHHELD_3,
+}  # fmt: skip
 SMALL_SETS_EVERY = 4
 Row = dict[str, Any]
 
@@ -93,11 +97,8 @@ def main() -> None:
     args = parser.parse_args()
     rows = [json.loads(line) for line in args.file.read_text("utf-8").splitlines()] if args.file.exists() else []
     done = {(r.get("name"), r.get("size"), r["seed"]) for r in rows}
-    departures = {"coverage": (UNDISTURBED,), "developed": DEVELOPED, "withheld": WITHHELD, "withheld_2": WITHHELD_2}[
-        args.kind
-    ]
     with args.file.open("a", encoding="utf-8") as file:
-        for d in departures:
+        for d in DEPARTURES[args.kind]:
             for seed in range(args.laboratories):
                 if (None if d is UNDISTURBED else d.name, None if d is UNDISTURBED else d.size, seed) in done:
                     continue
