@@ -53,7 +53,6 @@ _ADVANCING = (
 _ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis", "_specimen_current")
 """State changed by a simulated step, in addition to the rings."""
 
-
 TOUCHDOWN_S = 2e-3
 """Duration of a weight's first touch."""
 
@@ -223,17 +222,14 @@ class Plant:
     def displacement(self, t: Array) -> Array:
         """Return metres at past times `t`, ascending, shape (n,); 0 before the begin of the bench.
 
-        The stepper holds its drive linearly over each step h, which divides the response by 1 + (omega h)^2 / 12. The same response
-        without it is w - h^2 / 12 w'', taken with w from the cubic through the four grid points around a time.
-
-        Raises:
-            ValueError: `t` reaches beyond the memory of the plant.
+        By the cubic through four grid points, less h^2 / 12 w'': the drive of the stepper, linear over each step h, divides the response
+        by 1 + (omega h)^2 / 12. Raises ValueError for times beyond the memory of the plant.
         """
         (before, low, high, after), share = self._around(self._ring, t)
-        bend_low, bend_high = before - 2 * low + high, low - 2 * high + after
         left = 1 - share
         w = left * low + share * high
-        w -= left * (share * (1 + left) / 6 + 1 / 12) * bend_low + share * (left * (1 + share) / 6 + 1 / 12) * bend_high
+        w -= left * (share * (1 + left) / 6 + 1 / 12) * (before - 2 * low + high)
+        w -= share * (left * (1 + share) / 6 + 1 / 12) * (low - 2 * high + after)
         return np.where(t < 0, 0.0, w)
 
     def keep_electrical(self) -> None:
@@ -262,9 +258,8 @@ class Plant:
             first = max(0, int(low[0]) - 1)
             self._simulate(first, math.ceil(place[-1] - 1e-6) + 1)
             if first < max(self._valid_from, self._last_step - self._ring.size):
-                raise ValueError(
-                    f"the plant remembers {self._ring.size / self._rate:g} s; {t[0]:.3f} s is further back than that"
-                )
+                memory_s = self._ring.size / self._rate
+                raise ValueError(f"the plant remembers {memory_s:g} s; {t[0]:.3f} s is further back than that")
             values = ring.take(np.maximum(low + np.arange(-1, 3)[:, None], 0), mode="wrap")
         return values, place - low
 
@@ -352,8 +347,7 @@ class Plant:
         first_s = self._next_step / self._rate
         if first_s <= change.end_s + TOUCHDOWN_S or self._faults.was_ever_active("amplifier-limited"):
             return None
-        constant = self._history.constant_between(first_s, (stop - 1) / self._rate)
-        if constant is None:
+        if (constant := self._history.constant_between(first_s, (stop - 1) / self._rate)) is None:
             return None
         input_v, hv = constant
         specimen_v = float(self._amplifier.map.specimen_v(input_v)) if hv and not change.state.shorted else 0.0
@@ -385,8 +379,7 @@ class Plant:
         self._state = stepper.steady_state(*ends)
         edges = stepper.yield_V * volts + stepper.yield_F * newtons
         edges += stepper.delay_V * volts_per_s + stepper.delay_F * newtons_per_s
-        rise = (np.arange(BLOCK) + 1) / BLOCK
-        return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * rise).ravel()
+        return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * ((np.arange(BLOCK) + 1) / BLOCK)).ravel()
 
     def _skip_unobserved(self, first: int) -> None:
         """Skip the part of an unobserved span that has decayed before the next observation."""
