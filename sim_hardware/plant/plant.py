@@ -53,7 +53,6 @@ _ADVANCING = (
 _ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis", "_specimen_current")
 """State changed by a simulated step, in addition to the rings."""
 
-
 TOUCHDOWN_S = 2e-3
 """Duration of a weight's first touch."""
 
@@ -170,11 +169,11 @@ class Plant:
 
     def available_at(self, t: float) -> float:
         """Return the earliest bench time at which the displacement at `t` is final."""
-        return (math.ceil(t * self._rate) // BLOCK + 1) * BLOCK / self._rate
+        return ((math.ceil(t * self._rate) + 1) // BLOCK + 1) * BLOCK / self._rate
 
     def available_until(self, now: float) -> float:
         """Return the latest time with a final displacement at `now`."""
-        return (math.floor(now * self._rate + 1e-6) // BLOCK * BLOCK - 1) / self._rate
+        return (math.floor(now * self._rate + 1e-6) // BLOCK * BLOCK - 2) / self._rate
 
     def schedule_change(
         self,
@@ -221,12 +220,17 @@ class Plant:
         return np.asarray(reached[np.searchsorted(ends, t, side="right") - 1])
 
     def displacement(self, t: Array) -> Array:
-        """Return metres at past times `t`, ascending, shape (n,); linear between grid points, 0 before the begin of the bench.
+        """Return metres at past times `t`, ascending, shape (n,); 0 before the begin of the bench.
 
-        Raises:
-            ValueError: `t` reaches beyond the memory of the plant.
+        By the cubic through four grid points, less h^2 / 12 w'': the drive of the stepper, linear over each step h, divides the response
+        by 1 + (omega h)^2 / 12. Raises ValueError for times beyond the memory of the plant.
         """
-        return self._interpolated(self._ring, t)
+        (before, low, high, after), share = self._around(self._ring, t)
+        left = 1 - share
+        w = left * low + share * high
+        w -= left * (share * (1 + left) / 6 + 1 / 12) * (before - 2 * low + high)
+        w -= share * (left * (1 + share) / 6 + 1 / 12) * (low - 2 * high + after)
+        return np.where(t < 0, 0.0, w)
 
     def keep_electrical(self) -> None:
         """Keep volts on the specimen, current into it and charge, for `electrical`."""
@@ -241,24 +245,23 @@ class Plant:
         self.keep_electrical()
         if quantity is ElectricalQuantity.CURRENT:  # a value of its ring is the mean over the step before it
             t = np.maximum(t - max(self._amplifier.current_monitor_delay_s - 0.5 / self._rate, 0.0), 0.0)
-        return self._interpolated(self._electrical_rings[quantity], t)
+        (_, low, high, _), share = self._around(self._electrical_rings[quantity], t)
+        return np.where(t < 0, 0.0, low + share * (high - low))
 
-    def _interpolated(self, ring: Array, t: Array) -> Array:
+    def _around(self, ring: Array, t: Array) -> tuple[Array, Array]:
+        """Return the values (4, n) at two grid points before and two after each time `t` (n,), and its place between the middle ones."""
         if not t.size:
-            return np.zeros(0)
-        place = np.maximum(t * self._rate, -1.0)
-        below = np.floor(place).astype(np.int64)
+            return np.zeros((4, 0)), np.zeros(0)
+        place = np.maximum(t * self._rate, 0.0)
+        low = place.astype(np.int64)
         with self._lock:
-            first = max(0, int(below[0]))
-            self._simulate(first, int(below[-1]) + 1)
+            first = max(0, int(low[0]) - 1)
+            self._simulate(first, math.ceil(place[-1] - 1e-6) + 1)
             if first < max(self._valid_from, self._last_step - self._ring.size):
-                raise ValueError(
-                    f"the plant remembers {self._ring.size / self._rate:g} s; {t[0]:.3f} s is further back than that"
-                )
-            low = ring.take(below, mode="wrap")
-            high = ring.take(below + 1, mode="wrap")
-        high = low + (place - below) * (high - low)
-        return np.where(below < 0, 0.0, high) if below[0] < 0 else high
+                memory_s = self._ring.size / self._rate
+                raise ValueError(f"the plant remembers {memory_s:g} s; {t[0]:.3f} s is further back than that")
+            values = ring.take(np.maximum(low + np.arange(-1, 3)[:, None], 0), mode="wrap")
+        return values, place - low
 
     def _append(self, change: SetupChange) -> None:
         self._changes.append(change)
@@ -344,8 +347,7 @@ class Plant:
         first_s = self._next_step / self._rate
         if first_s <= change.end_s + TOUCHDOWN_S or self._faults.was_ever_active("amplifier-limited"):
             return None
-        constant = self._history.constant_between(first_s, (stop - 1) / self._rate)
-        if constant is None:
+        if (constant := self._history.constant_between(first_s, (stop - 1) / self._rate)) is None:
             return None
         input_v, hv = constant
         specimen_v = float(self._amplifier.map.specimen_v(input_v)) if hv and not change.state.shorted else 0.0
@@ -377,8 +379,7 @@ class Plant:
         self._state = stepper.steady_state(*ends)
         edges = stepper.yield_V * volts + stepper.yield_F * newtons
         edges += stepper.delay_V * volts_per_s + stepper.delay_F * newtons_per_s
-        rise = (np.arange(BLOCK) + 1) / BLOCK
-        return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * rise).ravel()
+        return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * ((np.arange(BLOCK) + 1) / BLOCK)).ravel()
 
     def _skip_unobserved(self, first: int) -> None:
         """Skip the part of an unobserved span that has decayed before the next observation."""

@@ -31,10 +31,10 @@ def fundamental(t, w, frequency_hz):
 @pytest.mark.parametrize("frequency_hz", [25.0, 80.0, 158.0, 250.0])
 def test_dwell_has_the_models_fundamental_and_peak_to_peak(frequency_hz):
     plant = plant_with((0.0, PeriodicSegment(0.0, frequency_hz, 2.5, 2.5, 0.0, 2.5)))
-    t = 1.0 + np.arange(50_000) / 50e3
+    t = 1.0 + np.arange(49_997) / 49_997  # anywhere between the grid points
     w = plant.displacement(t)
     want = amplifier_response(SimulationParameters().tactor, frequency_hz)
-    assert abs(fundamental(t, w, frequency_hz) / want.fundamental[0] - 1) < 1e-4
+    assert abs(fundamental(t, w, frequency_hz) / want.fundamental[0] - 1) < 5e-6
     assert w.max() - w.min() == pytest.approx(want.peak_to_peak[0], rel=1e-3)
 
 
@@ -114,10 +114,10 @@ def test_memory_is_bounded_and_asking_for_more_is_an_error():
 
 def test_ready_times_agree_with_each_other():
     plant = plant_with()
-    for t in (0.0, 1e-5, 0.01234567, 1.28e-3, 3.0):
+    for t in (0.0, 1e-5, 0.01234567, 1.265e-3, 1.28e-3, 3.0):
         ready = plant.available_at(t)
         assert plant.available_until(ready) >= t
-        assert 0 < ready - t <= (BLOCK + 1) / 100e3
+        assert 0 < ready - t <= (BLOCK + 2) / 100e3
 
 
 def test_what_stands_still_is_where_the_statics_have_it_and_goes_on_from_there():
