@@ -25,19 +25,19 @@ class ResultLine(NamedTuple):
 
     Attributes:
         figure: value, rounded to the first digit of its largest known uncertainty.
-        text: value with the standard error of the run's noise.
-        noise: this standard error alone; empty without one.
+        text: value with its statistical standard error.
+        statistical: this error alone; empty without one.
         total: standard uncertainty, with the uncertainty of the sensor's gain; empty if the gain has no effect.
-        noise_share: noise over total, 0 to 1; 1 without a total.
+        statistical_share: statistical over total, 0 to 1; 1 without a total.
     """
 
     name: str
     figure: str
     unit: str
     text: str
-    noise: str = ""
+    statistical: str = ""
     total: str = ""
-    noise_share: float = 1.0
+    statistical_share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,19 +127,19 @@ def round_figure(value: float, uncertainty: float) -> str:
 
 def _result_line(estimate: EstimatedQuantity, gain_uncertainty: float, label: str = "") -> ResultLine:
     factor, unit = shown_unit(estimate.unit, estimate.name)
-    value, noise = factor * estimate.value, factor * estimate.standard_error
-    has_noise = noise > 0 and math.isfinite(noise)
-    with_gain = has_noise and estimate.unit in LENGTH_UNITS and gain_uncertainty > 0
-    total = factor * run_figure(estimate, gain_uncertainty).total if with_gain else noise
+    value, statistical = factor * estimate.value, factor * estimate.standard_error
+    has_error = statistical > 0 and math.isfinite(statistical)
+    with_gain = has_error and estimate.unit in LENGTH_UNITS and gain_uncertainty > 0
+    total = factor * run_figure(estimate, gain_uncertainty).total if with_gain else statistical
     unit = typeset(unit)
     return ResultLine(
         label or typeset(quantity_label(estimate.name)),
         round_figure(value, total),
         unit,
         typeset(format_value(estimate)),
-        format_uncertainty(noise, unit) if has_noise else "",
+        format_uncertainty(statistical, unit) if has_error else "",
         format_uncertainty(total, unit) if with_gain else "",
-        noise / total if with_gain else 1.0,
+        statistical / total if with_gain else 1.0,
     )
 
 

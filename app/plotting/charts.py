@@ -9,7 +9,7 @@ from typing import Any
 
 from app.plotting.panels import new_figure
 from model import shown_unit
-from model.response import THRESHOLD_M
+from model.response import ABDOMEN_THRESHOLD, THRESHOLD_M
 from model.studies import PaperFigure
 
 MAX_LABELS_INSIDE = 6
@@ -88,7 +88,7 @@ def _draw_panel(axes: Any, panel: PaperFigure, log: bool) -> None:
     elif all((curve.y >= 0).all() for curve in panel.curves):
         axes.set_ylim(0, None)
     if panel.x_unit in ("Hz", "s") and panel.y_unit == "m":
-        axes.axhline(THRESHOLD_M * y_scale, color="gray", lw=1, label="50 µm, felt on the abdomen")
+        axes.axhline(THRESHOLD_M * y_scale, color="gray", lw=1, label=ABDOMEN_THRESHOLD.line_label)
     axes.grid(alpha=0.25)
 
 

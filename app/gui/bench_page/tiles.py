@@ -3,12 +3,10 @@
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
-from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QPointF, QRectF, QSize, Signal
 from PySide6.QtGui import QColor, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 
@@ -18,7 +16,18 @@ from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
 from app.gui.face import CENTRE, draw_text, painting, px, set_length, tokens
 from app.gui.status import LAMP_SIGNS
-from app.gui.widgets import IconView, Item, column, configure, make_combo, make_label, make_progress_bar, row
+from app.gui.widgets import (
+    IconView,
+    Item,
+    column,
+    configure,
+    make_button,
+    make_combo,
+    make_label,
+    make_progress_bar,
+    row,
+    show_text,
+)
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp, format_measured_volts
 
@@ -30,7 +39,7 @@ REMEDIES = {
     "sensor": "Align the laser",
     "card": "Correct its device",
 }
-"""Text of the link to the remedy, by role. A wiring check is also the remedy for an instrument that answers with wrong values."""
+"""Text of the button of the remedy, by role. A wiring check is also the remedy for an instrument that answers with wrong values."""
 
 WIRES, WIRE_PX = ("drive", "HV", "signal"), 44
 """Names of the wires between the tiles of a row, and their length."""
@@ -98,10 +107,9 @@ class Tile(QFrame):
         self.state_icon = IconView(14)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
-        links = Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
-        rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": links}
-        self.problem_label = make_label("", "caution", True, f"bench.{role}.problem", visible=False, **rich)
-        self.problem_label.linkActivated.connect(self.remedy_requested)
+        self.problem_label = make_label(kind="caution", name=f"bench.{role}.problem", visible=False)
+        self._mended_by = role
+        self.remedy_button = make_button("", self._ask_remedy, "link", name=f"bench.{role}.remedy", visible=False)
         self.live_label = make_label(kind="present", wrap=False, name=f"bench.{role}.live")
         self.live_note = make_label(kind="note", wrap=False, name=f"bench.{role}.live-note")
         self.trace = TraceLine()
@@ -126,6 +134,7 @@ class Tile(QFrame):
             *(() if picture is None else (picture,)),
             self.trace,
             self.problem_label,
+            row(self.remedy_button, None),
             self.instrument_box,
             *self.forms.values(),
             *items,
@@ -160,8 +169,9 @@ class Tile(QFrame):
         `connect` is the text of the button that opens it.
         """
         wrong = status is not None and status.lamp in (Lamp.SUSPECT, Lamp.MISSING)
-        self.problem_label.setVisible(wrong)
+        self.remedy_button.setVisible(wrong)
         if status is None:
+            self.problem_label.hide()
             self.state_icon.show_icon("", "")
             self.state_label.setText("")
             self.identity_label.setText(f"{connect} to see its identity and live values")
@@ -169,10 +179,10 @@ class Tile(QFrame):
         self.state_icon.show_icon(*LAMP_SIGNS[status.lamp])
         self.state_label.setText(status.remark if status.lamp is Lamp.WAITING and status.remark else str(status.lamp))
         self.identity_label.setText(str(status.identity))
-        what = problem or status.remark
-        mended_by = self.role if status.lamp is Lamp.MISSING or self.role == "sensor" else "amplifier"
-        remedy = f'<a href="{mended_by}">{REMEDIES[mended_by]} …</a>'
-        self.problem_label.setText("<br>".join(filter(None, (escape(what), remedy))))
+        show_text(self.problem_label, (problem or status.remark) * wrong)
+        is_own = status.lamp is Lamp.MISSING or self.role == "sensor"
+        self._mended_by = self.role if is_own else "amplifier"
+        self.remedy_button.setText(f"{REMEDIES[self._mended_by]} …")
 
     def show_instruments(self, devices: Sequence[FoundDevice]) -> None:
         """List the discovered instruments of this tile; a single one is filled in."""
@@ -188,6 +198,9 @@ class Tile(QFrame):
     def _live_value(self, reading: LiveValues) -> tuple[str, str, float]:
         """Return the live value of this instrument as text, its meaning, and the value as a number for the trace."""
         return f"{reading.drive_v:z.3f} V", "its output, as the card sees it", reading.drive_v
+
+    def _ask_remedy(self) -> None:
+        self.remedy_requested.emit(self._mended_by)
 
     def _show_tables(self) -> None:
         """Show parts of the tile that depend on its tables."""

@@ -17,7 +17,7 @@ from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
 from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
-from app.gui.explore.toolbar import ExploreToolbar
+from app.gui.explore.toolbar import ANSWER, MOTION, PARAMETERS, ExploreToolbar
 from app.gui.face import class_of, px, set_length
 from app.gui.results import ResultCard
 from app.gui.widgets import (
@@ -42,8 +42,10 @@ from app.session import WindowState
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
 
-LEFT_WIDTH, ANSWER_WIDTH, LEAST_WIDTH = 426, 300, 1140
-"""Of the sliders with their numbers, units and a scroll bar; of the answer; and of a page that shows both."""
+LEFT_WIDTH, ANSWER_WIDTH = 426, 300
+"""Of the sliders with their numbers, units and a scroll bar, and of the answer."""
+LEAST_WIDTH, LEAST_HEIGHT = 1140, 570
+"""Of a page with sliders, response, motion and answer; a smaller one has the response and one of the others."""
 
 
 class ExplorePage(QWidget):
@@ -77,8 +79,8 @@ class ExplorePage(QWidget):
         self.design = DesignPanel(self)
         self.status_line = StatusLine()
         self.left = self._left_column()
-        plots, answer = self._right_columns()
-        self._columns = row(self.left, (plots, 1), answer, parent=self, margins=(4, 4, 4, 4), spacing=12)
+        self._make_right_columns()
+        self._columns = row(self.left, (self.rows, 1), self.answer_area, parent=self, margins=(4, 4, 4, 4), spacing=12)
         self._connect_signals()
         FileDrops(self, RUN_SUFFIXES, self.overlaid.add)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
@@ -119,17 +121,17 @@ class ExplorePage(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.answer_area.setFixedWidth(px(max(ANSWER_WIDTH, class_of(self).result - 32)))
-        is_narrow = self.width() < px(LEAST_WIDTH)
-        if is_narrow is self.toolbar.side.isHidden():
-            self._columns.insertWidget(1 if is_narrow else 2, self.answer_area)
-            self.toolbar.side.setVisible(is_narrow)
+        is_small = self.width() < px(LEAST_WIDTH) or self.height() < px(LEAST_HEIGHT)
+        self.rows.setOrientation(Qt.Orientation.Horizontal if is_small else Qt.Orientation.Vertical)
+        if is_small is self.toolbar.side.isHidden():
+            self._columns.insertWidget(1 if is_small else 2, self.answer_area)
+            self.toolbar.side.setVisible(is_small)
             self._show_side()
 
     def _show_side(self) -> None:
-        """Show parameters and answer; a narrow window has place for one of them."""
-        is_narrow, answer = not self.toolbar.side.isHidden(), self.toolbar.side.selected
-        self.left.setVisible(not (is_narrow and answer))
-        self.answer_area.setVisible(bool(answer or not is_narrow))
+        """Show parameters, answer and motion; a small window has place for one of them beside the response."""
+        for part, choice in ((self.left, PARAMETERS), (self.answer_area, ANSWER), (self.motion, MOTION)):
+            part.setVisible(self.toolbar.side.isHidden() or choice == self.toolbar.side.selected)
 
     # -- internal --------------------------------------------------------------------------------------------------------
 
@@ -225,17 +227,17 @@ class ExplorePage(QWidget):
         set_length(left, width=LEFT_WIDTH)
         return left
 
-    def _right_columns(self) -> tuple[QWidget, QWidget]:
-        """Return the column of the plots and the column of the answer, which has no place in a narrow window."""
+    def _make_right_columns(self) -> None:
         bar, choices = self.toolbar, WrappingPane()
         column(bar.series_row, parent=choices, margins=(12, 8, 12, 0))
         self.plot.setMinimumSize(180, 150)
-        self.shape_plot.setMinimumSize(180, 90)
+        self.shape_plot.setMinimumHeight(90)
+        set_length(self.shape_plot, least_width=300)
         self.shape_plot.head_layout.insertWidget(1, bar.frequency)
         response = make_panel(choices, (self.plot, 1), margins=(1, 1, 1, 1), spacing=0)
-        motion = make_panel(self.shape_plot, margins=(1, 1, 1, 1))
-        plots = make_splitter(
-            "explore/rows", (response, 0), (motion, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
+        self.motion = make_panel(self.shape_plot, margins=(1, 1, 1, 1))
+        self.rows = make_splitter(
+            "explore/rows", (response, 0), (self.motion, 0), orientation=Qt.Orientation.Vertical, sizes=[420, 210]
         )
         runs = WrappingPane()
         column(bar.runs_row, bar.overlay_row, self.design, parent=runs, spacing=8)
@@ -245,7 +247,6 @@ class ExplorePage(QWidget):
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             accessibleName="answer of the model",
         )
-        return plots, self.answer_area
 
     def _connect_signals(self) -> None:
         bar = self.toolbar

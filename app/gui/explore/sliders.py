@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from PySide6.QtCore import QRectF, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QColor, QPaintEvent, QResizeEvent, QWheelEvent
+from PySide6.QtGui import QColor, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QWidget
 
 from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, TRUE_MINUS, UnitError, read_number, sentence_case, typeset
@@ -106,7 +106,7 @@ class SliderPanel(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.rows: dict[str, SliderRow] = {}
-        self._column = layout = column(parent=self, margins=(0, 0, 8, 0), spacing=4)
+        layout = column(parent=self, margins=(0, 0, 8, 0), spacing=4)
         specs = variable_specs()
         for title, sliders in GROUPS.items():
             layout.addWidget(make_label(title, "caption", wrap=False))
@@ -115,11 +115,6 @@ class SliderPanel(QWidget):
                 layout.addWidget(make_label("Drive", "caption", wrap=False))
                 layout.addLayout(self._group_layout([(DRIVE_SLIDER, PEAK_TO_PEAK)]))
         layout.addStretch()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        # Shown after a change of the text size, Qt keeps the width without scroll bar.
-        self._column.setGeometry(self.rect())
 
     def show_setting(self, setting: ExploreSetting) -> None:
         values = setting.all_values

@@ -32,6 +32,7 @@ from app.gui.widgets import (
 if TYPE_CHECKING:
     from app.gui.explore.page import ExplorePage
 
+PARAMETERS, ANSWER, MOTION = "Parameters", "Answer", "Motion"
 RANGES_HZ = (250, 500, 1000, 4000)
 SITE_NAMES = ("abdomen", "thenar", "forearm")
 """Names of `model.response.SITES`, which loads scipy."""
@@ -71,8 +72,8 @@ class ExploreToolbar(QObject):
         )
         set_length(self.frequency, width=80)
         self.frequency.editingFinished.connect(self._on_frequency)
-        self.side = Segments("explore.side", "left column", (("Parameters", False), ("Answer", True)))
-        self.side.select(False)
+        self.side = Segments("explore.side", "left column", ((each, each) for each in (PARAMETERS, ANSWER, MOTION)))
+        self.side.select(PARAMETERS)
         self.ranges = Segments(
             "explore.range",
             "frequencies up to",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QMargins, QSize
 from PySide6.QtGui import QFont, QFontDatabase, QFontMetricsF, QGuiApplication
-from PySide6.QtWidgets import QApplication, QLayout, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLayout, QWidget
 
 FAMILY = "Inter"
 FONTS = Path(__file__).with_name("fonts")
@@ -126,9 +126,9 @@ def _apply_margins(layout: QLayout) -> None:
         layout.setSpacing(px(spacing))
 
 
-def set_length(widget: QWidget, width: int = 0, height: int = 0, least_width: int = 0) -> None:
-    """Fix a widget's width or height, or set its least width, in lengths of the design; they follow the text size."""
-    widget.setProperty("design", [width, height, least_width])
+def set_length(widget: QWidget, width: int = 0, height: int = 0, least_width: int = 0, icon: int = 0) -> None:
+    """Fix a widget's width or height, or set its least width or a button's icon, in lengths of the design; they follow the text size."""
+    widget.setProperty("design", [width, height, least_width, icon])
     _apply_length(widget)
 
 
@@ -136,21 +136,27 @@ def _apply_length(widget: QWidget) -> None:
     design = widget.property("design")
     if design is None:
         return
-    width, height, least_width = (int(each) for each in design)
+    width, height, least_width, icon = (int(each) for each in design)
     if least_width:
         widget.setMinimumWidth(px(least_width))
     if width:
         widget.setFixedWidth(px(width))
     if height:
         widget.setFixedHeight(px(height))
+    if icon and isinstance(widget, QAbstractButton):
+        widget.setIconSize(QSize(px(icon), px(icon)))
 
 
 def rescale(window: QWidget) -> None:
     """Apply the text size in use to the fonts, margins and fixed lengths of a window."""
-    for widget in (window, *window.findChildren(QWidget)):
+    widgets = (window, *window.findChildren(QWidget))
+    for widget in widgets:
         if str(widget.property("kind") or "") in KINDS:
             widget.setFont(text_font(str(widget.property("kind"))))
         _apply_length(widget)
+    window.setStyleSheet(window.styleSheet())  # styled widgets do not follow the application's font
     for layout in window.findChildren(QLayout):
         _apply_margins(layout)
-        layout.invalidate()  # of a hidden page it keeps the sizes of the text before
+        layout.invalidate()
+    for widget in widgets:  # the item of a layout keeps the sizes of a widget in a hidden page
+        widget.updateGeometry()

@@ -168,7 +168,7 @@ class ChartPane(ViewPane):
             part.setVisible(change is not None)
         figure = "" if change is None else round_figure(100 * change.relative, 100 * change.error)
         self.figure_label.setText(typeset(figure))
-        show_text(self.error_label, "" if change is None else f"{typeset(change.figure)}, by the noise of the runs")
+        show_text(self.error_label, "" if change is None else f"{typeset(change.figure)}, statistical")
         compared = [(sentence_case(each.subject), each.figure) for each in chart.compared]
         told = rich_table(compared, (WHY.get(chart.cause, "At the same time"), "")) or "; ".join(chart.evidence[1:])
         show_text(self.evidence_label, typeset(told))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QLabel
 
-from app.gui.face import follow_tokens
+from app.gui.face import follow_tokens, px
 from app.gui.plots import RunInPlot, layer_icon, number_text
 from app.gui.widgets import ElidedLabel, clear_layout, column, configure, grid, make_button, make_label, row
 
@@ -44,7 +44,7 @@ class RunsInPlot(QFrame):
             )
         for place, run in enumerate(shown, 1):
             icon, name = QLabel(), ElidedLabel()
-            icon.setPixmap(layer_icon(run.layer, self.devicePixelRatioF()).pixmap(18, 14))
+            icon.setPixmap(layer_icon(run.layer).pixmap(px(18), px(14)))
             name.setText(run.name)
             natural = "–" if math.isnan(run.natural_hz) else f"{run.natural_hz:.1f}"
             figures = [make_label(text, wrap=False) for text in (natural, number_text(run.largest, 4))]

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QPen, QPixmap, QResizeEvent
+from PySide6.QtCore import QEvent, QPointF, QRect, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.gui.face import Tokens, follow_tokens, painting, px, text_scale
+from app.gui.face import PaintedIcon, Tokens, follow_tokens, px, text_scale
 from app.gui.plots.axes import RIGHT_PX, stable_range
 from app.gui.plots.drawn_panel import DrawnPanel, place
 from app.gui.plots.picture import Layer, Picture, color_of
@@ -201,8 +201,8 @@ class Chart(QWidget):
         self.chips = {}
         for group, layer in self.picture.groups.items():
             button = configure(QPushButton(group), kind="chip", checkable=True, checked=group not in self.hidden)
-            button.setIcon(layer_icon(layer, self.devicePixelRatioF()))
-            button.setIconSize(CHIP_ICON)
+            button.setIcon(layer_icon(layer))
+            button.setIconSize(CHIP_ICON * text_scale())
             button.setToolTip(f"{group}: press to hide or show it")
             button.clicked.connect(lambda _=False, group=group: self.toggle_group(group))
             self._chip_row.addWidget(button)
@@ -221,7 +221,6 @@ class Chart(QWidget):
         """Show the chips where they have space, else one button for all layers; the menu has the tools that have none."""
         chips, tools = [*self.chips.values()], [] if self.few_tools else self.tools.buttons[:-1]
         self.layers_button.setText(LAYERS_TEXT.format(sum(g not in self.hidden for g in self.chips), len(self.chips)))
-        self.layers_button.setMinimumWidth(self.layers_button.sizeHint().width())
         every: list[QWidget] = [self.title_label, *self.head.findChildren(QPushButton)]
         fitted = {*chips, *self.tools.buttons[:-1], self.layers_button}
         room = self.width() - px(16) - self.note_label.minimumSizeHint().width()
@@ -283,15 +282,19 @@ def _width_of(widgets: Iterable[QWidget]) -> int:
     return sum(each.sizeHint().width() + px(8) for each in widgets)
 
 
-def layer_icon(layer: Layer, ratio: float) -> QIcon:
-    """Draw line and symbol of a layer, for a screen with a device pixel ratio."""
-    pixmap = QPixmap(CHIP_ICON * ratio)
-    pixmap.setDevicePixelRatio(ratio)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    color = color_of(layer.tone)
-    end = CHIP_ICON.width() - 4  # a line does not touch the text beside it
-    middle = QPointF(end / 2, CHIP_ICON.height() / 2)
-    with painting(pixmap) as painter:
+class _LayerIcon(PaintedIcon):
+    def __init__(self, layer: Layer) -> None:
+        super().__init__()
+        self._layer = layer
+
+    def paint(self, painter: QPainter, rect: QRect, _mode: QIcon.Mode, _state: QIcon.State) -> None:
+        layer, color = self._layer, color_of(self._layer.tone)
+        end = CHIP_ICON.width() - 4  # a line does not touch the text beside it
+        middle = QPointF(end / 2, CHIP_ICON.height() / 2)
+        painter.save()
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.translate(rect.topLeft())
+        painter.scale(rect.width() / CHIP_ICON.width(), rect.height() / CHIP_ICON.height())
         if layer.line is not None:
             painter.setPen(QPen(color, layer.width, layer.line))
             painter.drawLine(QPointF(0, middle.y()), QPointF(end, middle.y()))
@@ -301,4 +304,12 @@ def layer_icon(layer: Layer, ratio: float) -> QIcon:
             painter.setPen(QPen(color, 0.19))
             painter.setBrush(QColor(color_of("surface")) if layer.hollow else color)
             painter.drawPath(pg.graphicsItems.ScatterPlotItem.Symbols[layer.symbol])
-    return QIcon(pixmap)
+        painter.restore()
+
+    def clone(self) -> "_LayerIcon":
+        return _LayerIcon(self._layer)
+
+
+def layer_icon(layer: Layer) -> QIcon:
+    """Return line and symbol of a layer as an icon of any size."""
+    return QIcon(_LayerIcon(layer))

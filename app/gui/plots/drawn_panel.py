@@ -264,7 +264,7 @@ class DrawnPanel:
             if rule.panel == self._index:
                 self._draw_rule(rule, placer, box)
         for label, at, first in spots:
-            self._place(label, placer, beside(at, label.boundingRect(), first))
+            self._place(label, placer, beside(at, label.boundingRect(), placer.area, first))
         for layer in self.layers:
             if layer.label:
                 self._label_layer(layer, placer)
@@ -351,6 +351,7 @@ class DrawnPanel:
             right, sides = box.width() - size.width() - px(2), (at - size.height() - 1, at + 1)
             wishes = [QPointF(x, y) for x in (px(8), right, right / 2) for y in sides]
         else:
+            placer.avoid([(at, y) for y in np.arange(0.0, box.height(), px(OBSTACLE_GAP_PX))])
             sides = (at + px(8), at - size.width() - px(8))
             wishes = [QPointF(x, y) for y in (0, size.height(), box.height() / 2) for x in sides]
         self._place(label, placer, wishes)

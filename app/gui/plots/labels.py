@@ -1,6 +1,6 @@
 """Texts of a plot: with a halo of the ground, placed beside their curves where they cover neither data nor each other."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,7 @@ class Placer:
     """Places texts in an area, in pixels; `obstacles` are the points (N, 2) of the drawn curves and symbols."""
 
     def __init__(self, area: QRectF, obstacles: Array) -> None:
-        self._area, self._obstacles = area, obstacles
+        self.area, self._obstacles = area, obstacles
         self.taken: list[QRectF] = []
 
     def place(self, size: QRectF, wishes: Iterable[QPointF], covers: bool = True) -> QPointF | None:
@@ -61,7 +61,7 @@ class Placer:
         best: tuple[float, QPointF] | None = None
         for rank, at in enumerate(wishes):
             rect = QRectF(at, size.size())
-            if not self._area.contains(rect) or any(rect.intersects(each) for each in self.taken):
+            if not self.area.contains(rect) or any(rect.intersects(each) for each in self.taken):
                 continue
             covered = self._covered(rect)
             cost = covered + 0.02 * rank
@@ -73,6 +73,10 @@ class Placer:
             return None
         self.take(QRectF(best[1], size.size()))
         return best[1]
+
+    def avoid(self, points: Sequence[tuple[float, float]]) -> None:
+        """Add obstacles."""
+        self._obstacles = np.concatenate((self._obstacles, np.reshape(points, (-1, 2))))
 
     def take(self, rect: QRectF) -> None:
         """Keep other texts off a rectangle."""
@@ -86,19 +90,21 @@ class Placer:
         return float(inside.sum())
 
 
-def beside(at: QPointF, size: QRectF, first: str = "right") -> list[QPointF]:
-    """Return the places of a text beside a point; the preferred side is the first."""
+def beside(at: QPointF, size: QRectF, area: QRectF, first: str = "right") -> list[QPointF]:
+    """Return the places of a text beside a point of an area; the preferred side is the first."""
     gap, width, height = px(GAP_PX) + px(8), size.width(), size.height()
-    middle = at.y() - height / 2
+    left, right, middle = at.x() - gap - width, at.x() + gap, at.y() - height / 2
+    centre = min(max(at.x() - width / 2, area.left()), area.right() - width)
+    above, below = at.y() - gap - height, at.y() + gap
     places = {
-        "right": QPointF(at.x() + gap, middle),
-        "left": QPointF(at.x() - gap - width, middle),
-        "above": QPointF(at.x() - width / 2, at.y() - gap - height),
-        "below": QPointF(at.x() - width / 2, at.y() + gap),
-        "right-above": QPointF(at.x() + gap, at.y() - gap - height),
-        "left-above": QPointF(at.x() - gap - width, at.y() - gap - height),
+        "right": QPointF(right, middle),
+        "left": QPointF(left, middle),
+        "above": QPointF(centre, above),
+        "right-above": QPointF(right, above),
+        "left-above": QPointF(left, above),
     }
-    return [places.pop(first), *places.values()]
+    lower = (QPointF(x, below + rows * height / 2) for rows in range(4) for x in (right, left, centre))
+    return [places.pop(first), *places.values(), *lower]
 
 
 def along(points: Array, size: QRectF, from_left: bool) -> Iterator[QPointF]:

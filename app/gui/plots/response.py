@@ -31,14 +31,13 @@ from app.gui.plots.picture import (
 from app.gui.plots.series import SERIES, AmplitudeSeries
 from app.live import COVERAGE, ModelCurves, ResponseCurves
 from model import Array
-from model.response import THRESHOLD_M, UNCOMFORTABLE_HZ
+from model.response import ABDOMEN_THRESHOLD, THRESHOLD_M, UNCOMFORTABLE_HZ
 from protocols.base import Quality
 
 if TYPE_CHECKING:
     from app.archive import MeasuredResponse
 
 DISPLACEMENT, FREQUENCY = "Peak-to-peak displacement, µm", "Frequency, Hz"
-FELT = f"Felt from {1e6 * THRESHOLD_M:g} µm (abdomen)"
 UNCOMFORTABLE = "Tends to be uncomfortable"
 THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
 ENDLESS_HZ = 1e6
@@ -52,7 +51,7 @@ NOT_USABLE = "crossed: not usable"
 class Threshold:
     """Perception threshold of the skin as it is drawn: one level, or a curve; µm over Hz."""
 
-    label: str = FELT
+    label: str = ABDOMEN_THRESHOLD.line_label
     level_um: float = 1e6 * THRESHOLD_M
     curve: tuple[Array, Array] | None = None
 

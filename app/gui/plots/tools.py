@@ -14,7 +14,7 @@ from PySide6.QtGui import QGuiApplication, QPageSize, QPainter, QPdfWriter, QPen
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
-from app.gui.face import icon, px, text_font
+from app.gui.face import icon, px, set_length, text_font
 from app.gui.plots.picture import Layer, color_of, number_text, unit_of
 from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_file, configure, show_text, tooltip
 from model import format_with_uncertainty
@@ -78,6 +78,7 @@ class PlotTools(QObject):
                 QPushButton(), f"plot.{name}", kind="tool", toolTip=tooltip(action) if action else "More"
             )
             button.setIcon(icon(name, "text2"))
+            set_length(button, icon=16)
             button.setAccessibleName(ACTIONS[action].text if action else "more about this plot")
             button.clicked.connect(commands.get(action, partial(self._popup, button)))
             button.setFocusPolicy(Qt.FocusPolicy.TabFocus if not action else Qt.FocusPolicy.NoFocus)

@@ -59,32 +59,32 @@ BUTTONS = {
 """Captions and tool tips."""
 
 UNFINISHED = (Outcome.STOPPED, Outcome.FAILED, Outcome.UNSAFE)
-NOTE = "± one standard uncertainty; noise: of this run; total: with the sensor's gain. The other parts come with Identify … (Shift+F7)"
+NOTE = "± one standard uncertainty; statistical: by the scatter of this run; total: with the sensor's gain. The other parts come with Identify … (Shift+F7)"
 BUDGET = "<a href='budget'>total not known</a>"
 SO_FAR = "So far, by noise, hysteresis and creep; everything else is as in {}, and counts as exact, as does the sensor's gain."
 TOO_FEW = "Not enough points yet to separate the parameters; points at other frequencies will."
 
 
 class UncertaintyBar(QWidget):
-    """Noise, dark, within the total uncertainty, pale, on one scale; noise alone where the total is not known."""
+    """Statistical uncertainty, dark, within the total, pale, on one scale; alone where the total is not known."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.noise_share = 1.0
+        self.statistical_share = 1.0
 
     def sizeHint(self) -> QSize:
         return QSize(px(72), px(16))
 
     def minimumSizeHint(self) -> QSize:
-        return self.sizeHint()
+        return QSize(px(32), px(16))
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         colors = tokens()
         whole = QRectF(0.5, self.height() / 2 - 4, self.width() - 1, 8)
-        noise = max(self.noise_share * whole.width(), 2.0)
+        dark = max(self.statistical_share * whole.width(), 2.0)
         with painting(self) as painter:
             draw_box(painter, whole, 2, colors.sunken, colors.outline)
-            painter.fillRect(QRectF(whole.center().x() - noise / 2, whole.y() + 1, noise, 6), QColor(colors.text2))
+            painter.fillRect(QRectF(whole.center().x() - dark / 2, whole.y() + 1, dark, 6), QColor(colors.text2))
             painter.fillRect(QRectF(whole.center().x() - 1, whole.y() - 3, 2, 14), QColor(colors.text))
 
 
@@ -139,7 +139,7 @@ class ResultCard(QFrame):
             "The budget of the identification (Shift+F7) has the total" * ("budget" in self._actions)
         )
         self.total_label.linkActivated.connect(self._request)
-        self.noise_label = make_label(wrap=False, name=f"{prefix}.noise")
+        self.statistical_label = make_label(wrap=False, name=f"{prefix}.statistical")
         rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}
         self.more_label, self.checks_label = (
             make_label(kind="small", name=f"{prefix}.{part}", **rich) for part in ("more", "checks")
@@ -150,7 +150,7 @@ class ResultCard(QFrame):
         self.key_figure = make_pane(
             self.name_label,
             row((self.figure_label, 0, bottom), (self.unit_label, 0, bottom), None, spacing=8),
-            row(self.bar, column(self.total_label, self.noise_label, spacing=0), None, spacing=12),
+            row(self.bar, column(self.total_label, self.statistical_label, spacing=0), None, spacing=12),
             spacing=0,
         )
         self.unit_label.setContentsMargins(0, 0, 0, px(3))  # on the base line of the figure
@@ -288,12 +288,12 @@ class ResultCard(QFrame):
         self.figure_label.setText(line.figure)
         self.unit_label.setText(line.unit)
         unknown = BUDGET if "budget" in self._actions and not self._is_running else "total not known"
-        self.total_label.setText(f"{line.total} total" if line.total else unknown if line.noise else "")
-        self.noise_label.setText(f"{line.noise} noise" if line.noise else "")
-        self.bar.noise_share = line.noise_share
+        self.total_label.setText(f"{line.total} total" if line.total else unknown if line.statistical else "")
+        self.statistical_label.setText(f"{line.statistical} statistical" if line.statistical else "")
+        self.bar.statistical_share = line.statistical_share
         self.bar.update()
-        for widget in (self.bar, self.total_label, self.noise_label):
-            widget.setVisible(bool(line.noise))
+        for widget in (self.bar, self.total_label, self.statistical_label):
+            widget.setVisible(bool(line.statistical))
 
     def set_room(self, height: int) -> None:
         """Set the height that the card has at most; 0: as much as it needs."""

@@ -39,6 +39,7 @@ from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is set on the Measure page."
+NO_MATCH_TEXT = "No run matches the search."
 READING_TEXT = "The runs of the folder are being read …"
 MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT = 320, 160
 MAX_SIDE_BY_SIDE = 3
@@ -90,6 +91,7 @@ class RunDetailsPane(QWidget):
         self.progress_row = ProgressRow("transfers")
         self.plot = configure(_LowComparisonPlot(), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
+        self.clear_button = make_button("Clear the search", None, "choice", name="runs.clear", key="Esc", visible=False)
         self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText="good, second try")
         self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
         self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
@@ -121,7 +123,10 @@ class RunDetailsPane(QWidget):
         )
         buttons = row(self.open_button, self.continue_button, self.explore_button, None, self.export_button, spacing=6)
         plots = ((self.plot, 1), (self.result_plots, 1), (self.empty_label, 1))
-        area = make_scroll_area(*plots, self.facts_label, self.differences, self.card, fields, spacing=6, **UPRIGHT)
+        clearing = row(None, self.clear_button, None)
+        area = make_scroll_area(
+            *plots, clearing, self.facts_label, self.differences, self.card, fields, spacing=6, **UPRIGHT
+        )
         content = area.widget()
         self._content_layout = None if content is None else content.layout()
         column(
@@ -191,7 +196,9 @@ class RunDetailsPane(QWidget):
         self.plot.setVisible(count > 0)
         self.result_plots.hide()
         self.empty_label.setVisible(not count)
+        self.clear_button.setVisible(not selected_count and bool(self._folder_model.summaries))
         empty_text = READING_TEXT if self._folder_model.is_reading else EMPTY_TEXT
+        empty_text = empty_text if self.clear_button.isHidden() else NO_MATCH_TEXT
         none_text = why or "No curve to compare.\nEnter opens the run."
         self.empty_label.setText(none_text if selected_count else empty_text)
 

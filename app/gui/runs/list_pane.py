@@ -45,6 +45,7 @@ class RunListPane(QWidget):
         self.table.selectionModel().selectionChanged.connect(self._forget_rows)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
         self.details.notes_changed.connect(self.annotate)
+        self.details.clear_button.clicked.connect(lambda _: self.filter_bar.clear())
 
     @property
     def selected(self) -> list[RunSummary]:

@@ -5,7 +5,7 @@ from datetime import date, datetime
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from PySide6.QtCore import (
     QAbstractTableModel,
@@ -62,7 +62,7 @@ WIDTHS = (16, 9, 15, 20, 13, 13, 7, 20, 12)
 TIME_CHARACTERS = 7
 ESSENTIAL = ("begun", "specimen", "protocol", "verdict", *FIGURES)
 SHRINKING = (("verdict", 9), ("protocol", 10))
-"""Columns that are narrower in a narrow table, with their least widths; where that is not enough, the last of `ESSENTIAL` is left out."""
+"""Columns that are narrower in a narrow table, with their least widths; where that is not enough, figures are left out."""
 OPTIONAL = (("tags", 12), ("points", 7), ("found", 20))
 """Columns that are left out where they do not fit, the most important first, with their least widths."""
 ROW_HEIGHT, DAY_HEIGHT, BADGE_PX, HATCH_PX = 40, 28, 18, 6
@@ -307,8 +307,8 @@ class RunTableView(QTableView):
 
     def _fit_columns(self) -> None:
         """Give the time the width of what it shows, and leave out columns that the width cannot hold: the details have their values."""
-        wide, model = self.fontMetrics().averageCharWidth(), self.model()
-        begun = TIME_CHARACTERS if isinstance(model, RunTableModel) and model.days else WIDTHS[THUMBNAIL_COLUMN]
+        wide, model = self.fontMetrics().averageCharWidth(), cast("RunTableModel", self.model())
+        begun = TIME_CHARACTERS if model.days or not model.summaries else WIDTHS[THUMBNAIL_COLUMN]
         self.setColumnWidth(THUMBNAIL_COLUMN, begun * wide + px(SIZE.width()))
         left = self.viewport().width()
         whole = {column: WIDTHS[COLUMNS.index(column)] * wide for column in ESSENTIAL[1:]}
@@ -317,7 +317,9 @@ class RunTableView(QTableView):
             width = max(whole[column] + min(left, 0), least * wide)
             self.setColumnWidth(COLUMNS.index(column), width)
             left += whole[column] - width
-        self.setColumnHidden(COLUMNS.index(ESSENTIAL[-1]), left < 0)
+        for column in reversed(FIGURES):
+            self.setColumnHidden(COLUMNS.index(column), left < 0)
+            left += whole[column] if left < 0 else 0
         for column, characters in OPTIONAL:
             fits = left >= characters * wide
             self.setColumnHidden(COLUMNS.index(column), not fits)

@@ -13,6 +13,7 @@ from app.gui.runs.trace_plot import TracePlot
 from app.gui.widgets import (
     SELECTABLE,
     LogView,
+    Segments,
     column,
     make_button,
     make_label,
@@ -25,6 +26,9 @@ from protocols.base import Outcome, RunEnded, RunStatus
 
 CARD_WIDTH = 270
 MIN_PLOT_WIDTH = 400
+LEAST_HEIGHT = 700
+"""Of response, traces and log above each other; a lower viewer has one of them."""
+RESPONSE, TRACES, LOG = "Response", "Traces", "Log"
 
 
 class RunViewer(QWidget):
@@ -39,9 +43,13 @@ class RunViewer(QWidget):
         self.card = ResultCard("run.card", ("next", "report"), scrolls=True)
         self.back_button = make_button("Back", name="run.back", key="Esc")
         self.explore_button = make_button("Show in Explore", name="run.explore", key="E")
-        parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
+        self._parts = {RESPONSE: self.plots, TRACES: self.trace_plot, LOG: self.log}
+        self.part = Segments("run.part", "part of the run", ((each, each) for each in self._parts))
+        self.part.select(RESPONSE)
+        self.part.chosen.connect(lambda _: self._show_parts())
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
-        rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
+        parts = zip(self._parts.values(), (6, 4, 2), strict=True)
+        rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical, sizes=[350, 240, 90])
         self._card_area = make_scroll_area(
             self.card,
             self.facts_label,
@@ -52,12 +60,19 @@ class RunViewer(QWidget):
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
         )
         columns = make_splitter("runs/run", (rows, 1), (self._card_area, 0), sizes=[900, CARD_WIDTH])
-        head = row(self.back_button, (self.heading, 1), self.explore_button)
+        head = row(self.back_button, (self.heading, 1), self.part, self.explore_button)
         column(head, (columns, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._card_area.setMinimumWidth(px(max(CARD_WIDTH, class_of(self).result)))
+        self._show_parts()
+
+    def _show_parts(self) -> None:
+        is_low = self.height() < px(LEAST_HEIGHT)
+        self.part.setVisible(is_low)
+        for name, part in self._parts.items():
+            part.setVisible(not is_low or name == self.part.selected)
 
     def show_run(self, run: LoadedRun) -> None:
         """Show a run; its model curve follows."""

@@ -42,11 +42,10 @@ class WindowLook(QObject):
         self.text_size = choice
         self._settings.setValue("window/text-size", choice)
         install_fonts(TEXT_SIZES[choice])
-        rescale(self._window)
         for button in self._window.findChildren(QAbstractButton):
             if key := button.property("cap"):
                 show_key(button, key)
-        self._window.setStyleSheet(self._window.styleSheet())  # styled widgets do not follow the application's font
+        rescale(self._window)
         self._fit_least_size()
         self.text_size_changed.emit()
 

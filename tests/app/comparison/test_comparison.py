@@ -97,6 +97,29 @@ def test_results_whose_difference_rounds_to_nothing_do_not_differ(paths: list[Pa
     assert not are_equal(0.21849, 0.21851, 0.21851)
 
 
+def test_values_that_differ_below_the_usual_digits_are_told_with_more_of_them(paths: list[Path]) -> None:
+    run = ComparedRun.read(paths[0]).summary
+    many = [float(hz) for hz in range(100, 120)]
+    runs = []
+    for volts, hz, kelvin, um in ((5.0, 110.0, 22.01, 1154.0), (5.0000002, 110.5, 22.04, 1154.4)):
+        record = replace(
+            run.record,
+            parameters={"peak_to_peak_v": volts, "frequencies_hz": [*many, hz, *many]},
+            conditions=replace(run.record.conditions, temperature_c=kelvin),
+        )
+        figures = json.dumps([["natural_frequency", um, 0.01, 20.0, "Hz"]])
+        runs.append(run._replace(record_json=record.to_json(), figures_json=figures))
+    rows = {each.name: each for each in compare_runs(runs) if not each.is_equal}
+    assert [*rows] == ["peak to peak", "frequencies", "temperature", "natural frequency"]
+    assert rows["peak to peak"].values == ("5 V", "5.0000002 V")
+    assert rows["temperature"].values == ("22.01 °C", "22.04 °C")
+    assert rows["natural frequency"].values == ("1154.00 Hz", "1154.40 Hz")
+    assert ["110.5" in each for each in rows["frequencies"].values] == [False, True]
+    same = compare_runs([runs[0], runs[0]])
+    assert all(each.is_equal for each in same)
+    assert "…" in next(each.values[0] for each in same if each.name == "frequencies")
+
+
 def test_a_waterfall_stands_in_the_order_of_its_setting_and_shows_true_values(paths: list[Path]) -> None:
     raised = open_comparison(paths, view(over="time", hidden=(paths[0].name,)))
     offsets = [layer.offset for layer in raised.layers]

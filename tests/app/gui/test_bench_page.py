@@ -160,7 +160,14 @@ def test_a_problem_of_a_tile_leads_to_what_mends_it(window: MainWindow, role: st
     page.set_state(replace(window.state, fitted=lamps))
     assert problem.isVisible()
     assert lamps[0].remark in problem.text()
-    problem.linkActivated.emit(re.search(r'href="(\w+)"', problem.text())[1])
+    remedy = find(page, f"bench.{role}.remedy")
+    before = remedy.previousInFocusChain()
+    while before.focusPolicy() is Qt.FocusPolicy.NoFocus or not before.isVisible():
+        before = before.previousInFocusChain()
+    before.setFocus()
+    QTest.keyClick(before, Qt.Key.Key_Tab)
+    assert window.focusWidget() is remedy, "one Tab leads to it"
+    QTest.keyClick(remedy, Qt.Key.Key_Space)
     QCoreApplication.processEvents()
     assert window.focusWidget() is find(page, control)
     place = page._area.viewport()

@@ -11,7 +11,7 @@ import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QApplication, QPushButton
 
 from app.cli.model_options import read_settings
 from app.explore.fit import ExploreFit, fit_runs
@@ -23,6 +23,7 @@ from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
 from tests.helpers.run_files import finished_run
+from tests.helpers.text_places import faults_of_window
 
 
 @pytest.fixture
@@ -277,6 +278,26 @@ def test_the_page_fits_a_small_screen(stage: Stage) -> None:
     stage.window.look.set_appearance("dark")
     assert page.minimumSizeHint().width() <= 1260
     assert page.mapTo(page.window(), QPoint(0, page.height())).y() <= page.window().height()
+
+
+def test_the_response_is_200_px_high_in_every_window_and_shares_a_small_one_with_one_other_part(
+    stage: Stage,
+) -> None:
+    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
+    page, window = stage.window.tabs.explore, stage.window
+    settled(page)
+    side = page.toolbar.side
+    parts = {"Parameters": page.left, "Answer": page.answer_area, "Motion": page.shape_plot}
+    for width, height in ((1280, 720), (900, 560), (1280, 720), (1366, 600), (1093, 614), (1280, 720)):
+        window.resize(width, height)
+        until(lambda small=height < 720: side.isVisible() is small, "for the layout")
+        for chosen, button in side.buttons.items():
+            button.click()
+            QApplication.processEvents()
+            assert page.plot.panels[0].box.height() >= 200, (width, height, chosen)
+            shown = [name for name, part in parts.items() if part.isVisible()]
+            assert shown == ([chosen] if side.isVisible() else [*parts])
+            assert list(faults_of_window(window)) == []
 
 
 def test_the_threshold_of_another_body_site_is_drawn_and_bounds_what_is_felt(page: ExplorePage) -> None:

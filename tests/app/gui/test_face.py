@@ -431,6 +431,30 @@ def test_a_key_cap_holds_its_key_at_every_text_size(stage: Stage) -> None:
     assert button.iconSize().width() == before
 
 
+def test_hidden_pages_and_tool_icons_follow_the_text_size(open_stage: OpenStage) -> None:
+    stage = open_stage(ahead=True)
+    window = stage.window
+    until(lambda: len(window.tabs.created_pages) == window.tabs.count(), "for the pages")
+    window.resize(1400, 840)
+    for at in range(window.tabs.count()):
+        window.tabs.setCurrentIndex(at)
+        QCoreApplication.processEvents()
+    tool, read = find(window, "plot.more"), find(window, "laboratory.count")
+    until(read.text, "for the runs of the laboratory")
+    window.tabs.setCurrentIndex(0)
+
+    def widths() -> list[int]:
+        return [page.minimumSizeHint().width() for page in window.tabs.created_pages.values()]
+
+    before, icon = widths(), tool.iconSize().width()
+    window.look.set_text_size("150")
+    QCoreApplication.processEvents()
+    assert tool.iconSize().width() == pytest.approx(icon * text_scale(), abs=1)
+    window.look.set_text_size("100")
+    QCoreApplication.processEvents()
+    assert (widths(), tool.iconSize().width()) == (before, icon)
+
+
 def test_red_is_inside_stop_alone_at_rest_and_violet_inside_the_ribbon(stage: Stage) -> None:
     stage.happen(OPENED)
     reach(stage, "live")

@@ -282,6 +282,24 @@ def test_labels_avoid_each_other_and_regions_name_themselves_inside(qt: QApplica
     chart.deleteLater()
 
 
+def test_the_label_of_the_largest_covers_no_point_in_a_low_plot(qt: QApplication) -> None:
+    chart = Chart("low", headed=False)
+    chart.resize(560, 130)
+    chart.show()
+    x = np.arange(100.0, 190.0, 10.0)
+    y = np.array([780.0, 840.0, 920.0, 1020.0, 1110.0, 1154.0, 1110.0, 1000.0, 849.0])
+    points = layer(name="points", x=x, y=y, symbol="o")
+    label = "Largest 1154 µm at 150 Hz"
+    spots = (Spot(x=150.0, y=1154.0, label=label),)
+    chart.show_picture(Picture(panels=(Panel(low=0.0),), layers=(points,), spots=spots, x=(0.0, 190.0)))
+    QApplication.processEvents()
+    panel = chart.panels[0]
+    (item,) = [i for i in panel.box.childItems() if isinstance(i, Label) and i.text() == label and i.isVisible()]
+    area = item.mapRectToParent(item.boundingRect())
+    assert not any(area.contains(*at) for at in panel.to_pixels(x, y))
+    chart.deleteLater()
+
+
 @pytest.mark.parametrize("symbol", ["o", ""], ids=["points", "lines"])
 @pytest.mark.parametrize("gap", [30.0, -30.0, 60.0])
 def test_a_label_stands_nearer_to_its_own_curve_than_to_any_other(qt: QApplication, gap: float, symbol: str) -> None:

@@ -42,7 +42,7 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     stage.happen(*LIVE, point(0, 100.0), AT_REST, ended)
     assert not card.isHidden()
     assert "Not judged" in find(card, "result.verdict").text()
-    assert shown_figure(card) == (NATURAL, "158 Hz", BUDGET, "± 1.6 Hz noise")
+    assert shown_figure(card) == (NATURAL, "158 Hz", BUDGET, "± 1.6 Hz statistical")
     assert "Moment per volt" in find(card, "result.more").text()
     assert find(card, "result.file").text() == "one.h5"
     assert not find(card, "result.simulated").isVisibleTo(card)  # the ribbon marks it
@@ -56,7 +56,7 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
 def shown_figure(card: Any) -> tuple[str, ...]:
     """The key figure of a card: name, figure with unit, and its two uncertainties."""
     name, figure, unit, total, noise = (
-        find(card, f"result.{part}").text() for part in ("name", "figure", "unit", "total", "noise")
+        find(card, f"result.{part}").text() for part in ("name", "figure", "unit", "total", "statistical")
     )
     return name, f"{figure} {unit}", total, noise
 
@@ -79,8 +79,8 @@ def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: S
     stage.happen(
         *LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (compliance, ESTIMATES[0]))
     )
-    assert shown_figure(card) == ("Compliance", "140.0 µm/N", "± 0.70 µm/N total", "± 0.010 µm/N noise")
-    assert card.bar.noise_share == pytest.approx(0.01 / 0.7, rel=0.01)
+    assert shown_figure(card) == ("Compliance", "140.0 µm/N", "± 0.70 µm/N total", "± 0.010 µm/N statistical")
+    assert card.bar.statistical_share == pytest.approx(0.01 / 0.7, rel=0.01)
 
 
 @pytest.mark.deep

@@ -67,5 +67,5 @@ class DifferencesPane(QWidget):
         fit_to_rows(self.table)
         same = len(rows) - len(differing)
         self.note_label.setText(
-            f"{same} settings and results are equal; σ: standard uncertainty of the difference by the noise of both runs"
+            f"{same} settings and results are equal; σ: statistical standard uncertainty of the difference"
         )

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QApplication, QPushButton
 from app.archive import RunState
 from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
-from app.gui.runs.details import EMPTY_TEXT, READING_TEXT
+from app.gui.runs.details import EMPTY_TEXT, NO_MATCH_TEXT, READING_TEXT
 from app.gui.runs.page import RunsPage
 from app.gui.runs.run_table import COLUMNS, THUMBNAIL_COLUMN
 from app.live.model_overlay import Overlay
@@ -32,6 +32,7 @@ from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, fin
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
 from tests.helpers.simulated_bench import laboratory, run
+from tests.helpers.text_places import faults_of_window
 
 
 @pytest.fixture(autouse=True)
@@ -153,6 +154,24 @@ def test_a_field_of_the_search_is_a_chip_that_takes_it_away(page: RunsPage) -> N
     assert (search.text(), names(page), bar.chips.isHidden()) == ("", everything, True)
 
 
+def test_a_search_without_a_hit_says_so_and_is_cleared_by_its_button(open_stage: OpenStage, folder: Path) -> None:
+    stage = open_stage(folder=folder)
+    page = in_window(stage)
+    stage.window.resize(900, 560)
+    clear, everything = page.details.clear_button, names(page)
+    assert not clear.isVisible()
+    find(page, "runs.search").setText("nothing of the kind")
+    QApplication.processEvents()
+    assert page.details.empty_label.text() == NO_MATCH_TEXT
+    assert page.list.table.horizontalScrollBar().maximum() == 0
+    clear.click()
+    assert (find(page, "runs.search").text(), names(page)) == ("", everything)
+    for column in range(len(COLUMNS)):
+        page.list.table.sortByColumn(column, Qt.SortOrder.AscendingOrder)
+        QApplication.processEvents()
+        assert page.list.table.horizontalScrollBar().maximum() == 0, COLUMNS[column]
+
+
 @pytest.mark.deep
 def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
     page = in_window(open_stage(folder=folder))
@@ -195,6 +214,27 @@ def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path
     assert page.currentWidget() is page.viewer
 
 
+def test_a_low_viewer_shows_one_part_of_a_run_and_cuts_nothing(open_stage: OpenStage, folder: Path) -> None:
+    stage = open_stage(folder=folder)
+    page = in_window(stage)
+    choose(page, "T7")
+    page.open_selected()
+    view = page.viewer
+    until(lambda: page.currentWidget() is view, "for the run")
+    parts = {"Response": view.plots, "Traces": view.trace_plot, "Log": view.log}
+    for size, is_low in (((1366, 840), False), ((900, 560), True), ((1366, 840), False)):
+        stage.window.resize(*size)
+        until(lambda is_low=is_low: view.part.isVisible() is is_low, "for the layout")
+        for chosen, button in view.part.buttons.items():
+            button.click()
+            QApplication.processEvents()
+            assert [name for name, part in parts.items() if part.isVisible()] == ([chosen] if is_low else [*parts])
+            assert list(faults_of_window(view)) == []
+        view.part.buttons["Response"].click()
+        QApplication.processEvents()
+        assert view.plots.chart.panels[0].box.height() >= 200
+
+
 def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
     page.open_selected()
@@ -213,8 +253,8 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert t[gap - 1] == pytest.approx(
         [0.2], abs=0.01
     )  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
-    assert [find(view.card, f"run.card.{part}").text() for part in ("figure", "unit", "noise")] == [
-        "158.35", "Hz", "± 0.010 Hz noise",
+    assert [find(view.card, f"run.card.{part}").text() for part in ("figure", "unit", "statistical")] == [
+        "158.35", "Hz", "± 0.010 Hz statistical",
     ]  # fmt: skip
     assert view.card.simulated_label.isVisible()
     assert "Armed" in view.log.toPlainText()
