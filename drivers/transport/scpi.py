@@ -105,24 +105,18 @@ class ScpiSession:
             shown = query.partition(",#")[0]  # without the bytes of a waveform
             raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
 
-    @property
-    def _keeps_replies(self) -> bool:
-        """Whether a message leaves the replies that are due in place, as on a socket and a serial line. USB-TMC, VXI-11, HiSLIP and
-        GPIB discard them (IEEE 488.2, 6.3.2.3)."""
-        name = self.link.name.upper()
-        return not name.startswith(("USB", "GPIB")) and (not name.startswith("TCPIP") or name.endswith("SOCKET"))
-
     def query_optional(self, query: str) -> str | None:
         """Return the reply to a query that the instrument may not know; None if it reports an unknown header.
 
-        An unknown header is not answered. The error queue is asked in a second message: where replies are kept, before the first
-        is answered, so that the reply timeout need not pass.
+        An unknown header is not answered. On a socket or serial line the error queue is asked at once, so that no reply timeout
+        passes; USB-TMC, VXI-11, HiSLIP and GPIB discard a reply at the next message (IEEE 488.2, 6.3.2.3).
 
         Raises:
             LinkError: no reply, although it knows the query.
         """
+        name = self.link.name.upper()
         try:
-            if not self._keeps_replies:
+            if name.startswith(("USB", "GPIB")) or (name.startswith("TCPIP") and not name.endswith("SOCKET")):
                 return self.query(query)
             self.link.write(query)
             answer = self.query("SYST:ERR?")
@@ -136,7 +130,7 @@ class ScpiSession:
             return None
         try:
             self.link.read()
-        except LinkError:  # a second message that arrived early was lost; the setting is known
+        except LinkError:  # a second message that arrived early was lost
             self.link.clear()
         return answer
 

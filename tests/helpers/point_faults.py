@@ -20,11 +20,26 @@ from protocols.base import Protocol, Quality
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
 from protocols.runner.executor import StepExecutor
+from tests.helpers.electrical.bench import bench_for
 from tests.helpers.simulated_bench import Ran, laboratory, run
 
 FAULTS = ("stuck", "jump", "dropout", "saturated", "moved")
 
 SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "electrical": {
+        "frequencies_hz": (60.0, 100.0, 300.0),
+        "levels_v": (3.5, 4.5),
+        "wait_s": 1.0,
+        "sample_rate_hz": 9975.0,
+    },
+    "endurance": {
+        "cycles": 1000,
+        "block_cycles": 100,
+        "spacing": "fixed",
+        "interval_cycles": 100,
+        "resonance_action": "off",
+        "damage_action": "off",
+    },
     "free-decay": {"edges": 20},
     "hysteresis": {"frequencies_hz": (1.0, 3.0, 5.0, 8.0, 10.0, 12.0, 15.0, 17.0)},
     "latency": {"repeats": 4},
@@ -47,6 +62,10 @@ NOISE_RATIO, RESPONSE_SHARE = 10.0, 0.02
 DROPOUT_S = 5e-3
 
 
+SPARED_ENTRIES = {"electrical": 1}
+"""First entries of a row without a fault: a doubtful connection of the specimen ends the run there, before any higher voltage."""
+
+
 @dataclass
 class Twin:
     """The same run without a fault: its points, and the displacement of each recording by its entry, in order."""
@@ -64,12 +83,14 @@ class Faults:
         twin: the run without faults.
         kinds: fault of each entry, in turn.
         seed: of moments, signs and recordings.
+        spared: first entries without a fault.
     """
 
     lab: BenchConnection
     twin: Twin
     kinds: tuple[str, ...]
     seed: int
+    spared: int
     planted: dict[int, str] = field(default_factory=dict)
     _seen: dict[int, int] = field(default_factory=dict)
     _moved_m: float = 0.0
@@ -80,7 +101,7 @@ class Faults:
         number, count = self._seen.get(entry, 0), len(self.twin.recordings[entry])
         self._seen[entry] = number + 1
         chosen = count - 1 if count == 2 else int(rng.integers(count))  # a latency uses the second of two
-        if number % count != chosen:
+        if number % count != chosen or entry < self.spared:
             return make()
         kind = self.kinds[(entry + self.seed) % len(self.kinds)]
         self.planted[entry] = kind
@@ -127,8 +148,8 @@ def protocol_of(row: str) -> Protocol:
 
 
 @contextmanager
-def _bench(name: str, seed: int) -> Iterator[BenchConnection]:
-    config = load_bench(name)
+def _bench(row: str, name: str, seed: int) -> Iterator[BenchConnection]:
+    config = bench_for(row.partition(" by ")[0], load_bench(name))
     record = {**(config.simulation or {}), "fresh_noise": False, "noise_seed": seed, "seed": seed}
     with laboratory(config.model_copy(update={"simulation": record})) as lab:
         off = LevelAction.OFF  # an exceeded level would end the run
@@ -138,7 +159,7 @@ def _bench(name: str, seed: int) -> Iterator[BenchConnection]:
 
 def clean_run(row: str, bench: str, seed: int, folder: Path) -> Twin:
     """Return a run without faults."""
-    with _bench(bench, seed) as lab:
+    with _bench(row, bench, seed) as lab:
         ran = run(protocol_of(row), folder, lab)
     recordings: dict[int, list[np.ndarray]] = {}
     with Run(ran.path) as file:
@@ -151,8 +172,8 @@ def faulty_run(
     row: str, bench: str, seed: int, folder: Path, twin: Twin, kinds: tuple[str, ...] = FAULTS
 ) -> Iterator[tuple[str, bool]]:
     """Yield fault, and whether the point is flagged or missing, of each entry."""
-    with _bench(bench, seed) as lab, pytest.MonkeyPatch.context() as patch:
-        faults = Faults(lab, twin, kinds, seed)
+    with _bench(row, bench, seed) as lab, pytest.MonkeyPatch.context() as patch:
+        faults = Faults(lab, twin, kinds, seed, SPARED_ENTRIES.get(row, 0))
         real = StepExecutor._record
 
         def recorded(executor: Any, armed: Any, drive: Any, step: Any, settled: Any, entry: int, longest: float) -> Any:
