@@ -33,6 +33,7 @@ settings.register_profile("deep", max_examples=100, deadline=None)
 def pytest_configure(config: pytest.Config) -> None:
     """Hypothesis tries five examples of everything where the deep tests are left out, and a hundred where they are not."""
     settings.load_profile("quick" if config.option.markexpr == "not deep" else "deep")
+    gc.disable()  # a sixth of the time of the collection, which leaves no garbage
 
 
 class _Backwards(pytest.Dir):
@@ -86,6 +87,7 @@ def pytest_collection_finish() -> None:
     """Let the garbage collector pass over what was collected: modules and tests, which stay until the end."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")
