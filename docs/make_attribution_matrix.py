@@ -30,9 +30,14 @@ the noise of one campaign). 21 alarms of 500 (goal: less than 5 %) are 4.2 %; a 
 place too low (4.0 % of noise), and in two laboratories a peak was stated where the response only falls; since these changes only the alarms and these two laboratories were judged again. c0 holds in 98.4 % where the simultaneous 99 % band ends at 98.2 %: 29 % of its total is the 1 K that a temperature not stated may be
 off, and these laboratories have no temperature (97.0 % without it); half of its variance is the length's, whose error is bounded by 1.7 stated ones in a third of the laboratories. Of adequate fits, one has parameters that are not assumed beyond 4 total errors: E_m and the gain of the laser, drawn 6 stated errors off.
 
-The withheld sets: fits with 7. Departures of the development: the rows up to "clamp turns, 15 %" and of drifts, of the laser's gain, of one elongation by -1 mm and of a membrane dwell's scale are of fits with 20, the others with 7.
+The first two withheld sets: fits with 7; the third: fits with 20. Departures of the development: the rows up to "clamp turns, 15 %" and of drifts, of the laser's gain, of one elongation by -1 mm and of a membrane dwell's scale are of fits with 20, the others with 7.
 Of the laser's gain, 1 of 4 is detected; the other 3 are adequate with m_add, E_m and mass_fraction 6 to 14 errors off: a gain that all displacements share moves k2, the moving mass and the moment alike, frequencies stay, and
 the share of the added masses that acts is free to follow. With that share known to 0.5 %, 4 of 4 are detected and `sensor_gain` is named first: masses fixed at the centre decide it.
+
+The third set was written without knowledge of the attribution's code and committed before its first run. 22 of its 37 departures were measured, one laboratory each: 21 detected, right first in 12 of 21, 57 % (goal: 85 %). Titles were not changed afterwards.
+Not detected: screws not tight under the weights, with `m_add`, `mass_fraction` and `mu` 6 total errors off in an adequate fit. Like a gain, a compliance that only the loads have moves k2, mass and moment alike: these runs cannot tell it.
+Of the wrong ones, mains hum cannot be told from a narrow resonance by points at 25, 50 and 75 Hz. No cause in the vocabulary says that one weight is wrong or that an input is coupled by a capacitor. The others are faults of the attribution: what is wrong at some points or levels only
+(a screw at one level, two lost contacts, a rattle, a clipped peak) is called a drift or a softening of the run, loads in other units on both sides a clamp, and rest beside 2.5 V one point of the steps.
 """
 
 
