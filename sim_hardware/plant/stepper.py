@@ -70,16 +70,16 @@ class Stepper:
         slowest = float(np.min(-s.real))
         # Real matrices, side by side: a product of real and complex ones takes several times as long.
         O = np.vstack((powers.real, -powers.imag))  # noqa: E741
-        pulls = (np.hstack((W.real, W.imag)) for W in (W_V, W_F))
+        pull_V, pull_F = (np.hstack((W.real, W.imag)) for W in (W_V, W_F))
         rests = [-(b / s)[:slow] for b in (b_V, b_F)]
         yield_V, yield_F = (
             float(T[:, -1].sum() + np.append(rest.real, rest.imag) @ O[:, -1])
             for T, rest in zip((T_V, T_F), rests, strict=True)
         )
         delay_V, delay_F = (-float((c[:slow] * b[:slow] / (held * held)).real.sum()) for b in (b_V, b_F))
-        R_V, largest = np.vstack((T_V, O)), float(np.abs(O).max())
+        R_V, pulls = np.vstack((T_V, O)), (pull_V, pull_F)
         yields = yield_V, yield_F, delay_V, delay_F
-        return cls(R_V, T_F, *pulls, *yields, largest, advance, s, b_V, b_F, X, inverse, slowest)
+        return cls(R_V, T_F, *pulls, *yields, float(np.abs(O).max()), advance, s, b_V, b_F, X, inverse, slowest)
 
     def steady_state(
         self, volts: float, newtons: float, volts_per_s: float = 0.0, newtons_per_s: float = 0.0
