@@ -15,7 +15,7 @@ from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
 from app.gui.widgets import column, set_style_kind
 from app.live import LiveFeed, ModelCurves
-from app.session import WindowState
+from app.session import BenchState, WindowState
 from drivers import Sine
 from model import AmplifierMap
 from protocols import PROTOCOLS
@@ -126,7 +126,7 @@ class LivePane(QSplitter):
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         curves = view.curves if self._running is None else (*view.curves, self._running)
         present = math.nan, ""
-        if view.busy and isinstance(view.drive, Sine):
+        if view.bench_state in (BenchState.LIVE, BenchState.PAUSING) and isinstance(view.drive, Sine):
             present = view.drive.frequency_hz, "measuring"
         left = enumerate(self.planned) if view.busy else ()
         coming = tuple(hz for at, hz in left if at not in view.entries and math.isfinite(hz) and hz != present[0])

@@ -12,6 +12,7 @@ from PySide6.QtTest import QTest
 
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
 from app.gui.plots.response import COMING, LOWER
+from app.session import BenchState
 from app.session.session import RunRejected
 from drivers.drive_shapes import Sine
 from protocols.base import (
@@ -36,7 +37,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from tests.app.gui.test_other_protocols import POINT
 from tests.helpers.main_window import Stage, find, sign, until
-from tests.helpers.session_events import AT_REST, LIVE, OPENED, SEEN_AT_REST, STARTED, point
+from tests.helpers.session_events import AT_REST, LIVE, OPENED, SEEN_AT_REST, STARTED, STOPPED, point
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 WEIGHT = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last", "skip"), hands_on=True)
@@ -361,3 +362,14 @@ def test_a_run_gives_the_keyboard_back_to_the_field_that_had_it(stage: Stage) ->
     assert stage.window.focusWidget() is page
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "", "run.h5"))
     assert stage.window.focusWidget() is editor
+
+
+def test_the_mark_of_the_present_frequency_ends_with_the_drive(stage: Stage) -> None:
+    def marks() -> list[str]:
+        return [spot.label for spot in stage.window.measure_page.live_pane.plots.chart.picture.spots]
+
+    stage.happen(OPENED, *LIVE)
+    assert marks() == ["160 Hz, measuring"]
+    stage.happen(STOPPED[0])
+    assert stage.window.state.bench_state is BenchState.GOING_TO_REST
+    assert marks() == []
