@@ -10,8 +10,8 @@ from app.gui.explore.page import ExplorePage
 from app.gui.face import tokens
 from app.gui.laboratory.page import SPECIMENS
 from app.gui.plots import Chart
-from app.gui.plots.response import FELT
 from app.gui.shell.page_host import EXPLORE, LABORATORY, RUNS
+from model.response import ABDOMEN_THRESHOLD
 from tests.helpers.fleet_runs import write_run
 from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import OPENED
@@ -32,7 +32,7 @@ def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_i
     stage.happen(OPENED)
     tabs = stage.window.tabs
     chart = stage.window.measure_page.live_pane.plots.chart
-    assert levels(chart) == {FELT: pytest.approx(50)}
+    assert levels(chart) == {ABDOMEN_THRESHOLD.line_label: pytest.approx(50)}
     folder = tmp_path / "lab"
     folder.mkdir()
     write_run(folder, "T1", 0.0, 1e-3, 150.0, 1)
@@ -75,7 +75,7 @@ def test_a_faulty_file_is_a_message_and_the_abdomen_s_line_stays(stage: Stage, t
     find(stage.window, "measure.folder").setText(str(folder))
     until(lambda: said, "for the message")
     assert "threshold 'elbow': neither a site" in said[0]
-    assert FELT in levels(stage.window.measure_page.live_pane.plots.chart)
+    assert ABDOMEN_THRESHOLD.line_label in levels(stage.window.measure_page.live_pane.plots.chart)
 
 
 def test_frequencies_that_are_uncomfortable_are_shaded_on_both_kinds_of_axis(stage: Stage) -> None:
