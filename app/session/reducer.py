@@ -204,7 +204,8 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
     unread = is_read and view.busy and age_s > KNOWN_S and view.high_voltage is not False
     off_aim, remarks = view.off_aim, {k: v for k, v in view.remarks.items() if k != "card"}
     if age_s <= PRESENT_S:
-        off_aim = _is_off_aim(view, card)
+        is_set = now_s - seen.answered_s.get("generator", -math.inf) <= PRESENT_S
+        off_aim = _is_off_aim(view, card, is_set)
         remarks = {} if card.sensor_in_range else {"sensor": "sees no target"}
         if card.sensor_still:
             remarks["sensor"] = "stood still under the drive"
@@ -220,14 +221,15 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
     return _with_message(after, LogLine(time, *_describe_aim(after, "rest", card.block_v)))
 
 
-def _is_off_aim(view: WindowState, card: CardReading) -> bool:
-    """Return whether the last block shows another voltage than is wanted."""
+def _is_off_aim(view: WindowState, card: CardReading, is_set: bool) -> bool:
+    """Return whether the last block shows another voltage than is wanted; `is_set`: the source answers step by step, slower than blocks come."""
     off_rest = is_off_rest(card.block_v, view.amplifier)
     match view.phase:
         case BenchState.LIVE if view.drive is not None:
             return view.off_aim  # compared with the drive by the abort levels
         case BenchState.LIVE:
-            return off_rest and (view.off_aim or not card.moves)  # on the way to a drive that begins
+            on_its_way = card.moves or is_set  # to a drive that begins
+            return off_rest and (view.off_aim or not on_its_way)
         case BenchState.PAUSED | BenchState.HV_OFF | BenchState.AT_REST | BenchState.IDLE | BenchState.UNSAFE:
             return off_rest
         case BenchState.GOING_TO_REST:

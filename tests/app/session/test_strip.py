@@ -374,6 +374,15 @@ def test_an_unsafe_source_off_rest_stays_suspect_after_connecting_again() -> Non
     assert {i.role: i.lamp for i in look(view, REST)[0].instruments}["generator"] is Lamp.READY
 
 
+@pytest.mark.parametrize(("answered_ago_s", "state"), [(0.3, BenchState.LIVE), (0.6, BenchState.DRIVE_LOST)])
+def test_a_source_that_is_set_step_by_step_over_a_slow_wire_is_not_lost(
+    answered_ago_s: float, state: BenchState
+) -> None:
+    view = view_after(*BEGUN, PromptShown(2, ENABLE_HIGH_VOLTAGE))
+    seen = Observation(card(1.44), {"generator": NOW_S - answered_ago_s})
+    assert observe(view, seen, NOW_S, WHEN).bench_state is state
+
+
 def test_a_card_that_is_not_read_sees_no_voltage() -> None:
     view, strip = look(view_after(OPENED, MonitorStarted(1e4, ())), ZERO)
     assert "; " in strip.act
