@@ -48,7 +48,7 @@ def format_size(value: float, error: float | None, unit: str, signed: bool = Tru
 
 def cause_text(fit: JointFit, cause: Cause, sizes: tuple[tuple[float, float], ...]) -> str:
     """Return the meaning of a cause of these sizes; the text expresses the sign of the difference."""
-    if cause.kind == "point":
+    if cause.kind in ("point", "points"):
         return _point_text(fit, cause)
     if cause.kind == "exchange":
         x, unit = _labels(fit, cause)
@@ -112,6 +112,9 @@ def _labels(fit: JointFit, cause: Cause) -> tuple[list[float], str]:
 def _point_text(fit: JointFit, cause: Cause) -> str:
     at = next(i for i, run in enumerate(fit.observations.runs) if run.label == cause.name)
     run, part, point = fit.observations.runs[at], fit.run_slices[at], cause.points[0]
+    if len(cause.points) > 1:
+        places = [f"{i + 1}{_where(run, i)}" for i in cause.points]
+        return f"points {', '.join(places[:-1])} and {places[-1]} of {cause.name} alone are wrong"
     rows = fit.weighted_residuals[part].reshape(-1, int(run.usable.sum()))
     place = int(run.usable[:point].sum())
     away = float(np.linalg.norm(rows[:, place]))
@@ -147,5 +150,9 @@ def with_text(fit: JointFit, explanation: Explanation) -> Explanation:
             for s in explanation.shifts
         )
     kind = RUN_TEXTS.get(cause.kind)
-    check = kind.check.format(run=cause.name) if kind else PARAMETER_CHECKS.get(cause.name, "measuring it again")
+    check = (
+        kind.check.format(run=cause.name)
+        if kind
+        else PARAMETER_CHECKS.get(cause.name, f"measuring {'them' if len(cause.points) > 1 else 'it'} again")
+    )
     return replace(explanation, cause_text=meaning, text=f"{meaning} ({fit_text})", check=check)

@@ -254,13 +254,13 @@ def shaped_causes(fit: JointFit, predictions: Mapping[str, Any]) -> Iterator[Cau
 
 def _points(fit: JointFit) -> Iterator[Cause]:
     """Yield every point of runs of two or more by itself."""
-    for run, usable in _comparable(fit):
+    for run, usable in comparable_points(fit):
         yield from (Cause("point", run.label, f"point {i + 1} of {run.label}", points=(i,)) for i in usable)
 
 
 def exchanged_points(fit: JointFit) -> dict[str, list[tuple[int, int]]]:
     """Return by run every two points whose labels may have been exchanged."""
-    found = ((run.label, labels_of(run), usable) for run, usable in _comparable(fit))
+    found = ((run.label, labels_of(run), usable) for run, usable in comparable_points(fit))
     return {name: [(i, j) for i, j in combinations(usable, 2) if x[i] != x[j]] for name, x, usable in found if x.size}
 
 
@@ -270,7 +270,14 @@ def exchanges(pairs: Mapping[str, list[tuple[int, int]]]) -> list[Cause]:
     return [Cause("exchange", name, f"exchange in {name}", points=pair, among=len(every)) for name, pair in every]
 
 
-def _comparable(fit: JointFit) -> Iterator[tuple[observed.Observation, list[int]]]:
+def several_points(run: str, points: Sequence[int], among: int) -> Cause:
+    """Return that these points of a run are wrong, without a common law; `among`: sets of as many points in all runs."""
+    numbers = [str(i + 1) for i in sorted(points)]
+    title = f"points {', '.join(numbers[:-1])} and {numbers[-1]} of {run}"
+    return Cause("points", run, title, points=tuple(sorted(points)), among=among)
+
+
+def comparable_points(fit: JointFit) -> Iterator[tuple[observed.Observation, list[int]]]:
     """Yield the runs without outliers of two usable points or more, with these points."""
     for run, part in zip(fit.observations.runs, fit.run_slices, strict=True):
         usable = np.flatnonzero(run.usable).tolist()

@@ -8,14 +8,23 @@ effects. The second term is the price of its parameters.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb
 
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
 from model import Array
 from model.identification import observations as observed
-from model.identification.attribution.causes import Cause, exchanged_points, exchanges, possible_causes
-from model.identification.attribution.effects import Effects
+from model.identification.attribution.causes import (
+    POINT_ERRORS,
+    Cause,
+    comparable_points,
+    exchanged_points,
+    exchanges,
+    possible_causes,
+    several_points,
+)
+from model.identification.attribution.effects import Effects, Indices
 from model.identification.fit_result import JointFit
 
 DRAWS = 1500
@@ -24,6 +33,8 @@ DRAWS_AT_ONCE = 50
 """Sets in memory at a time: with 500 runs, each has 18,000 rows."""
 INSIDE_FIT = 1e-6
 """Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
+MOST_POINTS, SHARE_OF_POINTS = 4, 1 / 3
+"""Largest number of points of a run that are wrong without a common law, and their largest share."""
 MIN_PATTERN_ROWS = 6
 """Residuals of a run from which on its neighbours are compared."""
 
@@ -89,7 +100,7 @@ class Evidence:
         found = [CauseEvidence(c, float(g), float(p)) for c, g, p in zip(self.causes, gains, self._prices, strict=True)]
         gains = self._exchange_gains()
         found += [CauseEvidence(c, float(g), 0.0) for c, g in zip(exchanges(self._exchanged), gains, strict=True)]
-        return tuple(sorted(found, key=lambda e: -e.log_odds))
+        return tuple(sorted((*found, *self._several_points()), key=lambda e: -e.log_odds))
 
     def effect(self, cause: Cause) -> Array:
         """Return what a cause adds to the weighted residuals for plausible sizes, (rows, its parameters)."""
@@ -210,3 +221,28 @@ class Evidence:
                 followed = np.einsum("nr,nrk->nk", change, self.subspace[rows])
                 gains.append(-np.sum(change * (2 * left[rows] + change), axis=1) + np.sum(followed**2, axis=1))
         return np.concatenate(gains)
+
+    def _several_points(self) -> Iterator[CauseEvidence]:
+        """Yield for each run the points that explain most together, from two on, each added to those before it."""
+        runs, left = list(comparable_points(self.fit)), self.outside_fit(self.residuals)
+        parts = dict(zip((r.label for r in self.fit.observations.runs), self.fit.run_slices, strict=True))
+        for run, usable in runs:
+            part, count = parts[run.label], len(usable)
+            rows = part.start + np.arange(count)[:, None] + np.arange(0, part.stop - part.start, count)
+            chosen: list[int] = []
+            for size in range(1, min(MOST_POINTS, int(SHARE_OF_POINTS * count)) + 1):
+                others = [i for i in range(count) if i not in chosen]
+                gains, prices = self._gains_of_rows(left, np.array([rows[[*chosen, i]].ravel() for i in others]))
+                best = int(np.argmax(gains))
+                chosen.append(others[best])
+                if size > 1:
+                    among = sum(comb(len(each), size) for _, each in runs)
+                    cause = several_points(run.label, [usable[i] for i in chosen], among)
+                    yield CauseEvidence(cause, float(gains[best]), float(prices[best]))
+
+    def _gains_of_rows(self, left: Array, rows: Indices) -> tuple[Array, Array]:
+        """Return gain and price of errors of their own in each set of rows, (sets, k), of residuals outside the fit, (rows,)."""
+        q, r = self.subspace[rows], POINT_ERRORS * left[rows]
+        form = np.eye(rows.shape[1]) + POINT_ERRORS**2 * (np.eye(rows.shape[1]) - q @ q.mT)
+        gains = np.einsum("nk,nk->n", r, np.linalg.solve(form, r[..., None])[..., 0])
+        return gains, 0.5 * np.linalg.slogdet(form)[1]

@@ -12,8 +12,8 @@ from model import Array
 from model.identification import observations as observed
 from model.response import crept_response
 
-DRIFT, CURVATURE, SLIP, FALL, LATE, CREEP, REPEAT = 0.03, 0.05, 0.05, 0.1, 0.2, 0.01, 0.05
-"""Plausible sizes: over a run; at the largest reading; of the deflection; at 250 Hz, and there in rad; per decade; of one repeat."""
+DRIFT, CURVATURE, SLIP, FALL, LATE, CREEP, REPEAT, WEIGHT = 0.03, 0.05, 0.05, 0.1, 0.2, 0.01, 0.05, 0.05
+"""Plausible sizes: over a run; at the largest reading; of the deflection; at 250 Hz, and there in rad; per decade; of one repeat, or weight."""
 SETTLED = 4.0
 """Time constants in a run whose gain settles, as a laser's does while it warms up."""
 BESIDE_JUMP = 2
@@ -94,6 +94,10 @@ def _loading_shapes(loadings: Sequence[observed.StaticLoadingObservation]) -> It
     for start in different[:-1].tolist():
         beyond = {k: np.maximum(x - start, 0.0) / x * top / (top - start) for k, x in loads.items()}
         yield "slip", "the loadings", "slip under load", [(SLIP, beyond)]
+    for load in different.tolist():
+        under = {k: np.isclose(x, load, rtol=1e-6).astype(float) for k, x in loads.items()}
+        if sum(float(each.sum()) for each in under.values()) > 1:  # one reading is a point
+            yield "weight", f"{load:.3g} N", f"weight of {load:.3g} N", [(WEIGHT, under)]
 
 
 def _driven_shapes(f: Mapping[str, Array], others: bool) -> Iterator[ShapedError]:

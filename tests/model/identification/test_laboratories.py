@@ -6,6 +6,7 @@ import pytest
 from benchmarks.coverage.laboratories import IDENTIFIED, coverage, covered, departed
 from tests.helpers.model.departures import DEVELOPED
 from tests.helpers.model.withheld_departures import WITHHELD
+from tests.helpers.model.withheld_departures_3 import WITHHELD_3
 
 LABORATORIES = 16
 
@@ -38,3 +39,19 @@ def test_the_right_cause_is_named_first(name: str, seed: int) -> None:
     departure = next(d for d in (*DEVELOPED, *WITHHELD) if d.name == name)
     row = departed(departure, seed, 7)
     assert row["right"], row["named"]
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("screw rattles in one run", "points 7 and 8 of membrane 0 mm"),
+        ("contact lost twice in one run", "points 3 and 12 of membrane 2.54 mm"),
+        ("one weight of another set", "weight of 1.96 N"),
+    ],
+)
+def test_what_is_wrong_with_a_few_points_is_named_by_them(name: str, cause: str, seed: int) -> None:
+    departure = next(d for d in WITHHELD_3 if d.name == name)
+    row = departed(departure, seed, 7)
+    assert row["named"][0] == cause
