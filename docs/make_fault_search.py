@@ -40,7 +40,7 @@ Required of every run, from the volts at the simulated amplifier's input, the fa
 
 - the volts stay within 0 to 5 V, their slope below 10 kV/s, and no jump exceeds the step of the drive limits (as many steps as messages were lost),
   until another hand or the loss of the drive changes them; high voltage is switched at rest only;
-- where the program says *rest*, the input is constant at rest; where the input is not at rest at the end with high voltage on, the run is *unsafe*, and the warning came within
+- where the program says *rest*, the input is constant at rest; where the input is not at rest at the end with high voltage on, and no other hand has moved it since rest was measured, the run is *unsafe*, and the warning came within
   {WARNED_S:g} s of the failure; the warning names volts that stood at the input; a source that is live before the end of arming is reported within {WARNED_S:g} s;
 - every point that was shown is in a run file with its values, after the repair of the next start;
 - no verdict is *good* if another hand, or a fault of the sensor, changed more than {100 * TOUCHED_SHARE:g} % of a recording whose point is used
@@ -214,7 +214,8 @@ does not set the sensor while the membrane is under it (4188, 4244, 4435, 4481);
 twice (4511); a recording begins with a block, and a drive at its trigger (5012, 5068); the amplitude at which a burst idles, 10 mV peak to peak, is rest (2111, 2333);
 the ramp to a level is not part of it (2865); a slope is measured over 50 µs, to one code of the converter at either end (5527); a static loading that
 begins anew after its zero was lost has a point of the later recordings (6101); a message to a source that has fallen silent is lost, and
-the next step of a ramp is by as much larger (6624, 6661).
+the next step of a ramp is by as much larger (6624, 6661); a source holds each point of a waveform for some microseconds (14521); a block of an endurance
+run is judged over all of it, not over the rows that are kept (17527); a person moved the level after rest had been measured (20174).
 """
 
 

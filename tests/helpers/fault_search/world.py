@@ -211,7 +211,8 @@ class Watch:
         self.warned_s = self.failed_s = math.inf
         """Time of the first warning; and since when the source does not answer, while the specimen was live."""
         self._armed = self._cycling = False
-        self._rest: RestMeasured | None = None
+        self._rest_s = math.inf
+        """Time at which rest was confirmed."""
         self._rate_hz = math.nan
         self._started_s = self._recorded_s = -math.inf
         self._recorded: Drive | None = None
@@ -276,8 +277,9 @@ class Watch:
                     self._touched_s[entry] = -math.inf
             case SpecimenMayBeLive():
                 self._check_warning(event)
-            case RestMeasured():
+            case RestMeasured(confirmed=confirmed):
                 self._check_rest(event)
+                self._rest_s = now_s if confirmed else math.inf
             case RunEnded():
                 self.ended = event
 
@@ -303,7 +305,8 @@ class Watch:
             return wrong if math.isnan(self._rate_hz) else [*wrong, "the run was not reported as ended"]
         if "an error of this program" in ended.reason:
             wrong.append(ended.reason)
-        if self.world.live:
+        moved_later = any(at_s >= self._rest_s and before < after for at_s, before, after in self.world.touches)
+        if self.world.live and not moved_later:
             volts = self.world.volts(0.0, self.world.now_s)[-1]
             if ended.status is not RunStatus.UNSAFE:
                 wrong.append(f"the input is at {volts:.3f} V, and the run is {ended.status}")
