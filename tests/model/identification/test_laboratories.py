@@ -42,16 +42,17 @@ def test_the_right_cause_is_named_first(name: str, seed: int) -> None:
 
 
 @pytest.mark.deep
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize(
     ("name", "cause"),
     [
         ("screw rattles in one run", "points 7 and 8 of membrane 0 mm"),
         ("contact lost twice in one run", "points 3 and 12 of membrane 2.54 mm"),
         ("one weight of another set", "weight of 1.96 N"),
+        ("loads in pounds", "scale of all loadings"),
     ],
 )
-def test_what_is_wrong_with_a_few_points_is_named_by_them(name: str, cause: str, seed: int) -> None:
+def test_wrong_points_weights_and_units_are_named(name: str, cause: str) -> None:
     departure = next(d for d in WITHHELD_3 if d.name == name)
-    row = departed(departure, seed, 7)
+    row = departed(departure, 0, 7)
     assert row["named"][0] == cause
