@@ -100,7 +100,7 @@ def _circumstances(record: RunRecord, exact: bool) -> dict[str, str]:
     return {name: text for name, text in facts.items() if text}
 
 
-def _setting_text(value: object, unit: str, exact: bool) -> str:
+def _setting_text(value: object, unit: str, exact: bool = False) -> str:
     factor, shown = (1.0, unit) if unit == "s" else shown_unit(unit)  # a setting is no measured latency: minutes, too
     if isinstance(value, list | tuple):
         texts = [_setting_text(each, "", exact) for each in ([factor * v for v in value] if unit else value)]
