@@ -177,10 +177,8 @@ class Catalogue:
             _upsert(db, entries)
 
     def _read(self, path: str, notes: str, stamp: _FileStamp, excluded: Collection[str]) -> RunSummary | None:
-        from app.archive.run_reading import (
-            read_run_summary,
-            summary_from_file_name,
-        )  # a list of known runs needs it not
+        # Slow to load, and not needed for a list of known runs.
+        from app.archive.run_reading import read_run_summary, summary_from_file_name
 
         file = self.folder / path
         if excluded and str(file.resolve()) in excluded:

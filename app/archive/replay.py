@@ -289,7 +289,7 @@ def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:
 
 def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | None) -> "LogLine | None":
     """Return the log line of an event, None if the event is not logged."""
-    from app.session import LogLine, describe_event  # a report needs it not
+    from app.session import LogLine, describe_event  # not needed for a report
 
     kind: Any = EVENTS.get(event.kind)  # None for a type of a newer version of this program
     at = started + timedelta(seconds=event.time_s)

@@ -86,7 +86,7 @@ class RunSummary(NamedTuple):
     @property
     def record(self) -> "RunRecord":
         """The record of the run; for an unreadable file, the facts from its name and the error."""
-        from protocols.runfile import decode_record  # a list of good runs needs it not
+        from protocols.runfile import decode_record  # not needed for a list of good runs
 
         return decode_record(self.record_json)
 

@@ -222,7 +222,7 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
 
 
 def _is_off_aim(view: WindowState, card: CardReading, is_set: bool) -> bool:
-    """Return whether the last block shows another voltage than is wanted; `is_set`: the source answers step by step, slower than blocks come."""
+    """Return whether the last block shows another voltage than is wanted; `is_set`: the source has just answered, as between the steps of a ramp."""
     off_rest = is_off_rest(card.block_v, view.amplifier)
     match view.phase:
         case BenchState.LIVE if view.drive is not None:

@@ -77,7 +77,7 @@ class Aspects:
 
     def figures(self, points: RunPoints) -> Iterable[Figure]:
         """Return the figures of a run; by default the points over the protocol's axes with the curve of the model."""
-        from protocols.base.figures import Figure  # measuring needs it not
+        from protocols.base.figures import Figure  # not needed for measuring
 
         yield Figure((points.series(*points.run.record.axes),), self.figure_title, model=self.model_curve)
 

@@ -62,7 +62,7 @@ def point_quality(point: Any) -> Quality:
 
 def usable_mask(flags: Iterable[float]) -> "Mask":
     """Return the mask of values that fits and summaries may use, by their stored flags; (N,)."""
-    import numpy as np  # slow to import; verdicts need it not
+    import numpy as np  # slow to import, and not needed for verdicts
 
     return np.array([Quality(int(each)).usable for each in flags], bool)
 

@@ -148,7 +148,7 @@ def test_a_model_without_such_a_setting_is_armed_all_the_same(model: str, trait:
 
 
 class ScriptedLink:
-    """A link whose replies to the messages so far are those of a dictionary; a missing one is silence."""
+    """A link that replies from a dictionary keyed by the messages sent so far, and stays silent without an entry."""
 
     def __init__(self, name: str, replies: dict[str, tuple[str, ...]]) -> None:
         self.name, self._replies = name, replies

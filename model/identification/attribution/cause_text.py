@@ -9,7 +9,7 @@ import numpy as np
 from model import SCALES, format_with_uncertainty
 from model.identification import observations as observed
 from model.identification import parameters as fit_parameters
-from model.identification.attribution.causes import TABLE, Cause, labels_of
+from model.identification.attribution.causes import TABLE, Cause, labels_of, listed
 from model.identification.attribution.explanation import Explanation
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 
@@ -113,8 +113,8 @@ def _point_text(fit: JointFit, cause: Cause) -> str:
     at = next(i for i, run in enumerate(fit.observations.runs) if run.label == cause.name)
     run, part, point = fit.observations.runs[at], fit.run_slices[at], cause.points[0]
     if len(cause.points) > 1:
-        places = [f"{i + 1}{_where(run, i)}" for i in cause.points]
-        return f"points {', '.join(places[:-1])} and {places[-1]} of {cause.name} alone are wrong"
+        places = listed([f"{i + 1}{_where(run, i)}" for i in cause.points])
+        return f"points {places} of {cause.name} alone are wrong"
     rows = fit.weighted_residuals[part].reshape(-1, int(run.usable.sum()))
     place = int(run.usable[:point].sum())
     away = float(np.linalg.norm(rows[:, place]))

@@ -271,10 +271,14 @@ def exchanges(pairs: Mapping[str, list[tuple[int, int]]]) -> list[Cause]:
 
 
 def several_points(run: str, points: Sequence[int], among: int) -> Cause:
-    """Return that these points of a run are wrong, without a common law; `among`: sets of as many points in all runs."""
-    numbers = [str(i + 1) for i in sorted(points)]
-    title = f"points {', '.join(numbers[:-1])} and {numbers[-1]} of {run}"
+    """Return the cause that these points of a run are wrong, each by an error of its own; `among`: number of sets of as many points in all runs."""
+    title = f"points {listed([str(i + 1) for i in sorted(points)])} of {run}"
     return Cause("points", run, title, points=tuple(sorted(points)), among=among)
+
+
+def listed(words: Sequence[str]) -> str:
+    """Return two words or more as a list in a sentence: `3, 7 and 12`."""
+    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def comparable_points(fit: JointFit) -> Iterator[tuple[observed.Observation, list[int]]]:

@@ -33,7 +33,7 @@ MIN_LOG_ODDS = 1.0
 MAX_EXPLANATIONS = 5
 """Largest number of explanations."""
 LARGE_SCALE = 4.0
-"""Standard deviations from which on a scale is a wrong unit or sign, which may have any size: it costs no more than at this distance."""
+"""Standard deviations of its prior beyond which an error of a scale is a wrong unit or sign, of any size: the prior counts no more than at this distance."""
 MAX_SHIFTS = 4
 """Largest number of parameters whose change with a cause is stated."""
 REFIT_TOLERANCE = 1e-5
@@ -91,7 +91,7 @@ def _candidates(linear: Sequence[CauseEvidence]) -> list[CauseEvidence]:
 
 
 def _ranked(fit: JointFit, linear: CauseEvidence, found: Explanation, enlarged: float) -> Explanation:
-    gain = (fit.cost - found.fit.cost + found.unpaid) / enlarged
+    gain = (fit.cost - found.fit.cost + found.excess_penalty) / enlarged
     odds = gain / 2 - linear.price + linear.cause.log_prior
     if found.cause.points and found.p_value < MIN_P_VALUE:
         odds = min(odds, MIN_LOG_ODDS + 1e-3 * odds)  # after every cause of all points
@@ -122,9 +122,9 @@ def _explain(
     sizes = tuple((float(found.theta[i]), float(errors[i])) for i in at)
     freedom = max(found.degrees_of_freedom - len(sizes), 0)
     scale = cause.errors[0].error.standard_error if cause.kind == "scale" else np.inf
-    unpaid = max((sizes[0][0] / scale) ** 2 - LARGE_SCALE**2, 0.0) if sizes else 0.0
+    excess = max((sizes[0][0] / scale) ** 2 - LARGE_SCALE**2, 0.0) if sizes else 0.0
     shifts = _shifts(fit, found, errors)
-    return Explanation(cause, sizes, found.chi_square - unpaid, freedom, linear.log_odds, shifts, found, unpaid)
+    return Explanation(cause, sizes, found.chi_square - excess, freedom, linear.log_odds, shifts, found, excess)
 
 
 def _linear_start(evidence: Evidence, cause: Cause, start: Mapping[str, float]) -> dict[str, float]:

@@ -34,7 +34,7 @@ DRAWS_AT_ONCE = 50
 INSIDE_FIT = 1e-6
 """Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
 MOST_POINTS, SHARE_OF_POINTS = 4, 1 / 3
-"""Largest number of points of a run that are wrong without a common law, and their largest share."""
+"""Largest number of points of a run that are wrong, each by an error of its own, and their largest share of the run."""
 MIN_PATTERN_ROWS = 6
 """Residuals of a run from which on its neighbours are compared."""
 
@@ -223,7 +223,7 @@ class Evidence:
         return np.concatenate(gains)
 
     def _several_points(self) -> Iterator[CauseEvidence]:
-        """Yield for each run the points that explain most together, from two on, each added to those before it."""
+        """Yield for each run sets of two points and more, built up by the point that explains most beside those before it."""
         runs, left = list(comparable_points(self.fit)), self.outside_fit(self.residuals)
         parts = dict(zip((r.label for r in self.fit.observations.runs), self.fit.run_slices, strict=True))
         for run, usable in runs:

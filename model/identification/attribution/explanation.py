@@ -38,8 +38,8 @@ class Explanation:
     shifts: tuple[ParameterShift, ...]
     """Changes of the fit's parameters, the largest first."""
     fit: JointFit
-    unpaid: float = 0.0
-    """Part of the fit's chi-square for its size alone, which does not count against it."""
+    excess_penalty: float = 0.0
+    """Part of the fit's chi-square that the prior of its size adds beyond `LARGE_SCALE`; it is not counted."""
     cause_text: str = ""
     """Meaning of the cause, with its size."""
     text: str = ""

@@ -255,7 +255,7 @@ class Watch:
                     last - first
                 ) / self._rate_hz  # it begins with a block, and was read to the end of another one
                 begin_s = now_s - self._block_s * math.ceil(seconds / self._block_s - 1e-6)
-                if self._cycling:  # rows of its start are kept; its values are those of the whole block
+                if self._cycling:  # only its first rows are stored, but its values cover the whole block
                     begin_s, seconds = self._started_s, drive.duration_s
                 # The flags of a recording are those of its point: a point without them is of another recording.
                 touched = Quality(quality).usable and self.world.is_touched(

@@ -113,7 +113,7 @@ WITHHELD_3: tuple[Departure, ...] = (
     Departure("zero creeps in the steps", "10 um", ("zero_drift", "drift in steps"), read=_of_label("steps", _zero(lambda t: 1e-5 * t))),
     Departure("supply sags in the steps", "-4 %", ("drift in steps",), read=_of_label("steps", _in_time(lambda t: 1 - 0.04 * t))),
     Departure("screw gives at one level", "6 % at 4.5 V", (r"point \d+ of steps",), read=_of_label("steps", _over_x(lambda u: np.where(u == 4.5, 1.06, 1.0)))),
-    # phases, frequencies, ranges of what is driven
+    # driven runs: phase, frequency and range
     Departure("mains hum", "20 um at 50 Hz", ("point 2 of (dwell|membrane).*",), read=_of_kinds(("dwell",), _hum)),
     Departure("screw rattles in one run", "5 % at 150 and 160 Hz", ("point [78] of membrane 0 mm", "stand resonance"), read=_of_label("membrane 0 mm", _points(1.04 + 0.03j, 6, 7))),
     Departure("contact lost twice in one run", "-8 %", ("point (3|12) of membrane 2.54 mm",), read=_of_label("membrane 2.54 mm", _points(0.92, 2, 11))),
