@@ -105,7 +105,7 @@ def as_text(name: bytes | str) -> str:
     return name if isinstance(name, str) else name.decode("utf-8", "surrogateescape")
 
 
-def check_structure(file: "h5py.File") -> None:
+def check_structure(file: "h5py.File", path: str | Path) -> None:
     """Reject a file with forbidden links, storage or sizes. No link is followed.
 
     Raises:
@@ -132,7 +132,7 @@ def check_structure(file: "h5py.File") -> None:
             if item.depth > MAX_DEPTH:
                 raise StructureError(f"its groups are nested more than {MAX_DEPTH} deep")
     # The size is read last: a file of a running measurement grows meanwhile.
-    size = Path(file.filename).stat().st_size
+    size = Path(path).stat().st_size
     if declared > size + UNWRITTEN_BYTES or compressed > MAX_COMPRESSED_BYTES:
         raise StructureError(
             f"its datasets declare {(declared + compressed) / 1e6:.4g} MB, and the file has {size / 1e6:.4g} MB"
@@ -149,7 +149,7 @@ def check_file_structure(path: str | Path) -> None:
     import h5py  # slow to import
 
     with h5py.File(path, "r") as file:
-        check_structure(file)
+        check_structure(file, path)
 
 
 def is_run_beside(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 import ctypes
 import inspect
+import io
 import os
 import re
 import time
@@ -21,6 +22,7 @@ from protocols.runfile.errors import (
 )
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
 from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap, stated_size
+from protocols.runfile.presence import FLAGS_PLACE, WRITE_FLAGS, WRITING_VERSION
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
 from protocols.runfile.transaction import has_journal
 
@@ -112,10 +114,8 @@ def _stamp(path: Path) -> tuple[tuple[int, int], tuple[int, int, int]] | None:
 def _open(path: Path) -> "h5py.File":
     stamp = _stamp(path)
     if stamp is not None and CHECKED_FILES.get(stamp[0]) == stamp[1]:
-        import h5py
-
         with suppress(OSError, ValueError):
-            return h5py.File(path, "r", libver="latest", locking=False)
+            return _open_alone(path)
     file = _open_unknown(path)
     if stamp is not None and stamp == _stamp(path):
         if len(CHECKED_FILES) >= MAX_CHECKED_FILES:
@@ -131,18 +131,18 @@ def _open_unknown(path: Path) -> "h5py.File":
     # A finished run opens directly, and a cut-off file is reported. A growing or crashed run opens for a SWMR reader only. No
     # locks: a reader must never keep the writer from closing its file in order.
     try:
-        return _checked(path, h5py.File(path, "r", libver="latest", locking=False))
+        return _checked(path, _open_alone(path))
     except (OSError, ValueError) as error:
         failure: Exception = error
-    if "locking flag" in str(failure):  # this process has it open with locks; HDF5 requires equal settings for all
-        with suppress(OSError, ValueError):
-            return _checked(path, h5py.File(path, "r", libver="latest"))
     cut_off = re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", str(failure))
     try:
         file = h5py.File(
             h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _bounded_retry_access())
         )
     except (OSError, ValueError, KeyError, RuntimeError) as error:
+        if "locking flag" in str(error):  # this process writes it, with locks; HDF5 requires equal settings for all
+            with suppress(OSError, ValueError):
+                return _checked(path, h5py.File(path, "r", libver="latest"))
         failure = failure if cut_off else error
     else:
         try:
@@ -158,6 +158,32 @@ def _open_unknown(path: Path) -> "h5py.File":
         present, expected = cut_off.groups()
         raise _cut_off_error(path, present, expected)
     raise RunReadError(f"{path} is damaged and cannot be opened ({_first_line(failure)}); take another copy of it")
+
+
+class _ReadFile(io.FileIO):
+    """A file that closes with its last reference, which HDF5 holds."""
+
+    def __del__(self) -> None:
+        self.close()
+
+
+def _open_alone(path: Path) -> "h5py.File":
+    """Open a file that shares nothing with other openings of its path in this process.
+
+    Of a path that it opens itself, HDF5 shares everything between its openings: the type of a text then refers to the file that was
+    opened first, even after it was closed, and crashes (h5py issue 2920); and a file that has changed is read as it was before.
+    """
+    import h5py  # slow to import; the window is painted first
+
+    file = _ReadFile(path)
+    try:
+        head = file.read(FLAGS_PLACE + 1)
+        if head[8:9] == bytes([WRITING_VERSION]) and head[-1] & WRITE_FLAGS:  # which HDF5 ignores in a file of Python
+            raise OSError("it is marked as open for writing")
+        return h5py.File(file, "r", libver="latest")
+    except BaseException:
+        file.close()  # the error refers to it
+        raise
 
 
 def _cut_off_error(path: Path, present: object, expected: object) -> RunReadError:
@@ -187,7 +213,7 @@ def _check_file(path: Path, file: "h5py.File") -> None:
             f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
         )
     with translate_read_errors(path):
-        check_structure(file)
+        check_structure(file, path)
 
 
 def _checked(path: Path, file: "h5py.File") -> "h5py.File":

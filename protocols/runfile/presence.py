@@ -63,8 +63,8 @@ class FilePresence:
             return b""
         head = os.pread(self._descriptor, HEAD_BYTES, 0)
         return (
-            head[:_FLAGS_PLACE]
-            + head[_FLAGS_PLACE + 1 : _END_PLACE]
+            head[:FLAGS_PLACE]
+            + head[FLAGS_PLACE + 1 : _END_PLACE]
             + head[_END_PLACE + 8 : _LAYOUT.size]
             + head[SUPERBLOCK_BYTES:]
         )
@@ -152,7 +152,7 @@ HEAD_BYTES, COMPARED_HEAD = 4096, 512
 _LAYOUT = struct.Struct("<8sBBBBQQQQ")
 _CHECKSUM = struct.Struct("<I")
 SUPERBLOCK_BYTES = _LAYOUT.size + _CHECKSUM.size
-_FLAGS_PLACE, _END_PLACE = 11, 28
+FLAGS_PLACE, _END_PLACE = 11, 28
 _CHANGING_BYTES = 1 + 8 + _CHECKSUM.size
 """Where flags and length of the file are in the superblock, and how many of its bytes change."""
 WRITING_VERSION = 3

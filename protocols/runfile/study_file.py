@@ -176,7 +176,7 @@ def read_study(path: Path) -> LoadedStudy:
     """
     try:
         with h5py.File(path) as file:
-            check_structure(file)
+            check_structure(file, path)
             if file.attrs.get("format") != FORMAT:
                 raise StorageError(
                     f"{path} is not a study of this program; give a file that 'tactor-bench study --out' wrote"

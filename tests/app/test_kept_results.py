@@ -212,7 +212,7 @@ def test_files_found_in_order_are_checked_once_and_their_samples_at_every_readin
         path = run(SineDwell(frequencies_hz=(150.0,), record_s=0.05), tmp_path, lab).path
     checks: list[int] = []
     check = open_run.check_structure
-    monkeypatch.setattr(open_run, "check_structure", lambda file: (checks.append(1), check(file)))
+    monkeypatch.setattr(open_run, "check_structure", lambda *opened: (checks.append(1), check(*opened)))
     monkeypatch.setattr(open_run, "SETTLED_NS", -1)  # the times of the file are of now
 
     def read_by_another_program() -> None:

@@ -18,7 +18,8 @@ from drivers import Block, Hold, Scale
 from protocols.base import EntryStarted, LogMessage, Quality, RunStatus, Series, SeriesAxis
 from protocols.runfile.checksums import _digest, changed_names
 from protocols.runfile.errors import FileLostError, RunReadError, StorageError
-from protocols.runfile.open import translate_read_errors
+from protocols.runfile.fields import read_text
+from protocols.runfile.open import open_run, translate_read_errors
 from protocols.runfile.presence import process_is_alive
 from protocols.runfile.reader import Run, _largest_point
 from protocols.runfile.repair import repair_folder, repair_run
@@ -46,6 +47,34 @@ def test_runs_of_one_second_are_numbered_up_to_a_thousand(tmp_path: Path) -> Non
     last = RunFileWriter.new(tmp_path, SECOND, Spot)
     last.finish(RunStatus.STOPPED, "")
     assert last.path.name == f"{stem}-999.h5"
+
+
+def test_two_openings_of_a_run_share_nothing(tmp_path: Path) -> None:
+    """HDF5 shares types of texts and contents between openings of its own, beyond the end of the first (h5py issue 2920)."""
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "first")
+    with Run(file.path) as before:
+        assert before.record.reason == "first"
+        changed = file.path.read_bytes().replace(b"first", b"later")
+        file.path.write_bytes(changed)
+        with open_run(file.path) as one, open_run(file.path) as other:
+            assert read_text(one["entry"], "reason") == "later"
+            assert h5py.h5o.get_info(one.id).fileno != h5py.h5o.get_info(other.id).fileno
+        assert before.record.protocol == SECOND.protocol
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs the list of open files")
+def test_a_closed_run_leaves_no_file_open(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "")
+    unreadable = tmp_path / "cut.h5"
+    unreadable.write_bytes(file.path.read_bytes()[:-100])
+    opened = len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - a Path.iterdir would count itself
+    with Run(file.path) as run:
+        assert run.record.status is RunStatus.COMPLETED
+    with pytest.raises(RunReadError):
+        Run(unreadable)
+    assert len(os.listdir("/proc/self/fd")) == opened  # noqa: PTH208
 
 
 def test_a_file_that_a_killed_program_left_is_read_while_another_program_locks_it(tmp_path: Path) -> None:
