@@ -13,6 +13,7 @@ from tests.planted_faults import AREAS, PER_AREA, ROOT, Mutant, find_mutants, sa
 FILES = sorted(file for files in AREAS.values() for file in files)
 
 
+@pytest.mark.deep
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("file", FILES)
 def test_every_mutant_is_valid_python_and_changes_the_code(file: str) -> None:

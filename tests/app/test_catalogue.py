@@ -394,6 +394,7 @@ def test_notes_are_written_on_a_share_without_locks(folder: Path, monkeypatch: p
     assert not list(folder.glob(".*.lock"))
 
 
+@pytest.mark.deep
 def test_a_run_file_is_not_touched_after_its_end(tmp_path: Path) -> None:
     folder = tmp_path / "runs"
     with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0})) as lab:

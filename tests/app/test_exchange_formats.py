@@ -170,6 +170,7 @@ def test_parquet_has_units_in_its_schema(path: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(pq.read_table(files["raw"])["drive"], drive)
 
 
+@pytest.mark.deep
 def test_matlab_7_3_opens_with_plain_hdf5_and_comes_back_in(path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
         (file,) = export_run(run, tmp_path, "mat73", ("about", "points"))

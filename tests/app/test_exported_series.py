@@ -347,6 +347,7 @@ def many(tmp_path: Path) -> Path:
     return file.path
 
 
+@pytest.mark.deep
 def test_names_of_any_kind_are_exported(many: Path, tmp_path: Path) -> None:
     from scipy.io import loadmat
 
@@ -382,6 +383,7 @@ def test_columns_of_earlier_files_are_series_of_their_own(many: Path) -> None:
     np.testing.assert_array_equal(drive.x, decay.x)
 
 
+@pytest.mark.deep
 def test_names_that_hdf5_cannot_hold_lose_nothing(tmp_path: Path) -> None:
     """`/` begins another group there, and a group has a name once."""
     x, y = np.arange(3.0), np.array([1.0, 2.0, 4.0])

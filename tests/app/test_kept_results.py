@@ -169,6 +169,7 @@ def test_a_value_without_known_content_is_not_kept(kept: Path) -> None:
     assert len(calls) == 2
 
 
+@pytest.mark.deep
 def test_an_identification_is_fitted_again_only_if_runs_sheet_or_options_changed(
     kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

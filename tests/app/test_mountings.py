@@ -144,6 +144,7 @@ def test_the_state_in_the_run_file_is_that_of_its_points_even_with_long_names(tm
     assert kinds.index("Mounted") < kinds.index("EntryBegan")
 
 
+@pytest.mark.deep
 def test_files_of_earlier_versions_tell_a_mounting_by_the_answered_prompt(tmp_path: Path) -> None:
     first, _ = measure(tmp_path)
     glued, _ = measure(tmp_path, FIX_PAPER_MASS)
@@ -172,6 +173,7 @@ def test_the_initial_mass_glued_by_command_differs_as_well() -> None:
     assert state.fixed_kg == pytest.approx(expected)
 
 
+@pytest.mark.deep
 def test_show_names_the_mountings_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, _ = measure(tmp_path, FIX_PAPER_MASS)
     assert main(["show", str(path), "--json"]) == ExitCode.DONE

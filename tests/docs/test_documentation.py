@@ -34,6 +34,7 @@ def reference() -> Any:
     return module
 
 
+@pytest.mark.deep
 def test_the_reference_is_what_the_code_gives() -> None:
     for name, text in reference().pages():
         page = ROOT / "docs" / name

@@ -53,6 +53,7 @@ def test_without_dielectric_loss_the_dampers_take_all_power(hz: float) -> None:
     assert found.drive_v.value == pytest.approx(required_drive(Specimen(tactor), hz, 1e-5, None, EVEN).value, rel=1e-4)
 
 
+@pytest.mark.deep
 def test_least_power_is_the_least_of_its_frequencies() -> None:
     load, hz = load_set((1.83e-9, 2e-11), (0.03, 0.002)), np.linspace(80, 240, 17).tolist()
     best = least_power(Specimen(), "sine", hz, 100e-6, load)

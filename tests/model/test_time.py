@@ -38,6 +38,7 @@ def test_march_is_exact_for_a_ramp_whatever_the_rate() -> None:
     assert coarse == pytest.approx(fine[::100], abs=1e-12 * abs(fine).max())
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("start", "stop"),
     [

@@ -122,6 +122,7 @@ def test_creep_is_that_of_an_ideal_step_whatever_the_ramp(share: float, ramp_s: 
     assert p.deflection == pytest.approx(expected_m(4.5) * (1 + share * np.log10(1 + ramp_s / 2)), rel=3e-4)
 
 
+@pytest.mark.deep
 def test_errors_of_creep_and_deflection_are_what_repetition_shows() -> None:
     protocol, z, c = VoltageSteps(hold_s=6.0), [], []
     quiet = creeping(0.02, 0.4)

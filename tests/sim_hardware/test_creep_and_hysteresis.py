@@ -10,6 +10,7 @@ STEP_S = 1e-5
 SHARE = 0.015
 
 
+@pytest.mark.deep
 def test_a_step_creeps_alike_in_every_decade_from_a_millisecond_on() -> None:
     creep = CreepModel(SHARE, STEP_S)
     crept = creep.process(np.ones(128 * 800), 0.0)

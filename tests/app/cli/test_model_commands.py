@@ -215,6 +215,7 @@ def test_every_curve_goes_into_a_sheet(topic: str, head: list[str], tmp_path: Pa
     assert np.isfinite(rows).all()
 
 
+@pytest.mark.deep
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize("topic", ["modes", "convergence"])  # two panels, a logarithmic one
 def test_a_picture_where_one_is_asked_for(topic: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -127,6 +127,7 @@ def test_a_waterfall_stands_in_the_order_of_its_setting_and_shows_true_values(pa
     assert [layer.value_at(160.0)[0] for layer in raised.layers] == pytest.approx([2e-4, 4e-4, 6e-4, 8e-4])
 
 
+@pytest.mark.deep
 def test_a_sweep_and_a_dwell_share_the_response_per_volt(tmp_path: Path) -> None:
     with laboratory() as lab:
         swept = run(Sweep(stop_hz=300.0), tmp_path, lab).path

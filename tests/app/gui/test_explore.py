@@ -280,6 +280,7 @@ def test_the_page_fits_a_small_screen(stage: Stage) -> None:
     assert page.mapTo(page.window(), QPoint(0, page.height())).y() <= page.window().height()
 
 
+@pytest.mark.deep
 def test_the_response_is_200_px_high_in_every_window_and_shares_a_small_one_with_one_other_part(
     stage: Stage,
 ) -> None:

@@ -409,6 +409,7 @@ def test_enter_and_escape_answer_nothing_while_unsafe(stage: Stage) -> None:
     assert not find(stage.window, "notices.unsafe").isVisible()
 
 
+@pytest.mark.deep
 def test_the_content_of_a_card_stays_inside_its_edge_when_the_text_size_changes(stage: Stage) -> None:
     stage.happen(OPENED)
     reach(stage, "unsafe")
@@ -431,6 +432,7 @@ def test_a_key_cap_holds_its_key_at_every_text_size(stage: Stage) -> None:
     assert button.iconSize().width() == before
 
 
+@pytest.mark.deep
 def test_hidden_pages_and_tool_icons_follow_the_text_size(open_stage: OpenStage) -> None:
     stage = open_stage(ahead=True)
     window = stage.window
@@ -562,6 +564,7 @@ def test_the_rail_has_the_width_of_the_window_s_class_after_another_text_size(st
     window.look.set_text_size("100")
 
 
+@pytest.mark.deep
 def test_heads_of_the_runs_are_whole_after_another_text_size(stage: Stage) -> None:
     window = stage.window
     window.resize(1900, 900)

@@ -28,6 +28,7 @@ def felt_at(chart: Chart, hz: float) -> float:
     return float(np.interp(hz, layer.x, layer.y))
 
 
+@pytest.mark.deep
 def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_it(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
     tabs = stage.window.tabs

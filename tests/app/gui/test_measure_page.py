@@ -307,6 +307,7 @@ def test_the_plot_marks_the_points_that_are_to_come(stage: Stage) -> None:
     assert coming() == []
 
 
+@pytest.mark.deep
 def test_the_result_stands_beside_the_plot_of_a_wide_window_and_under_a_switch_in_a_narrow_one(stage: Stage) -> None:
     window, panel = stage.window, stage.window.measure_page.run_panel
     window.look.set_text_size("100")

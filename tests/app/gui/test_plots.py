@@ -329,6 +329,7 @@ def test_a_label_stands_nearer_to_its_own_curve_than_to_any_other(qt: QApplicati
     chart.deleteLater()
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("alarming", [False, True])
 def test_chips_are_whole_or_one_button_at_every_width(qt: QApplication, alarming: bool) -> None:
     chart, x = Chart("chips"), np.arange(2.0)

@@ -70,6 +70,7 @@ def test_the_shell_has_no_fault_at_any_size(stage: Stage) -> None:
         assert list(faults_of_window(stage.window)) == [], size
 
 
+@pytest.mark.deep
 def test_dates_of_an_axis_never_overlap(qt: QApplication) -> None:
     chart, labels = Chart("dates"), set[str]()
     chart.show()

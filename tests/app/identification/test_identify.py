@@ -171,6 +171,7 @@ def test_two_runs_of_one_specimen_agree(runs: list[Path], capsys: pytest.Capture
     assert_names(capsys.readouterr().err, runs[0].name, "sine-dwell", runs[2].name, "voltage-steps")
 
 
+@pytest.mark.deep
 def test_points_are_compared_at_the_same_setting_not_at_the_same_place(tmp_path: Path, capsys: Any) -> None:
     """Two dwells at other frequencies, and a table without errors and with a smaller drive."""
     few, more = (finished_run(tmp_path / n, "T1", f) for n, f in (("a", (160.0, 250.0)), ("b", (100.0, 160.0, 250.0))))

@@ -237,6 +237,7 @@ def test_calibrations_of_an_older_program_are_read(tmp_path: Path, made: Made, c
     assert calibrations.read_calibrations(tmp_path, "T1").get().reduced == {}
 
 
+@pytest.mark.deep
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "protocol",

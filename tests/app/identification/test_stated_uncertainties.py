@@ -107,6 +107,7 @@ def test_too_many_different_inputs_with_an_uncertainty_are_refused(
     assert "frequency has 120 different values with a separate uncertainty, the limit is 100" in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_a_table_imported_several_times_is_counted_once(tmp_path: Path) -> None:
     first = imported(tmp_path, RESONANCE)
     others = [imported(tmp_path, RESONANCE, "--uncertainty", f"mass={each} g") for each in (0.1, 0.2)]

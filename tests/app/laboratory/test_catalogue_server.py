@@ -133,6 +133,7 @@ def test_a_run_has_its_verdict_figures_and_plot(server: CatalogueServer, folder:
     assert "SIMULATED" in drawing.decode()
 
 
+@pytest.mark.deep
 def test_a_run_leaves_in_every_format(server: CatalogueServer, folder: Path) -> None:
     run = path_of(folder, "T7")
     files: dict[str, bytes] = {}
@@ -298,6 +299,7 @@ def test_the_connections_of_an_address_are_bounded(folder: Path) -> None:
                 assert other.recv(12) == b"HTTP/1.1 200"
 
 
+@pytest.mark.deep
 def test_a_run_that_is_being_written_is_shown_and_not_disturbed(tmp_path: Path) -> None:
     file = begun_run(tmp_path, "T7", FREQUENCIES, 5000.0)
     file.append_point(sine_point(FREQUENCIES[0]))

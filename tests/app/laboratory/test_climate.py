@@ -98,6 +98,7 @@ def test_the_points_of_a_run_over_many_kelvins_are_fitted_at_their_temperatures(
     assert len({each.label for each in observations}) == len(parts)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("chamber", ["espec", "by hand"])
 def test_a_run_waits_at_rest_until_the_chamber_is_there(chamber: str, tmp_path: Path) -> None:
     config = simulated(room={"temperature_c": 23.0, "chamber_lag_s": 30.0})

@@ -47,6 +47,7 @@ def test_several_labels_are_pages_of_a_pdf(folder: Path, tmp_path: Path, capsys:
     assert "X1 has no sheet" in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_a_list_of_specimens_fills_the_places_of_a4_sheets(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

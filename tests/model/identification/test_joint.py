@@ -58,6 +58,7 @@ def test_the_truth_of_an_independent_solution_comes_back(by_elements: bool) -> N
     assert fit.chi_square < 0.1
 
 
+@pytest.mark.deep
 def test_what_is_known_moves_by_twelve_uncertainties_at_most() -> None:
     """A lag that the model lacks, of dwells with errors of 1 nm, asks for another strip."""
     sweep = free_only()
@@ -148,6 +149,7 @@ def test_what_is_not_lost_is_still_told() -> None:
     assert k2.source == ("mfc", "aluminium")
 
 
+@pytest.mark.deep
 @pytest.mark.one_in(4)
 @pytest.mark.parametrize("factor", [0.1, 0.3, 3.0, 10.0])
 def test_bad_starts_find_the_truth(factor: float) -> None:

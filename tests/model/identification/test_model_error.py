@@ -10,6 +10,7 @@ from model.identification.uncertainty_budget import uncertainty_budget
 from tests.helpers.laboratory import Laboratory, measure
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("laboratory", "name"),
     [

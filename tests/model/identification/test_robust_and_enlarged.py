@@ -57,6 +57,7 @@ def test_a_robust_scale_is_not_moved_by_outliers() -> None:
     assert robust_scale(r / 3, 200) == 1.0
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("loss", ["cauchy", "soft_l1"])
 def test_a_prior_in_conflict_with_the_data_keeps_its_weight_in_a_robust_fit(loss: str) -> None:
     options = FitOptions(free=FREE, priors={"c0": (3 * T.c0, 0.02 * T.c0)}, loss=loss)  # type: ignore[arg-type]

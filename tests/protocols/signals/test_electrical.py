@@ -127,6 +127,7 @@ def test_a_voltage_without_the_sine_is_refused() -> None:
         electrical_response(noise, rc_current(T), RATE_HZ, F)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("f", [20.0, 150.01, 401.3])
 def test_the_kink_of_the_drive_is_no_noise(f: float) -> None:
     """An amplifier with two slopes makes harmonics beyond the fitted ones; current and energy of the whole have closed forms."""

@@ -134,6 +134,7 @@ def test_a_resonance_without_noise_is_found_exactly() -> None:
     assert seen.band_hz == (180.0, 220.0)
 
 
+@pytest.mark.deep
 @pytest.mark.one_in(1)
 @pytest.mark.parametrize("shared", [0.0, 0.6])
 def test_the_standard_error_of_a_peak_is_the_spread_of_many(shared: float) -> None:

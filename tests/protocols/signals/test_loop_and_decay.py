@@ -38,6 +38,7 @@ def test_a_loop_that_leads_has_a_negative_area_and_a_fat_top_is_told() -> None:
     assert measure_loops(np.tile(x, (2, 1)), np.tile(y, (2, 1))).asymmetry == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.deep
 def test_the_errors_of_a_loop_cover() -> None:
     rng = np.random.default_rng(2)
     truth = measure_loops(*ellipse(rng, 2, 0.1, 0.0))
@@ -62,6 +63,7 @@ def test_noise_of_the_drive_and_of_its_sampling_is_not_in_the_errors_of_a_loop()
     assert max(loop.width_error, loop.stroke_error) < 2e-5 < 0.1 * 3 * 1e-3
 
 
+@pytest.mark.deep
 def test_hum_that_repeats_with_the_loop_is_in_the_errors_as_it_scatters() -> None:
     rng = np.random.default_rng(3)
     drive, moved = ellipse(rng, 3, 0.1, 1e-9)

@@ -214,6 +214,7 @@ def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path
     assert page.currentWidget() is page.viewer
 
 
+@pytest.mark.deep
 def test_a_low_viewer_shows_one_part_of_a_run_and_cuts_nothing(open_stage: OpenStage, folder: Path) -> None:
     stage = open_stage(folder=folder)
     page = in_window(stage)
