@@ -91,6 +91,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         """Paint everything anew: of a cached item that is moved and changed at once, Qt paints the newly visible part only."""
         self.setCacheMode(self.CacheMode.NoCache)
         self.setCacheMode(self.CacheMode.DeviceCoordinateCache)
+        super().update()
 
     def resizeEvent(self, _event: Any = None) -> None:
         if "heading" not in vars(self):  # pyqtgraph sets its size while it is made
