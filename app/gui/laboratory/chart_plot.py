@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from app.common import number_text
 from app.fleet import GoldenChart
 from app.gui.plots import (
     DASHED,
@@ -19,7 +20,6 @@ from app.gui.plots import (
     Rule,
     axis_title,
     layer,
-    number_text,
 )
 from model import Array, Mask, format_quantity, shown_unit
 

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit,
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, set_length
+from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, px, set_length
 from app.gui.remote import RemoteController
 from app.gui.shell.heartbeat import Heartbeat
 from app.gui.shell.look import FRAME_SIZE, WindowLook
@@ -386,7 +386,7 @@ class MainWindow(QMainWindow):
     def _restore(self, form: InitialForm) -> None:
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
-            self.resize(1280, 720)
+            self.resize(px(1280), px(720))
         self.resize(self.size().boundedTo(self.screen().availableSize() - FRAME_SIZE))
         self.central.tutorial.resume(str(self._settings.value("help/tutorial", "")))
         # Show the Measure page if a protocol was given or is started.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QPlainTextEdit
 
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
 from app.gui.plots.response import COMING, LOWER
@@ -336,6 +337,16 @@ def test_the_result_stands_beside_the_plot_of_a_wide_window_and_under_a_switch_i
     window.resize(1280, 800)
     segments.buttons["set-up"].click()
     assert (card.isVisible(), protocol.isVisible()) == (False, True)
+
+
+def test_a_list_that_fits_has_no_scroll_bar(stage: Stage) -> None:
+    editor = stage.window.measure_page.run_panel.form.rows["frequencies_hz"].editor
+    assert isinstance(editor, QPlainTextEdit)
+    for count in (6, 18):
+        editor.setPlainText(", ".join(str(100 + at) for at in range(count)))
+        assert editor.verticalScrollBar().maximum() == 0, count
+    editor.setPlainText(", ".join(str(100 + at) for at in range(99)))
+    assert editor.verticalScrollBar().maximum() > 0
 
 
 def test_a_fault_in_a_folded_field_is_named_and_moves_nothing(stage: Stage) -> None:
