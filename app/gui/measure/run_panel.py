@@ -73,12 +73,7 @@ class RunPanel(QWidget):
     label_scanned = Signal(object)
     """A `SpecimenLabel` with a hash."""
 
-    def __init__(
-        self,
-        protocol: Protocol,
-        bench: BenchGetter,
-        presets: PresetStore,
-    ) -> None:
+    def __init__(self, protocol: Protocol, bench: BenchGetter, presets: PresetStore) -> None:
         super().__init__()
         self._bench = bench
         self._edited_protocols: dict[str, Protocol] = {}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QEvent, QSettings, QTimer, Signal
-from PySide6.QtGui import QAction, QCloseEvent, QKeyEvent, QKeySequence, QPaintEvent, QResizeEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit, QMainWindow, QWidget
 
 from app.common import RecentErrors
@@ -302,9 +302,10 @@ class MainWindow(QMainWindow):
             super().keyPressEvent(event)
             return
         plots = [plot for plot in self.findChildren(QGraphicsView) if plot.isVisible()]
-        found = [action for info, action in actions_of([*plots]) if info.id in wanted]
+        plots.sort(key=lambda plot: -plot.width() * plot.height())
+        found = [action for plot in plots for info, action in actions_of([plot]) if info.id in wanted]
         if found:
-            max(found, key=_shown_area).trigger()
+            found[0].trigger()
         else:
             tell(self, "There is no plot on this page")
 
@@ -446,9 +447,3 @@ def _make_settings(window: MainWindow) -> "list[Setting]":
         *notifications,
         Setting("Web page", RemoteSetting(window.remote), DESCRIPTION),
     ]
-
-
-def _shown_area(action: QAction) -> int:
-    plot = action.parent()
-    assert isinstance(plot, QWidget)
-    return plot.width() * plot.height()
