@@ -3,9 +3,9 @@
 Every wait of a driver or protocol uses a clock, so that tests need not wait.
 """
 
+import array
 import math
 import mmap
-import struct
 import time
 from pathlib import Path
 from typing import Protocol
@@ -31,8 +31,6 @@ READER_GONE_S = 0.5
 SHORTEST_SLEEP_S = 1e-6
 """Smallest difference of two readings of a waiting time."""
 
-_NUMBER = struct.Struct("d")
-
 
 class SharedTime:
     """Bench time of a simulated bench at raised speed, common to all its processes; it waits for a late reader of a card.
@@ -49,21 +47,22 @@ class SharedTime:
     def __init__(self, path: Path, speed: float, new: bool = False) -> None:
         self.path, self.speed = path, speed
         if new:
-            path.write_bytes(struct.pack("4d", time.monotonic(), 0.0, math.inf, 0.0))
+            path.write_bytes(array.array("d", (time.monotonic(), 0.0, math.inf, 0.0)).tobytes())
         with path.open("r+b") as file:
-            self._numbers = mmap.mmap(file.fileno(), 4 * _NUMBER.size)
+            # A view stores a number at once; `struct.pack_into` clears its place first, and another process would read 0.
+            self._numbers = memoryview(mmap.mmap(file.fileno(), 0)).cast("d")
         self._latest_s = 0.0
 
     def now(self) -> float:
         """Return the bench time, s."""
         # `wait_at` of another process writes the limit before its end: read the other way round, an earlier limit would hold anew.
-        until = self._read(3)
-        limit_s = self._read(2)
+        until = self._numbers[3]
+        limit_s = self._numbers[2]
         real = time.monotonic()
-        passed_s = (real - self._read(0)) * self.speed
-        present_s = passed_s - self._read(1)
+        passed_s = (real - self._numbers[0]) * self.speed
+        present_s = passed_s - self._numbers[1]
         if present_s > limit_s and real < until:
-            self._write(1, max(passed_s - limit_s, self._read(1)))
+            self._numbers[1] = max(passed_s - limit_s, self._numbers[1])
             present_s = limit_s
         # Another process may have set the limit a moment too late; and two events never have the same time.
         self._latest_s = max(self._latest_s + SHORTEST_SLEEP_S, present_s)
@@ -71,15 +70,8 @@ class SharedTime:
 
     def wait_at(self, limit_s: float) -> None:
         """Limit the bench time, as long as this is called every READER_GONE_S."""
-        self._write(2, max(limit_s, self.now()))
-        self._write(3, time.monotonic() + READER_GONE_S)
-
-    def _read(self, place: int) -> float:
-        number: float = _NUMBER.unpack_from(self._numbers, place * _NUMBER.size)[0]
-        return number
-
-    def _write(self, place: int, number: float) -> None:
-        _NUMBER.pack_into(self._numbers, place * _NUMBER.size, number)
+        self._numbers[2] = max(limit_s, self.now())
+        self._numbers[3] = time.monotonic() + READER_GONE_S
 
 
 class WallClock:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.archive import Catalogue, LoadedRun, RunSummary, load_run, read_run_summary
-from app.common import CheckRow, Severity, check_row, pluralize
+from app.common import CheckRow, Severity, check_row, number_text, pluralize
 from model import (
     AmplifierMap,
     EstimatedQuantity,
@@ -180,8 +180,8 @@ def _others_text(estimate: EstimatedQuantity, others: Iterable[RunSummary]) -> s
     if not values:
         return ""
     if len(values) > MAX_OTHERS:
-        return f"{len(values)} from {min(values.values()):.4g} to {max(values.values()):.4g} {unit}".strip()
-    return ", ".join(f"{name} {value:.4g}" for name, value in values.items()) + f" {unit}".rstrip()
+        return f"{len(values)} from {number_text(min(values.values()), 4)} to {number_text(max(values.values()), 4)} {unit}".strip()
+    return ", ".join(f"{name} {number_text(value, 4)}" for name, value in values.items()) + f" {unit}".rstrip()
 
 
 def _other_results(folder: Path, run: LoadedRun) -> list[RunSummary]:

@@ -17,6 +17,7 @@ from .formatting import format_duration as format_duration
 from .formatting import format_outcome as format_outcome
 from .formatting import format_point as format_point
 from .formatting import format_series as format_series
+from .formatting import number_text as number_text
 from .formatting import pluralize as pluralize
 from .formatting import sentence_case as sentence_case
 from .formatting import typeset as typeset

@@ -13,6 +13,9 @@ from protocols.base import Quality
 if TYPE_CHECKING:
     from protocols.base import Series
 
+LARGEST = 1e7
+"""Larger numbers have a power of ten."""
+
 SUBSCRIPTS = {"s": "ₛ", "m": "ₘ"}
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -37,6 +40,20 @@ def sentence_case(text: str) -> str:
 def _raise_exponents(text: str) -> str:
     text = re.sub(r"\bdegC\b", "°C", text)
     return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), text)
+
+
+def number_text(value: float, digits: int = 5) -> str:
+    """Return a number as axes, read-outs and tables show it: true minus, spaces in five and more digits before the point."""
+    if not math.isfinite(value):
+        return "–"
+    size = abs(value)
+    if size >= LARGEST or 0 < size < 1e-5:
+        mantissa, power = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa.rstrip('0').rstrip('.')} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
+    places = max(digits - 1 - (math.floor(math.log10(size)) if size else 0), 0)
+    text = f"{value:,.{places}f}" if size >= 1e4 else f"{value:.{places}f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text == "-0" else text.replace(",", "\u202f").replace("-", "−")
 
 
 def format_duration(seconds: float) -> str:

@@ -4,7 +4,7 @@ import math
 from enum import StrEnum
 from typing import NamedTuple
 
-from app.common.formatting import typeset
+from app.common.formatting import number_text, typeset
 from model import shown_unit
 from protocols.base import CheckResult, Outcome
 
@@ -84,9 +84,10 @@ def check_row(check: CheckResult) -> CheckRow:
     if unit in SMALL_UNITS and 0 < largest < SMALL:  # no powers of ten
         scale, unit = SMALL_UNITS[unit]
         factor *= scale
-    low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
+    low, high = (None if limit is None else number_text(factor * limit, 4) for limit in (check.low, check.high))
     limits = f"{low} … {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-    figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
+    figure = number_text(factor * check.value, 4) if math.isfinite(check.value) else "not seen"
     name = f"{check.name} ({check.detail})" if check.detail else check.name
-    name, figure, limits = (typeset(text) for text in (name, figure, limits))
-    return CheckRow(check.passed, name, figure, limits, unit, "" if check.passed else check.remedy)
+    return CheckRow(
+        check.passed, typeset(name.replace(" - ", " − ")), figure, limits, unit, "" if check.passed else check.remedy
+    )

@@ -45,13 +45,13 @@ SPANS = (
 ARRIVALS = 40
 """Number of blocks for the timing of the display: two seconds in real time."""
 
-READING_BLOCKS = 20
-"""Number of blocks averaged for a reading: a second in real time."""
+READING_BLOCKS = 10
+"""Number of blocks averaged for a reading: two seconds in real time."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveValues:
-    """Mean volts of the last second while the card is watched between runs.
+    """Mean volts of the last two seconds while the card is watched between runs.
 
     Attributes:
         drive_v: at the amplifier's input.
@@ -173,7 +173,7 @@ class LiveFeed:
 
     @property
     def reading(self) -> LiveValues | None:
-        """Mean of the last second while the card is watched between runs; None without one."""
+        """Mean of the last two seconds while the card is watched between runs; None without one."""
         with self._lock:
             if not self._monitored or not self._channels:
                 return None

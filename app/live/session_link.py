@@ -23,7 +23,7 @@ from app.session import (
     WindowEvent,
     practise,
 )
-from drivers import Bench, CardReading
+from drivers import Bench
 from protocols.base import BlockDiscarded, BlockStored, EventBus, Operator, Prompt, RunEnded, RunStarted, StreamStarted
 
 
@@ -101,8 +101,6 @@ class SessionAdapter:
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
         self._seen = Observation()
-        self._shown: CardReading | None = None
-        """Reading with which the window was woken last between runs; without another one it looks a few times a second only."""
         self.commissioned: Bench | None = None
         """Bench that is commissioned with high voltage on, after the session has released it."""
         self.on_event: Callable[[], object] = lambda: None
@@ -132,7 +130,7 @@ class SessionAdapter:
         self.feed.running_curve.observe(event)
         if isinstance(event, BlockStored | BlockDiscarded | BlockMonitored):
             self.feed.add_block(event.block, monitored=isinstance(event, BlockMonitored))
-            if isinstance(event, BlockMonitored) and self._is_other_reading():
+            if isinstance(event, BlockMonitored):  # otherwise every frame is drawn
                 self.on_event()
             return
         if isinstance(event, StreamStarted | MonitorStarted) and (bench := self.session.bench) is not None:
@@ -146,14 +144,6 @@ class SessionAdapter:
         finally:
             self._events.put(self.timed(event))
             self.on_event()
-
-    def _is_other_reading(self) -> bool:
-        """Whether the card sees other volts or another target than when this was true last."""
-        card = self.observation.card
-        if card is None or card.resembles(self._shown):
-            return False
-        self._shown = card
-        return True
 
     def timed(self, event: WindowEvent) -> TimedEvent:
         """Return an event with the present time."""

@@ -61,7 +61,7 @@ log = logging.getLogger(__name__)
 
 CLOSING_POLL_S = 0.1
 
-MONITOR_RATE_HZ, MONITOR_BLOCK_S = 10e3, 0.1
+MONITOR_RATE_HZ, MONITOR_BLOCK_S = 10e3, 0.2
 """Scans per second, and duration of a block, while the card is watched between runs."""
 
 MONITOR_RETRY_S = 2.0

@@ -28,9 +28,6 @@ With a block and its way to a view it is the longest time for which the view sho
 STEADY_V, LEVEL_V, SWINGING_V = 0.02, 0.05, 0.5
 """Volts at the amplifier's input: noise of the card; largest swing of one level; least swing that a sensor must follow."""
 
-MONITOR_STEADY_V = 5.0
-"""Volts at the specimen: noise of a voltage monitor."""
-
 STILL_RATIO = 1.5
 """Largest swing of a sensor that stands still under a drive, relative to its least swing without one: its noise."""
 
@@ -74,14 +71,6 @@ class CardReading:
     def age_s(self, now_s: float) -> float:
         """Return the age of the last sample at a time (time.monotonic)."""
         return max(now_s - self.measured_s, 0.0)
-
-    def resembles(self, other: "CardReading | None") -> bool:
-        """Whether another reading has the same volts, but for the card's noise, and the same sensor."""
-        if other is None or (self.sensor_in_range, self.sensor_still) != (other.sensor_in_range, other.sensor_still):
-            return False
-        input_v, other_v = (*self.drive_v, *self.block_v), (*other.drive_v, *other.block_v)
-        monitor_v, other_monitor_v = self.monitor_v or (), other.monitor_v or ()
-        return _are_close(input_v, other_v, STEADY_V) and _are_close(monitor_v, other_monitor_v, MONITOR_STEADY_V)
 
     @property
     def moves(self) -> bool:
@@ -280,10 +269,6 @@ class WatchedStream(Closeable):
         """Return lowest and highest volts of a channel in several blocks."""
         low_v, high_v = sorted(map(float, self.scales[row].to_volts(np.array(_extremes(row, ends), np.int16))))
         return low_v, high_v
-
-
-def _are_close(volts: Sequence[float], others: Sequence[float], within_v: float) -> bool:
-    return len(volts) == len(others) and all(abs(a - b) <= within_v for a, b in zip(volts, others, strict=True))
 
 
 def _extremes(row: int, ends: Iterable[Sequence[tuple[int, int]]]) -> tuple[int, int]:

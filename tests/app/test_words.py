@@ -10,6 +10,7 @@ import pytest
 from annotated_types import Unit
 
 from app.archive.run_differences import _setting_text
+from app.common import check_row
 from app.common.formatting import (
     format_bytes,
     format_duration,
@@ -20,7 +21,7 @@ from app.common.formatting import (
     typeset_unit,
 )
 from model import format_with_uncertainty
-from protocols.base import Quality, Series, SeriesAxis
+from protocols.base import CheckResult, Quality, Series, SeriesAxis
 from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.schema import RESPONSE_COLUMNS, is_response
 from tests.helpers.run_files import sine_point
@@ -45,6 +46,25 @@ def test_a_value_of_one_is_no_unit() -> None:
         "a_model": "a_model",
     }.items():
         assert typeset(text) == shown
+
+
+@pytest.mark.parametrize(
+    ("check", "texts"),
+    [
+        (CheckResult("signal to noise", 24617.3, "1", 20.0, None, ""), ("24\u202f617", "at least 20", "")),
+        (
+            CheckResult("drive read back - commanded, worst", -3.5371e-6, "V", -0.002, 0.002, ""),
+            ("−0.003537", "−2 … 2", "mV"),
+        ),
+        (CheckResult("pressure", 3.2e-9, "Pa", None, 1.25e-8, ""), ("3.2 × 10⁻⁹", "at most 1.25 × 10⁻⁸", "Pa")),
+        (CheckResult("latency", math.nan, "s", None, 1.0, ""), ("not seen", "at most 1000", "ms")),
+    ],
+    ids=["large", "small volts", "smallest", "none"],
+)
+def test_figures_of_checks_have_no_powers_of_e(check: CheckResult, texts: tuple[str, ...]) -> None:
+    row = check_row(check)
+    assert (row.figure, row.limits, row.unit) == texts
+    assert " - " not in row.name
 
 
 @pytest.mark.parametrize(("count", "message"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -350,27 +349,6 @@ def test_a_program_that_is_held_up_at_raised_speed_holds_the_card_up(tmp_path: P
     with WatchedStream(card, clock, 0.4, SENSOR) as stream:
         assert wait_until(stream._arrived.full)
         assert card.next_scan <= 4 * BLOCK
-
-
-@pytest.mark.parametrize(
-    ("other", "alike"),
-    [
-        ({}, True),
-        ({"drive_v": (2.495, 2.515)}, True),
-        ({"drive_v": (2.49, 2.53)}, False),
-        ({"block_v": (2.47, 2.51)}, False),
-        ({"monitor_v": (-4.0, 4.0)}, True),
-        ({"monitor_v": (-6.1, 1.0)}, False),
-        ({"monitor_v": None}, False),
-        ({"sensor_in_range": False}, False),
-        ({"sensor_still": True}, False),
-        ({"measured_s": 9.0, "unread": True, "earlier_v": None}, True),
-    ],
-)
-def test_a_reading_resembles_another_within_the_noise(other: dict[str, Any], alike: bool) -> None:
-    reading = CardReading((2.49, 2.51), (2.49, 2.51), 1.0, (2.49, 2.51), (-1.0, 1.0))
-    assert reading.resembles(replace(reading, **other)) is alike
-    assert not reading.resembles(None)
 
 
 def test_one_sample_of_a_target_is_enough_wherever_it_lies() -> None:

@@ -1,8 +1,12 @@
 """Clocks: real time at a speed, and bench time that several processes share and that waits for a late reader."""
 
 import math
+import subprocess
+import sys
+from collections import UserList
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -64,16 +68,38 @@ def test_a_limit_that_another_process_sets_in_the_middle_of_a_reading_does_not_t
     bench, program = (SharedTime(tmp_path / "time", 10.0, new=new) for new in (True, False))
     bench.wait_at(3.0)
     real.pass_(20.0)  # the reader has gone
-    left, read = iter(range(moment, -10, -1)), SharedTime._read
+    left = iter(range(moment, -10, -1))
 
-    def read_place(shared: SharedTime, place: int) -> float:
-        if shared is program and next(left) == 0:
-            bench.wait_at(201.0)  # the next reader begins
-        return read(shared, place)
+    class Numbers(UserList[float]):
+        def __getitem__(self, place: Any) -> Any:
+            if next(left) == 0:
+                bench.wait_at(201.0)  # the next reader begins
+            return bench._numbers[place]
 
-    monkeypatch.setattr(SharedTime, "_read", read_place)
+        def __setitem__(self, place: Any, number: Any) -> None:
+            bench._numbers[place] = number
+
+    monkeypatch.setattr(program, "_numbers", Numbers())
     assert program.now() == pytest.approx(200.0, abs=1e-3)
     assert SharedTime(tmp_path / "time", 10.0).now() == pytest.approx(200.0, abs=1e-3)
+
+
+@pytest.mark.one_in(1)
+def test_a_number_that_another_process_writes_is_never_read_as_zero(tmp_path: Path) -> None:
+    """It would set the bench time back to its beginning, where it stands still for as long as it has run."""
+    path = tmp_path / "time"
+    program = SharedTime(path, 10.0, new=True)
+    write = (
+        "import sys; from pathlib import Path; from drivers.clock import SharedTime; shared = SharedTime(Path(sys.argv[1]), 10.0)\n"
+        "for at in range(300_000): shared.wait_at(1e9)"
+    )
+    program.wait_at(1e9)
+    with subprocess.Popen([sys.executable, "-c", write, path]) as bench:
+        limits: set[float] = set()
+        while bench.poll() is None:
+            limits.update(program._numbers[2] for _ in range(10_000))
+    assert limits == {1e9}
+    assert bench.returncode == 0
 
 
 def test_time_runs_on_without_a_reader(real: Real, tmp_path: Path) -> None:

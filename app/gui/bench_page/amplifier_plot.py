@@ -41,14 +41,7 @@ class AmplifierPlot(Chart):
         inputs = np.array([self._map.low_v, self._map.rest_v, self._map.high_v])
         volts = self._map.specimen_v(inputs)
         layers = [
-            layer(
-                name="characteristic",
-                x=inputs,
-                y=volts,
-                tone="model",
-                line=SOLID,
-                width=MODEL_WIDTH,
-            ),
+            layer(name="characteristic", x=inputs, y=volts, tone="model", line=SOLID, width=MODEL_WIDTH),
             layer(name="rest", x=inputs[1:2], y=np.zeros(1), tone="text2", symbol="o", label="rest", copied=False),
         ]
         if self._input is not None:

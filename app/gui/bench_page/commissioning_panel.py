@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap, QResizeEvent
 from PySide6.QtWidgets import QFrame, QLabel
 
-from app.common import Severity, sentence_case
+from app.common import Severity, number_text, sentence_case
 from app.gui.face import tokens
 from app.gui.widgets import (
     BackgroundWorker,
@@ -155,6 +155,5 @@ class CommissioningPanel(QFrame):
 
 
 def _cells(check: CheckedOutput) -> tuple[str, ...]:
-    limits = " to ".join(f"{limit:g}" for limit in (check.low, check.high) if limit is not None)
-    value = f"{check.value:.4g}" if check.value == check.value else "–"
-    return str(check.verdict), str(check.check), value, limits, check.unit, check.detail
+    limits = " to ".join(number_text(limit) for limit in (check.low, check.high) if limit is not None)
+    return str(check.verdict), str(check.check), number_text(check.value, 4), limits, check.unit, check.detail

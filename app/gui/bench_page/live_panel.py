@@ -7,16 +7,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLineEdit, QWidget
 
 from app.common import UsageError
 from app.gui.plots import TimePlot
-from app.gui.widgets import (
-    StatusLine,
-    column,
-    configure,
-    make_button,
-    make_label,
-    make_line_edit,
-    make_panel,
-    row,
-)
+from app.gui.widgets import StatusLine, column, configure, make_button, make_label, make_line_edit, make_panel, row
 from app.live import LiveFeed
 from app.session import build_protocol
 from model import AmplifierMap

@@ -230,9 +230,12 @@ class CampaignBoard(LowPane):
     def _show_decision(self) -> None:
         if self.step is not None:
             shown, has_result = self._details, self._details.reviewed_path is not None
+            pressed = self.window().focusWidget()
             self.decision.show_step(
                 self.step, self.selected_item, shown.allowed_actions, has_result, self._blocked, self._busy
             )
+            if pressed in self.decision.buttons.values() and not (pressed.isVisible() and pressed.isEnabled()):
+                self.setFocus()  # a hidden button gives the keyboard to the first control of the window
 
     def _fill_menu(self, menu: Menu) -> None:
         """Fill the menu with the actions allowed on the selected item and those of the campaign."""

@@ -65,7 +65,7 @@ class DecisionPane(QFrame):
         self.heading, self.reason, self.detail = (
             make_label(kind=kind, name=f"campaign.{kind}") for kind in ("step", "step-why", "step-detail")
         )
-        self.card = ResultCard("review", ("report",), scrolls=True)
+        self.card = ResultCard("review", ("report",))
         set_style_kind(self.card, "")
         self.quality_label = make_label(name="campaign.quality", visible=False)
         rich: dict[str, Any] = {"textFormat": Qt.TextFormat.RichText, "textInteractionFlags": SELECTABLE}

@@ -3,7 +3,7 @@
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QWidget
 
-from app.common import typeset
+from app.common import number_text, typeset
 from app.explore import ExploreRequest, ExploreResult
 from app.gui.results import rich_table
 from app.gui.widgets import Item, column, make_label, make_panel, row
@@ -65,7 +65,7 @@ class AnswerColumn(QWidget):
         rows = []
         for (name, now), (_, was) in zip(_figures(request, result.curve, natural_hz), before, strict=True):
             change = typeset(f"{100 * (now / was - 1):+.0f} %") if was else "–"
-            rows.append((name, f"{now:.4g}", f"{was:.4g}", change))
+            rows.append((name, number_text(now, 4), number_text(was, 4), change))
         self.changes.setText(rich_table(rows, ("", "Now", request.kept_curves[-1].label, "")))
 
 

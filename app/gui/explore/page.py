@@ -74,7 +74,7 @@ class ExplorePage(QWidget):
         self.overlaid = OverlaidRuns(fit, self)
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(), ShapePlot()
         self.toolbar = ExploreToolbar(self)
-        self.card = ResultCard("explore.card", ("open", "report"), scrolls=True)
+        self.card = ResultCard("explore.card", ("open", "report"))
         """Result of the chosen overlaid run."""
         self.design = DesignPanel(self)
         self.status_line = StatusLine()

@@ -39,10 +39,7 @@ VERDICTS = {
     DriftCause.SPECIMEN: ("! Drift of the specimen", Severity.WARNING, "{golden} gives too {little}, since {day}"),
 }
 """Verdict, severity and sentence of the finding, by cause."""
-WHY = {
-    DriftCause.BENCH: "Why the bench, not the specimen",
-    DriftCause.SPECIMEN: "Why the specimen, not the bench",
-}
+WHY = {DriftCause.BENCH: "Why the bench, not the specimen", DriftCause.SPECIMEN: "Why the specimen, not the bench"}
 DEFAULT_QUANTITY = "amplitude_at_resonance"
 MAX_BASELINE = 1000
 BASELINE_TEXT = (

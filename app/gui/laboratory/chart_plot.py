@@ -6,21 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from app.common import number_text
 from app.fleet import GoldenChart
-from app.gui.plots import (
-    DASHED,
-    DOTTED,
-    SOLID,
-    Chart,
-    Layer,
-    Panel,
-    Picture,
-    Region,
-    Rule,
-    axis_title,
-    layer,
-    number_text,
-)
+from app.gui.plots import DASHED, DOTTED, SOLID, Chart, Layer, Panel, Picture, Region, Rule, axis_title, layer
 from model import Array, Mask, format_quantity, shown_unit
 
 LINE_NAMES = {-3: "−3 σ", -2: "", -1: "", 0: "Centre", 1: "", 2: "", 3: "+3 σ"}

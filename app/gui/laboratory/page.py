@@ -161,13 +161,7 @@ class LaboratoryPage(QWidget):
         self.empty_label = make_label(kind="note-size", name="laboratory.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.stack.addWidget(self.empty_label)
         top = row(
-            self.views,
-            None,
-            self.simulated_mark,
-            self.kind_button,
-            self.count_label,
-            spacing=6,
-            margins=(0, 2, 0, 0),
+            self.views, None, self.simulated_mark, self.kind_button, self.count_label, spacing=6, margins=(0, 2, 0, 0)
         )
         contents = LowPane()
         column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, spacing=6)

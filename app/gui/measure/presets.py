@@ -10,9 +10,10 @@ from typing import Any
 from platformdirs import user_config_path
 from pydantic import ValidationError
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QMenu, QMessageBox, QToolButton, QWidgetAction
+from PySide6.QtWidgets import QMenu, QToolButton, QWidgetAction
 
-from app.gui.widgets import configure, give_menu, make_line_edit
+from app.common import Severity
+from app.gui.widgets import configure, give_menu, make_line_edit, tell
 from protocols.base import Protocol, write_atomic
 
 MAINS_SHIFT, MAINS_SHIFT_HZ = "mains_shift_hz", 3.0
@@ -177,4 +178,4 @@ class PresetButton(QToolButton):
         try:
             action()
         except PresetError as error:
-            QMessageBox.warning(self, "Presets", str(error))
+            tell(self, str(error), severity=Severity.ERROR)

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
+from PySide6.QtWidgets import QToolButton, QWidget
 
 from app.common import UsageError, format_bytes, pluralize, remember_conditions, remembered_conditions
 from app.gui.face import px, set_length, set_margins
@@ -18,9 +18,11 @@ from app.gui.widgets import (
     SELECTABLE,
     UPRIGHT,
     BackgroundWorker,
+    Mode,
     ProtocolForm,
     Segments,
     SheetButton,
+    choose_file,
     column,
     configure,
     make_button,
@@ -73,12 +75,7 @@ class RunPanel(QWidget):
     label_scanned = Signal(object)
     """A `SpecimenLabel` with a hash."""
 
-    def __init__(
-        self,
-        protocol: Protocol,
-        bench: BenchGetter,
-        presets: PresetStore,
-    ) -> None:
+    def __init__(self, protocol: Protocol, bench: BenchGetter, presets: PresetStore) -> None:
         super().__init__()
         self._bench = bench
         self._edited_protocols: dict[str, Protocol] = {}
@@ -310,9 +307,10 @@ class RunPanel(QWidget):
         self.run_button.setToolTip(f"Cannot run: {why}" if why else tooltip("run"))
 
     def _choose_folder(self) -> None:
-        chosen = QFileDialog.getExistingDirectory(self, "Folder for run files", self.folder_edit.text())
-        if chosen:
-            self.folder_edit.setText(str(Path(chosen)))
+        choose_file(
+            self, "Folder for run files", lambda path: self.folder_edit.setText(str(path)), start=str(self.folder),
+            mode=Mode.Directory,
+        )  # fmt: skip
 
     def _build(self) -> None:
         self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())

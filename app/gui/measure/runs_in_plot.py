@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QLabel
 
+from app.common import number_text
 from app.gui.face import follow_tokens, px
-from app.gui.plots import RunInPlot, layer_icon, number_text
+from app.gui.plots import RunInPlot, layer_icon
 from app.gui.widgets import ElidedLabel, clear_layout, column, configure, grid, make_button, make_label, row
 
 HEADS = ("", "Run", "Natural, Hz", "Largest, µm")

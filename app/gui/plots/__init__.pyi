@@ -20,7 +20,6 @@ from .picture import color_of as color_of
 from .picture import curve_symbol as curve_symbol
 from .picture import curve_tone as curve_tone
 from .picture import layer as layer
-from .picture import number_text as number_text
 from .response import DISPLACEMENT as DISPLACEMENT
 from .response import FREQUENCY as FREQUENCY
 from .response import RunInPlot as RunInPlot

@@ -10,9 +10,10 @@ import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QFontMetricsF, QPainter
 
+from app.common import number_text
 from app.gui.face import LABEL_PX, px, text_font, text_width
 from app.gui.plots.labels import Label
-from app.gui.plots.picture import color_of, number_text
+from app.gui.plots.picture import color_of
 
 X_GAP_PX, Y_GAP_PX = 48, 28
 """Least distance of two ticks with labels."""
@@ -91,6 +92,7 @@ class PlotAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph has no types
         """Paint everything anew: of a cached item that is moved and changed at once, Qt paints the newly visible part only."""
         self.setCacheMode(self.CacheMode.NoCache)
         self.setCacheMode(self.CacheMode.DeviceCoordinateCache)
+        super().update()
 
     def resizeEvent(self, _event: Any = None) -> None:
         if "heading" not in vars(self):  # pyqtgraph sets its size while it is made

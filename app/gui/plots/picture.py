@@ -25,9 +25,6 @@ CURVE_SYMBOLS = ("t1", "d", "p", "s", "t", "star", "h", "o")
 RING = "ring"
 """Symbol around points of another layer."""
 
-LARGEST = 1e7
-"""Larger numbers have a power of ten."""
-
 DATA_WIDTH, MODEL_WIDTH = 1.25, 1.75
 POINT_PX, EMPTY_PX = 9, 7
 SOLID, DASHED, DOTTED = Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine, Qt.PenStyle.DotLine
@@ -64,20 +61,6 @@ def axis_title(name: str, unit: str = "") -> str:
 def unit_of(title: str) -> str:
     """Return the unit in the title of an axis; empty without one."""
     return title.rpartition(", ")[2] if ", " in title else ""
-
-
-def number_text(value: float, digits: int = 5) -> str:
-    """Return a number as axes and read-outs show it: true minus, spaces in five and more digits before the point."""
-    if not math.isfinite(value):
-        return "–"
-    size = abs(value)
-    if size >= LARGEST or 0 < size < 1e-5:
-        mantissa, power = f"{value:.{digits - 1}e}".split("e")
-        return f"{mantissa.rstrip('0').rstrip('.')} × 10^{int(power)}".replace("-", "−")
-    places = max(digits - 1 - (math.floor(math.log10(size)) if size else 0), 0)
-    text = f"{value:,.{places}f}" if size >= 1e4 else f"{value:.{places}f}"
-    text = text.rstrip("0").rstrip(".") if "." in text else text
-    return "0" if text == "-0" else text.replace(",", "\u202f").replace("-", "−")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,12 +9,12 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QFrame
 
-from app.common import format_duration, typeset
+from app.common import format_duration, number_text, typeset
 from app.gui.face import CLASS_S, Tokens, class_of, follow_tokens, set_length, tokens
 from app.gui.plots.axes import stable_range
 from app.gui.plots.chart import Chart
 from app.gui.plots.drawn_panel import DrawnPanel
-from app.gui.plots.picture import DOTTED, Panel, Picture, Rule, axis_title, color_of, curve_tone, number_text
+from app.gui.plots.picture import DOTTED, Panel, Picture, Rule, axis_title, color_of, curve_tone
 from app.gui.plots.series import series_as_text
 from app.gui.widgets import Segments, column, configure, make_label, set_style_kind
 from app.live import SPANS, LiveFeed, TimeSpan
@@ -124,6 +124,7 @@ class TimePlot(Chart):
         self.values = [PresentValue("Displacement"), PresentValue("Drive")]
         self._build()
         follow_tokens(self, self._color_traces)
+        self.tools.values_at = self._values_at
         self._spans.chosen.connect(self.select_span)
         self.select_span(0)
 
@@ -190,7 +191,7 @@ class TimePlot(Chart):
         since = "rising edge" if span.triggered else "now"
         self.show_picture(
             Picture(
-                title="Live", x_title=f"{'Milliseconds' if short else 'Seconds'} before {since}", panels=tuple(panels),
+                title="Live", x_title=f"Time from {since}, {'ms' if short else 's'}", panels=tuple(panels),
                 rules=(Rule(at=self._amplifier.rest_v, along_y=True, panel=1, style=DOTTED),),
                 x=(-span.shown_s, 0.0), log=(False, False), simulated=self._simulated,
             )
@@ -229,6 +230,17 @@ class TimePlot(Chart):
             if (self.is_calm or now - self._last_values_s >= VALUES_S) and not self._held_s:
                 self._last_values_s = now
                 self._show_values()
+            if self.tools.cursors:
+                self.tools.update_read_out()
+
+    def _values_at(self, x: float) -> list[tuple[str, float, float, str]]:
+        """Return the traces' values at a place, for the read-out of the cursor."""
+        found = []
+        for panel, (time_s, values) in zip(self.picture.panels, self._samples, strict=False):
+            if time_s.size:
+                name, _, unit = panel.title.rpartition(", ")
+                found.append((name, float(np.interp(x + self._right_s, time_s, values)), math.nan, unit))
+        return found
 
     def _advance(self, goal_s: float, elapsed_s: float) -> float:
         """Return the bench time to show next: towards a goal, or the newest sample if it is not within the span."""
@@ -322,8 +334,8 @@ class TimePlot(Chart):
             Series(time_s - self._right_s, values, name=panel.title)
             for panel, (time_s, values) in zip(self.picture.panels, self._samples, strict=False)
         )
-        about = self.picture.x_title.partition(" before ")[2]
-        return series_as_text(traces, f"s before {about}", "value", self._simulated)
+        about = self.picture.x_title.rpartition(", ")[0]
+        return series_as_text(traces, f"{about}, s", "value", self._simulated)
 
 
 def rising_edges(time_s: Array, drive_v: Array, level_v: float) -> Array:

@@ -14,8 +14,9 @@ from PySide6.QtGui import QGuiApplication, QPageSize, QPainter, QPdfWriter, QPen
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsLineItem, QLabel, QPushButton, QWidget
 
+from app.common import number_text
 from app.gui.face import icon, px, set_length, text_font
-from app.gui.plots.picture import Layer, color_of, number_text, unit_of
+from app.gui.plots.picture import Layer, color_of, unit_of
 from app.gui.widgets import ACTIONS, Menu, Mode, add_actions, choose_file, configure, show_text, tooltip
 from model import format_with_uncertainty
 
@@ -53,6 +54,8 @@ class PlotTools(QObject):
         """Places of the cursors on the horizontal axis, in its unit; at most two."""
         self.fill_menu: Callable[[Menu], None] = lambda _menu: None
         """Adds entries to the context menu."""
+        self.values_at: Callable[[float], list[tuple[str, float, float, str]]] = self._values
+        """Returns name, value, standard error and unit of what is drawn at a place."""
         self._lines: list[QGraphicsLineItem] = []
         self._at: float | None = None
         self._pointed = ""
@@ -186,20 +189,22 @@ class PlotTools(QObject):
                     found.append((name, *value, unit_of(panel.panel.title)))
         return found[:MAX_ROWS]
 
+    def _x_text(self, x: float) -> str:
+        scale = self._chart.panels[0].axes["bottom"].scale_by
+        return f"{number_text(x * scale)} {unit_of(self._chart.picture.x_title)}".strip()
+
     def _rows(self, x: float) -> list[str]:
-        unit = unit_of(self._chart.picture.x_title)
-        rows = [f"{number_text(x)} {unit}".strip()]
-        for name, value, error, of in self._values(x):
+        rows = [self._x_text(x)]
+        for name, value, error, of in self.values_at(x):
             known = np.isfinite(error) and error > 0
             text = format_with_uncertainty(value, error, of) if known else f"{number_text(value, 4)} {of}"
             rows.append(f"{name}: {text}".strip())
         return rows
 
     def _differences(self, first: float, second: float) -> list[str]:
-        unit = unit_of(self._chart.picture.x_title)
-        rows = [f"Δ {number_text(first - second)} {unit}".strip()]
-        before = {name: value for name, value, _, _ in self._values(second)}
-        for name, value, _, of in self._values(first):
+        rows = [f"Δ {self._x_text(first - second)}"]
+        before = {name: value for name, value, _, _ in self.values_at(second)}
+        for name, value, _, of in self.values_at(first):
             if name in before:
                 ratio = f", ratio {number_text(value / before[name], 4)}" if before[name] else ""
                 rows.append(f"Δ {name}: {number_text(value - before[name], 3)} {of}{ratio}")

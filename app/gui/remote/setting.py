@@ -25,16 +25,19 @@ class RemoteSetting(QWidget):
         self._remote = remote
         self.mode = make_combo("settings.remote.mode", "web page", ((text, name) for name, text in MODES.items()))
         self.mode.setCurrentIndex(self.mode.findData(remote.mode))
-        self.address = make_label(name="settings.remote.address", textInteractionFlags=SELECTABLE)
-        self.code = configure(QLabel(), "settings.remote.code", accessibleName="address of the web page as a QR code")
-        self.code.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.address, self.stop_address = (
+            make_label(name=f"settings.remote.{name}", textInteractionFlags=SELECTABLE)
+            for name in ("address", "stop-address")
+        )
+        centre = Qt.AlignmentFlag.AlignCenter
+        self.code, self.stop_code = (
+            configure(
+                QLabel(), f"settings.remote.{name}", accessibleName=f"address of {of} as a QR code", alignment=centre
+            )
+            for name, of in (("code", "the web page"), ("stop-code", "the stop of this run"))
+        )
         tip = "Addresses with the present token are no longer valid"
         self.renew_button = make_button("New token", remote.renew_token, "choice", tip, "settings.remote.renew")
-        self.stop_address = make_label(name="settings.remote.stop-address", textInteractionFlags=SELECTABLE)
-        self.stop_code = configure(
-            QLabel(), "settings.remote.stop-code", accessibleName="address of the stop of this run as a QR code"
-        )
-        self.stop_code.setAlignment(Qt.AlignmentFlag.AlignCenter)
         parts = (self.mode, self.address, self.code, self.renew_button, self.stop_address, self.stop_code)
         column(*parts, parent=self, spacing=6)
         self.mode.currentIndexChanged.connect(lambda _: remote.set_mode(self.mode.currentData()))
@@ -42,17 +45,13 @@ class RemoteSetting(QWidget):
         self._show()
 
     def _show(self) -> None:
-        url = self._remote.url
+        url, stop_url = self._remote.url, self._remote.stop_url
         show_text(self.address, self._remote.problem or url)
-        self.code.setVisible(bool(url))
-        self.renew_button.setVisible(bool(url) and self._remote.mode == NETWORK)
-        if url:
-            self.code.setPixmap(qr_pixmap(url))
-        stop_url = self._remote.stop_url
         show_text(self.stop_address, f"Stop of this run from a phone: {stop_url}" if stop_url else "")
-        self.stop_code.setVisible(bool(stop_url))
-        if stop_url:
-            self.stop_code.setPixmap(qr_pixmap(stop_url))
+        self.renew_button.setVisible(bool(url) and self._remote.mode == NETWORK)
+        for code, shown in ((self.code, url), (self.stop_code, stop_url)):
+            code.setVisible(bool(shown))
+            code.setPixmap(qr_pixmap(shown) if shown else QPixmap())
 
 
 def qr_pixmap(text: str) -> QPixmap:

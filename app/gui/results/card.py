@@ -91,24 +91,21 @@ class UncertaintyBar(QWidget):
 class ResultCard(QFrame):
     """The same on every page; on the page Measure it is preliminary during a run and stays to the start of the next.
 
-    What its height has no place for is left out, in this order: note, file, checks, hints, reasons, further quantities; never
+    What its height has no place for is left out, in this order: note, file, the end of the reasons, checks, hints, reasons, further quantities; never
     the verdict, the key figure and the buttons.
 
     Args:
         prefix: of the object names.
         actions: names of the buttons; and "budget", the link to the identification, which finds the total uncertainty.
-        scrolls: it lies in an area that scrolls: it is as high as it needs to be, with all reasons of the verdict.
     """
 
     requested = Signal(str, object)
     """Name of an action, and the path of the run."""
 
-    def __init__(
-        self, prefix: str = "result", actions: tuple[str, ...] = (*BUTTONS, "budget"), scrolls: bool = False
-    ) -> None:
+    def __init__(self, prefix: str = "result", actions: tuple[str, ...] = (*BUTTONS, "budget")) -> None:
         super().__init__()
         configure(self, prefix, kind="panel")
-        self._scrolls, self._actions = scrolls, actions
+        self._actions = actions
         self._outcome: RunEnded | None = None
         self._fitted: tuple[object, ...] = ()
         self._room = 0
@@ -163,7 +160,7 @@ class ResultCard(QFrame):
             self.more_label,
         )
         self._rows: list[tuple[str, str]] = []
-        self._points_text = ""
+        self._points_text = self._reasons = ""
         column(
             WrappedRow(*head, spacing=8), self.reason_label, self.key_figure, self.more_label, self.checks_label, self.hints_label,
             self.file_label, self.note_label, WrappedRow(*self.buttons.values(), spacing=6), parent=self,
@@ -267,11 +264,7 @@ class ResultCard(QFrame):
         self.count_label.setText(count if summary.measured else "")
         is_told = summary.verdict.outcome is not Outcome.GOOD and (summary.reason or summary.verdict.reasons)
         reasons = summary.verdict.describe(summary.reason) if is_told else ""
-        brief = reasons
-        if not self._scrolls and len(reasons) > MAX_REASON_LENGTH:
-            brief = f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
-        self.reason_label.setText(typeset(sentence_case(brief)))
-        self.reason_label.setToolTip(reasons if brief is not reasons else "")
+        self._reasons = typeset(sentence_case(reasons))
         self.hints_label.setText(typeset("\n".join(f"⚠ {hint}." for hint in summary.hints)))
         self._show_figure(summary.lines[0] if summary.lines else _checks_passed(summary.verdict.checks))
         self._rows = [(sentence_case(line.name), line.text) for line in (*summary.lines[1:], *summary.others)]
@@ -310,21 +303,32 @@ class ResultCard(QFrame):
         if layout is None:
             return
         more = self._points_text + rich_table(self._rows)
-        texts = (*(str(part.property("text")) for part in self._optional[:-1]), more)
+        texts = (*(str(part.property("text")) for part in self._optional[:-2]), self._reasons, more)
         shown = tuple(button.isHidden() for button in self.buttons.values())
         if (fitted := (self.width(), self._room, self.fontMetrics().height(), shown, texts)) == self._fitted:
             return
         self._fitted = fitted
         self.more_label.setText(more)
+        self._show_reasons(len(self._reasons))
         for part, text in zip(self._optional, texts, strict=True):
             part.setVisible(bool(text))
         for part in self._optional if self._room else ():
             if self._is_whole(layout):
                 break
+            if part is self.checks_label:
+                self._show_reasons(MAX_REASON_LENGTH)
+                if self._is_whole(layout):
+                    break
             if part is self.more_label:
                 self._shorten(layout)
             else:
                 part.hide()
+
+    def _show_reasons(self, length: int) -> None:
+        """Show the reasons of the verdict, or their beginning, with all of them in the tool tip."""
+        is_whole = len(self._reasons) <= length
+        self.reason_label.setText(self._reasons if is_whole else f"{self._reasons[:length].rsplit(' ', 1)[0]} …")
+        self.reason_label.setToolTip("" if is_whole else self._reasons)
 
     def _is_whole(self, layout: QLayout) -> bool:
         layout.invalidate()

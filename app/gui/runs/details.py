@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
@@ -171,7 +172,8 @@ class RunDetailsPane(QWidget):
                 f"{one.specimen or one.name}   {protocol_title(one.protocol)}   {one.symbol} {one.verdict_text}"
             )
             self._people = _people_text(one)
-            lines = [_shorten_reason(one.explanation), *typeset(one.estimates_text).split("; "), self._people, one.path]
+            reason = shorten(one.explanation, MAX_REASON_LENGTH, placeholder=" … (Enter opens all of it)")
+            lines = [reason, *typeset(one.estimates_text).split("; "), self._people, one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
@@ -233,12 +235,3 @@ def _people_text(run: RunSummary) -> str:
         "" if humidity is None else f"{100 * humidity:.0f} % relative humidity",
     )
     return ", ".join(filter(None, parts))
-
-
-def _shorten_reason(reason: str) -> str:
-    """Return the reasons of a run's verdict, shortened to the available space."""
-    return (
-        reason
-        if len(reason) <= MAX_REASON_LENGTH
-        else f"{reason[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} … (Enter opens all of it)"
-    )

@@ -40,7 +40,7 @@ class RunViewer(QWidget):
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(), TracePlot(), LogView()
-        self.card = ResultCard("run.card", ("next", "report"), scrolls=True)
+        self.card = ResultCard("run.card", ("next", "report"))
         self.back_button = make_button("Back", name="run.back", key="Esc")
         self.explore_button = make_button("Show in Explore", name="run.explore", key="E")
         self._parts = {RESPONSE: self.plots, TRACES: self.trace_plot, LOG: self.log}

@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QWidget
 from app.gui.widgets import at_end
 
 FRAME_MS = 16
-REST_MS = 200
-"""Interval at rest. Nothing urgent changes between ticks: another value at the card wakes the window at once."""
+REST_MS = 250
+"""Longest interval at rest. Every block of the card wakes the window: what is drawn is as new as can be, and once a block."""
 
 LIVELY_S = 2.0
 """How long after an input of the user every frame is ticked: what was typed or dragged is drawn at once."""
@@ -64,7 +64,10 @@ class Heartbeat(QObject):
             return
         self._tick()
         moves = self._is_moving() or time.monotonic() < self._lively_until_s
-        self._set_interval(FRAME_MS if moves else REST_MS)
+        if moves:
+            self._set_interval(FRAME_MS)
+        else:
+            self._timer.start(REST_MS)  # counted from this beat: a block that comes in time spares the next one
 
     def _set_interval(self, milliseconds: int) -> None:
         if self._timer.interval() != milliseconds:

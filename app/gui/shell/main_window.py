@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QEvent, QSettings, QTimer, Signal
-from PySide6.QtGui import QAction, QCloseEvent, QKeyEvent, QKeySequence, QPaintEvent, QResizeEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QCheckBox, QGraphicsView, QLineEdit, QMainWindow, QWidget
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, set_length
+from app.gui.face import APPEARANCES, MENU_HEIGHT, TEXT_SIZES, px, set_length
 from app.gui.remote import RemoteController
 from app.gui.shell.heartbeat import Heartbeat
 from app.gui.shell.look import FRAME_SIZE, WindowLook
@@ -302,9 +302,10 @@ class MainWindow(QMainWindow):
             super().keyPressEvent(event)
             return
         plots = [plot for plot in self.findChildren(QGraphicsView) if plot.isVisible()]
-        found = [action for info, action in actions_of([*plots]) if info.id in wanted]
+        plots.sort(key=lambda plot: -plot.width() * plot.height())
+        found = [action for plot in plots for info, action in actions_of([plot]) if info.id in wanted]
         if found:
-            max(found, key=_shown_area).trigger()
+            found[0].trigger()
         else:
             tell(self, "There is no plot on this page")
 
@@ -386,7 +387,7 @@ class MainWindow(QMainWindow):
     def _restore(self, form: InitialForm) -> None:
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
-            self.resize(1280, 720)
+            self.resize(px(1280), px(720))
         self.resize(self.size().boundedTo(self.screen().availableSize() - FRAME_SIZE))
         self.central.tutorial.resume(str(self._settings.value("help/tutorial", "")))
         # Show the Measure page if a protocol was given or is started.
@@ -446,9 +447,3 @@ def _make_settings(window: MainWindow) -> "list[Setting]":
         *notifications,
         Setting("Web page", RemoteSetting(window.remote), DESCRIPTION),
     ]
-
-
-def _shown_area(action: QAction) -> int:
-    plot = action.parent()
-    assert isinstance(plot, QWidget)
-    return plot.width() * plot.height()

@@ -45,7 +45,7 @@ class MainMenus:
         self._tabs = central.tabs
         self.bar = bar = QMenuBar()
         for title in (*MENUS, "&Page", "&Help"):
-            menu = Menu(window, title)
+            menu = Menu(title, window)
             menu.setObjectName(f"menu.{title.strip('&').lower()}")
             menu.aboutToShow.connect(partial(self.fill, menu, title))
             bar.addMenu(menu)

@@ -246,24 +246,23 @@ class ResultActions:
 
     def perform(self, action: str, path: Path) -> None:
         """Carry out an action of a result card."""
-        if action == "again":
-            self._tabs.measure.run_panel.run_pressed.emit()
-        elif action == "continue":
-            self._tabs.repeat_entries()
-        elif action == "budget":
-            self._tabs.identification_requested.emit()
-        elif action == "open":
-            self.open_run(path)
-        elif action == "explore":
-            self.overlay_runs([path])
-        elif action == "accept":
-            controller, run = self._tabs.campaign.controller, path.name
-            if controller.summary is not None and (name := controller.summary.acceptable.get(run)):
-                controller.modify(lambda plan: plan.accept(name, run), f"{name} is accepted")
-        elif action == "next":
-            self._tabs.setCurrentIndex(CAMPAIGN)
-        elif action == "report":
-            self._report_job.start_of(path)
+        tabs = self._tabs
+        actions: dict[str, Callable[[], object]] = {
+            "again": tabs.measure.run_panel.run_pressed.emit,
+            "continue": tabs.repeat_entries,
+            "budget": tabs.identification_requested.emit,
+            "open": lambda: self.open_run(path),
+            "explore": lambda: self.overlay_runs([path]),
+            "accept": lambda: self._accept(path.name),
+            "next": lambda: tabs.setCurrentIndex(CAMPAIGN),
+            "report": lambda: self._report_job.start_of(path),
+        }
+        actions[action]()
+
+    def _accept(self, run: str) -> None:
+        controller = self._tabs.campaign.controller
+        if controller.summary is not None and (name := controller.summary.acceptable.get(run)):
+            controller.modify(lambda plan: plan.accept(name, run), f"{name} is accepted")
 
     def open_run(self, path: Path) -> None:
         """Open a run on the Runs page."""

@@ -288,10 +288,14 @@ class BenchStrip(QWidget):
         titles += (run.title.partition(" · ")[0], run.title.partition(" of ")[0])
         if self.view.danger:
             act, _, why = self.view.act.partition("; ")
-            key = "Then F4; " if self.view.state == "unsafe" else ""  # which answers the card of that state only
-            titles, notes = (act, SWITCH_OFF), _shortened(sentence_case(f"{key}{OTHER_VOLTAGE if why else run.note}"))
+            # F4 answers the card of that state, F6 measures rest again.
+            key = (
+                "" if self.view.state != "unsafe" else "F4" if self._state is not None and self._state.unsafe else "F6"
+            )
+            note = OTHER_VOLTAGE if why else run.note
+            titles, notes = (act, SWITCH_OFF), _shortened(sentence_case(f"Then {key}; {note}" if key else note))
             if narrow:
-                titles, notes = ("Switch HV",), ("off, F4" if key else "off",)
+                titles, notes = ("Switch HV",), (f"off, {key}" if key else "off",)
         elif narrow and in_run:
             points, _, rest = run.note.partition(", ")
             titles, notes = (points.removesuffix(" points"),), (rest,)

@@ -6,7 +6,7 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from app.gui.face import px, set_length, text_font
+from app.gui.face import draw_box, painting, px, set_length, text_font
 from model import format_quantity
 from protocols.base import Prompt
 
@@ -34,20 +34,16 @@ class SetupDrawing(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         if self._prompt is None or self._prompt.action not in DRAWINGS:
             return
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(GROUND))
-        painter.drawRoundedRect(self.rect(), px(8), px(8))
         scale = min(self.width() / (SIZE.width() + 20), self.height() / (SIZE.height() + 16))
-        painter.translate((self.width() - scale * SIZE.width()) / 2, (self.height() - scale * SIZE.height()) / 2)
-        painter.scale(scale, scale)
         font = text_font()
         font.setPixelSize(max(round(font.pixelSize() / scale), 1))
-        painter.setFont(font)
-        painter.setPen(QPen(QColor(INK), 1.5))
-        DRAWINGS[self._prompt.action](painter, dict(self._prompt.values))
-        painter.end()
+        with painting(self) as painter:
+            draw_box(painter, QRectF(self.rect()), px(8), GROUND)
+            painter.translate((self.width() - scale * SIZE.width()) / 2, (self.height() - scale * SIZE.height()) / 2)
+            painter.scale(scale, scale)
+            painter.setFont(font)
+            painter.setPen(QPen(QColor(INK), 1.5))
+            DRAWINGS[self._prompt.action](painter, dict(self._prompt.values))
 
 
 def _fill_rectangle(painter: QPainter, color: str, box: QRectF) -> None:
@@ -85,12 +81,10 @@ def _draw_text(painter: QPainter, box: QRectF, text: str, color: str = INK) -> N
 
 
 def _draw_arrow(painter: QPainter, start: QPointF, end: QPointF) -> None:
-    painter.drawLine(start, end)
-    along = end - start
-    length = max((along.x() ** 2 + along.y() ** 2) ** 0.5, 1.0)
-    unit, across = along / length, QPointF(-along.y(), along.x()) / length
-    for turn in (1, -1):
-        painter.drawLine(end, end - unit * 7 + across * 4 * turn)
+    back = QLineF(end, start)
+    painter.drawLine(back)
+    for turn in (30, -30):
+        painter.drawLine(QLineF.fromPolar(8, back.angle() + turn).translated(end))
 
 
 def _draw_place_weight(painter: QPainter, values: dict[str, float]) -> None:

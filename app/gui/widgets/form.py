@@ -231,9 +231,10 @@ class NumberListEdit(QPlainTextEdit):
         while block.isValid():
             height += layout.blockBoundingRect(block).height()
             block = block.next()
-        line = self.fontMetrics().lineSpacing()
+        line, around = self.fontMetrics().lineSpacing(), self.contentsMargins()
         least, most = LIST_LINES
-        self.setFixedHeight(line * min(max(round(height / line), least), most) + px(14))
+        lines = line * min(max(round(height / line), least), most)
+        self.setFixedHeight(lines + around.top() + around.bottom() + 2)  # without 2 more Qt shows a scroll bar
 
 
 def _make_editor(field: FormField) -> Editor:

@@ -25,9 +25,6 @@ class Menu(QMenu):
     PASSED_ON = ("stop", "escape")
     """Actions of the window whose keys work in an open menu."""
 
-    def __init__(self, parent: QWidget, title: str = "") -> None:
-        super().__init__(title, parent)
-
     def add_named(self, owner: QWidget, names: Iterable[str]) -> None:
         """Add the existing actions of a widget by name; an empty name is a separator."""
         for name in names:

@@ -245,6 +245,21 @@ def test_an_item_is_dragged_to_another_place(page: tuple[Stage, CampaignPage], t
     assert [items.item(at).text().split(":")[0] for at in range(4)] == ["last", "wiring", "dwell", "again"]
 
 
+def test_a_run_started_by_mouse_leaves_the_keyboard_to_the_list_whose_enter_accepts(
+    page: tuple[Stage, CampaignPage],
+) -> None:
+    stage, shown = page
+    stage.happen(OPENED)
+    settle(shown)
+    run = shown.board.decision.buttons["run"]
+    run.setFocus()
+    QTest.mouseClick(run, Qt.MouseButton.LeftButton)
+    until(lambda: stage.session.runs, "for the run")
+    stage.happen(*LIVE)
+    assert not run.isVisible()
+    assert stage.window.focusWidget() is shown.board.item_list
+
+
 @pytest.mark.deep
 def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
     page: tuple[Stage, CampaignPage], tmp_path: Path

@@ -11,9 +11,8 @@ from PySide6.QtCore import QCoreApplication
 
 from app.gui.shell import collect_garbage_here
 from app.live.session_link import PromptMailbox, SessionAdapter
-from app.session import BlockMonitored, Observation
-from drivers import CardReading
-from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from app.session import BlockMonitored
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, BlockStored
 from tests.helpers.main_window import ListeningSession, until
 from tests.helpers.session_events import sine_block
 
@@ -83,14 +82,12 @@ def test_cycles_are_collected_in_the_gui_thread(qt: QCoreApplication) -> None:
     assert gc.isenabled()
 
 
-def test_a_window_at_rest_is_woken_by_another_reading_of_the_card_only() -> None:
-    card = CardReading((2.5, 2.5), (2.5, 2.5), 0.0)
+def test_every_block_of_the_card_wakes_a_window_at_rest_and_none_of_a_run() -> None:
     session = ListeningSession()
     link = SessionAdapter(lambda: pytest.fail("nobody connects here"), lambda *_: session)
-    woken: list[CardReading] = []
-    link.on_event = lambda: woken.append(card)
-    for volts in (2.5, 2.51, 2.49, 0.0, 0.01, 2.5):
-        card = CardReading((volts, volts), (volts, volts), 0.0)
-        session.observation = Observation(card)
+    woken: list[int] = []
+    link.on_event = lambda: woken.append(len(woken))
+    for _ in range(3):
         link.observe(BlockMonitored(sine_block(0, 10, 5000.0)))
-    assert [each.drive_v[0] for each in woken] == [2.5, 0.0, 2.5]
+    link.observe(BlockStored(sine_block(0, 10, 5000.0), 0))
+    assert woken == [0, 1, 2]

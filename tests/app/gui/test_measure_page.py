@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QFileDialog, QPlainTextEdit
 
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
 from app.gui.plots.response import COMING, LOWER
@@ -96,6 +97,21 @@ def test_presets_are_kept_taken_and_forgotten(stage: Stage) -> None:
 def actions(button: Any) -> dict[str, Any]:
     button.menu().aboutToShow.emit()
     return {action.text(): action for action in button.menu().actions()}
+
+
+def test_neither_a_folder_nor_a_fault_of_a_preset_takes_the_stop_key(stage: Stage, tmp_path: Path) -> None:
+    panel = stage.window.measure_page.run_panel
+    find(panel, "measure.browse").click()
+    (dialog,) = panel.findChildren(QFileDialog)
+    assert not dialog.isModal()
+    dialog.filesSelected.emit([str(tmp_path / "other")])
+    dialog.close()
+    assert panel.folder == tmp_path / "other"
+    presets_path().parent.mkdir(parents=True, exist_ok=True)
+    presets_path().write_text('{"sine-dwell": {"wild": {"record_s": -1}}}')
+    actions(find(panel, "measure.presets"))["wild"].trigger()
+    assert QApplication.activeModalWidget() is None
+    assert "'wild' does not fit: record_s" in find(stage.window, "status.event").text()
 
 
 def test_presets_that_do_not_fit_are_a_sentence(tmp_path: Path) -> None:
@@ -337,6 +353,16 @@ def test_the_result_stands_beside_the_plot_of_a_wide_window_and_under_a_switch_i
     window.resize(1280, 800)
     segments.buttons["set-up"].click()
     assert (card.isVisible(), protocol.isVisible()) == (False, True)
+
+
+def test_a_list_that_fits_has_no_scroll_bar(stage: Stage) -> None:
+    editor = stage.window.measure_page.run_panel.form.rows["frequencies_hz"].editor
+    assert isinstance(editor, QPlainTextEdit)
+    for count in (6, 18):
+        editor.setPlainText(", ".join(str(100 + at) for at in range(count)))
+        assert editor.verticalScrollBar().maximum() == 0, count
+    editor.setPlainText(", ".join(str(100 + at) for at in range(99)))
+    assert editor.verticalScrollBar().maximum() > 0
 
 
 def test_a_fault_in_a_folded_field_is_named_and_moves_nothing(stage: Stage) -> None:

@@ -9,12 +9,13 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
 
+from app.common import number_text
 from app.gui.face import LIGHT
 from app.gui.plots import SOLID, Chart, Panel, Picture, Region, Rule, Spot, layer, time_plot
 from app.gui.plots.axes import round_step, stable_range
 from app.gui.plots.labels import Label
 from app.gui.plots.picture import ON_AXIS
-from app.gui.plots.time_plot import TimePlot, rising_edges
+from app.gui.plots.time_plot import DRIVE_TITLE, TimePlot, rising_edges
 from app.live import feed as live_feed
 from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
 from drivers.interfaces import Block
@@ -73,6 +74,29 @@ def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -
         plot.tick()
     plot.deleteLater()
     assert plot.frames == 1
+
+
+def test_a_cursor_in_the_traces_reads_time_displacement_and_drive(qt: QApplication) -> None:
+    feed = fed(seconds=1.0)
+    plot = TimePlot(feed, AmplifierMap())
+    plot.resize(800, 400)
+    plot.show()
+    plot.tick()
+    plot.tools.set_cursor(-0.05)
+    time_text, moved, drive = plot.tools.label.text().splitlines()
+    assert time_text == "−50 ms"
+    assert moved.startswith("Displacement: ")
+    assert moved.endswith(" µm")
+    time_s, drive_v = plot.curves[1].getData()
+    at = float(np.interp(-0.05, time_s + plot.curves[1].pos().x(), drive_v))
+    assert drive == f"{DRIVE_TITLE.removesuffix(', V')}: {number_text(at, 4)} V"
+    feed.add_block(sine_block(5000, 777, 5000.0))
+    plot.tick()
+    assert plot.tools.label.text().startswith("−50 ms")
+    plot.select_span(2)
+    plot.tools.set_cursor(-2.0)
+    assert plot.tools.label.text().startswith("−2 s")
+    plot.deleteLater()
 
 
 def test_at_rest_a_horizontal_trace_is_drawn_once_and_a_moving_one_with_every_block(
@@ -427,7 +451,7 @@ def test_the_numbers_of_an_axis_have_their_places_after_a_resize(qt: QApplicatio
 
 def test_a_title_takes_no_number_from_its_axis(qt: QApplication) -> None:
     chart = Chart("test")
-    title = "Milliseconds before rising edge"
+    title = "Time from rising edge, ms"
     axis_range = (-100.0, 0.0)
     for width in (240, 500, 1000):
         chart.resize(width, 300)

@@ -83,6 +83,23 @@ def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: S
     assert card.bar.statistical_share == pytest.approx(0.01 / 0.7, rel=0.01)
 
 
+def test_the_reasons_of_a_verdict_are_whole_where_there_is_room_and_whole_in_the_tool_tip_elsewhere(
+    stage: Stage,
+) -> None:
+    card = stage.window.measure_page.run_panel.result_card
+    reason = "; ".join(
+        f"weight {at} did not land on the specimen, and is not a point of the result" for at in range(1, 7)
+    )
+    stage.window.resize(1920, 1080)
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.COMPLETED, reason, "run.h5"))
+    assert card.reason_label.text() == f"Not judged: {reason}"
+    card.set_room(150)
+    assert card.reason_label.text().endswith(" …")
+    assert card.reason_label.toolTip() == f"Not judged: {reason}"
+
+
 @pytest.mark.deep
 def test_a_stopped_run_is_continued_from_its_card(stage: Stage) -> None:
     card = stage.window.measure_page.run_panel.result_card

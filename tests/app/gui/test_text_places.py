@@ -88,6 +88,21 @@ def test_dates_of_an_axis_never_overlap(qt: QApplication) -> None:
     chart.deleteLater()
 
 
+def test_the_screen_shows_the_labels_of_another_range(qt: QApplication) -> None:
+    """A grab paints all of a plot; the screen keeps what was painted last."""
+    chart = Chart("another range")
+    curve = layer(name="a", x=np.arange(3.0), y=np.array([0.0, 2.0, 1.0]))
+    chart.show_picture(Picture(x_title="x", panels=(Panel(title="y"),), log=(False, False), layers=(curve,)))
+    chart.show()
+    QCoreApplication.processEvents()
+    for limits in ((-300.0, 500.0), (-2.0, 3.0), (-1.0, 4.0)):
+        chart.panels[0].box.set_whole((0.0, 2.0), limits)
+        QCoreApplication.processEvents()
+        shown = chart.screen().grabWindow(chart.winId()).toImage()
+        assert shown == chart.grab().toImage().convertToFormat(shown.format()), limits
+    chart.deleteLater()
+
+
 def test_an_axis_that_grew_shows_nothing_of_its_earlier_size(qt: QApplication) -> None:
     """Its picture is kept by Qt; painted without that, it is the same."""
     chart = Chart("grown")

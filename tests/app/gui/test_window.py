@@ -13,9 +13,10 @@ from PySide6.QtCore import QCoreApplication, QPoint, QRect, QSettings, QSize, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 
-from app.gui.face import DARK, LIGHT, tokens
+from app.gui.face import DARK, LIGHT, install_fonts, tokens
 from app.gui.shell.main_window import MainWindow
 from app.gui.status import notices
+from app.gui.status.bench_strip import BenchStrip
 from app.gui.status.prompt_card import INPUT_GUARD_S
 from app.session.session import BenchFailed, Observation, RunRejected
 from app.session.state import BenchState
@@ -312,11 +313,22 @@ def test_a_prompt_for_the_simulated_operator_is_not_put_to_the_person(stage: Sta
     assert not find(stage.window, "notices.prompt").isVisible()
 
 
-def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: Stage) -> None:
+def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[tuple[str, ...]] = []
+    monkeypatch.setattr(BenchStrip, "_draw_line", lambda _strip, _painter, _area, texts, *_: drawn.append(texts))
+
+    def next_act() -> str:
+        drawn.clear()
+        stage.window.strip.grab()
+        return " ".join(drawn[-1])
+
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, *LOST)
     assert sign(stage.window) == "UNSAFE"
+    assert "Then F4" in next_act()
     assert "high voltage OFF by hand" in find(stage.window, "notices.unsafe.detail").text()
     assert find(stage.window, "notices.unsafe").isVisible()
     stage.press(Qt.Key.Key_F5)
@@ -324,6 +336,7 @@ def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: S
     stage.press(Qt.Key.Key_F4)
     assert not find(stage.window, "notices.unsafe").isVisible()
     assert sign(stage.window) == "UNSAFE", "acknowledging measures nothing"
+    assert "Then F6" in next_act()
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 2
 
@@ -553,3 +566,9 @@ def test_a_window_is_never_larger_than_its_screen(
     screen = SimpleNamespace(availableSize=lambda: QSize(910, 512))
     monkeypatch.setattr(MainWindow, "screen", lambda _: screen)
     assert open_stage().window.size() == QSize(906, 480)
+
+
+def test_a_first_window_is_as_large_as_its_text_needs(open_stage: OpenStage, settings: QSettings) -> None:
+    settings.setValue("window/text-size", "125")
+    assert open_stage().window.size() == QSize(1600, 900)
+    install_fonts(100)

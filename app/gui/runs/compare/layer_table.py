@@ -8,10 +8,10 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
-from app.common import typeset
+from app.common import number_text, typeset
 from app.comparison import Comparison, ComparisonLayer
 from app.gui.face import follow_tokens
-from app.gui.plots import color_of, curve_tone, number_text
+from app.gui.plots import color_of, curve_tone
 from app.gui.runs.compare.plot import ComparisonPlot, run_index
 from app.gui.widgets import add_actions, configure_table
 from model import format_with_uncertainty
