@@ -19,6 +19,8 @@ from model.identification.residuals import LeastSquaresProblem
 from model.parameters import ParameterError
 from tests.helpers.laboratory import Laboratory, measure
 from tests.helpers.model.departures import DEVELOPED
+from tests.helpers.model.laboratories import draw
+from tests.helpers.model.laboratories import measure as measure_world
 from tests.helpers.model.withheld_departures import WITHHELD
 from tests.helpers.model.withheld_departures_2 import WITHHELD_2
 from tests.helpers.model.withheld_departures_3 import WITHHELD_3
@@ -120,6 +122,39 @@ def test_nonidealities_are_found_with_few_runs(lab: Laboratory, cause: str, word
     assert verdict.diagnosis is not None
     assert cause in [e.cause.title for e in verdict.diagnosis.likeliest]
     assert re.search(words, verdict.message), verdict.message
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(
+    ("departure", "title", "size"),
+    [
+        ("leads exchanged in one run", "scale of membrane 6.35 mm", -1.99),
+        ("foam touches the plate in one run", "damping of dwell again", 0.3),
+        ("tape on and off again", "mass of membrane 0 mm to membrane 2.54 mm", 2.2e-4),
+        ("gain changes over lunch", "scale from membrane 6.35 mm on", 0.04),
+        ("laser moved aside for the membrane", "scale of all dwells on the membrane", 0.0515),
+        ("plate warms in a long dwell", "stiffness within dwell again", 0.05),
+        ("sensor's input is coupled by a capacitor", "high-pass", 0.15),
+        ("mains hum", "hum at 50 Hz", None),
+        ("rest is not at 2.5 V", "rest of steps", None),
+        ("zero creeps in the steps", "zero of steps", None),
+        ("mass lost in the middle of the series", "drift in masses", None),
+        ("converter clips the resonance", "softening of dwell", None),
+    ],
+)
+def test_changes_of_specimen_and_instruments_are_named_with_their_size(
+    departure: str, title: str, size: float | None
+) -> None:
+    (each,) = (d for d in WITHHELD_3 if d.name == departure)
+    world = draw(0, each, 2815)
+    observations = measure_world(world, 2815000, each)
+    fit = joint_fit(observations, world.sheet.fit_options(FitOptions(), observations, False))
+    diagnosis = assess_adequacy(fit).diagnosis
+    assert diagnosis is not None
+    first = diagnosis.likeliest[0]
+    assert first.cause.title == title
+    assert first.p_value > 1e-3
+    assert size is None or abs(first.size - size) < 3.5 * first.standard_error
 
 
 @pytest.mark.deep
