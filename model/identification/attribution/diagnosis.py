@@ -1,6 +1,6 @@
 """Diagnosis of a misfit: the likeliest causes by the linearized fit, each fitted, ranked by their evidence."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,13 +47,18 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
     Raises:
         FitCancelled: `cancelled` returned true.
     """
-    fit, evidence = evidence.fit, _plausible(evidence, cancelled)
+    fit = evidence.fit
     found: list[tuple[CauseEvidence, Explanation]] = []
-    for linear in _candidates(evidence.linear):
-        enough = any(e.p_value > MIN_P_VALUE and linear.log_odds < known.log_odds - CLEARLY_LESS for known, e in found)
-        explained = None if enough else _explain(fit, evidence, linear, cancelled)
-        if explained is not None:
-            found.append((linear, explained))
+    for place in _linearizations(evidence, cancelled):
+        if any(e.p_value > MIN_P_VALUE for _, e in found):
+            break
+        for linear in _candidates(place.linear):
+            enough = any(
+                e.p_value > MIN_P_VALUE and linear.log_odds < known.log_odds - CLEARLY_LESS for known, e in found
+            )
+            explained = None if enough else _explain(fit, place, linear, cancelled)
+            if explained is not None:
+                found.append((linear, explained))
     rest = [e.chi_square / max(e.degrees_of_freedom, 1) for _, e in found if e.p_value < MIN_P_VALUE]
     enlarged = max(1.0, min(rest)) if len(rest) == len(found) and rest else 1.0
     ranked = [_ranked(fit, linear, e, enlarged) for linear, e in found]
@@ -64,15 +69,15 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
     return Diagnosis(tuple(with_text(fit, e) for e in ranked[:MAX_EXPLANATIONS]), len(evidence.linear))
 
 
-def _plausible(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Evidence:
-    """Return the evidence, linearized at a robust fit if the fit is far from its runs."""
+def _linearizations(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Iterator[Evidence]:
+    """Yield the evidence, before it that at a robust fit if the fit is far from its runs."""
     fit = evidence.fit
-    if fit.chi_square < FAR_FROM_RUNS * fit.degrees_of_freedom:
-        return evidence
-    robust = replace(fit.options, loss="cauchy")
-    near = joint_fit(fit.observations, robust, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE)
-    residuals, slopes = near.problem.evaluate(near.theta)
-    return Evidence(replace(near, options=fit.options, weighted_residuals=residuals, jacobian=slopes))
+    if fit.chi_square > FAR_FROM_RUNS * fit.degrees_of_freedom:
+        robust = replace(fit.options, loss="cauchy")
+        near = joint_fit(fit.observations, robust, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE)
+        residuals, slopes = near.problem.evaluate(near.theta)
+        yield Evidence(replace(near, options=fit.options, weighted_residuals=residuals, jacobian=slopes))
+    yield evidence
 
 
 def _candidates(linear: Sequence[CauseEvidence]) -> list[CauseEvidence]:
