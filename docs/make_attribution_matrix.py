@@ -37,9 +37,17 @@ the share of the added masses that acts is free to follow. With that share known
 The third set was written without knowledge of the attribution's code and committed before its first run; titles were not changed afterwards. One laboratory each: 35 of 37 departures detected, right first in 22, 63 % (goal: 85 %). The first 23 were
 measured before several wrong points of a run were a cause, the other 14 after it. With what these showed mended (several points, one weight, scales of any size), contacts lost twice, the rattle, the weight and the screw at one level are named by their points or weight, loads in pounds by
 their scale: 27 of 35, 77 %, of a set that is no longer apart. Not detected: screws not tight under the weights, with `m_add`, `mass_fraction` and `mu` 6 total errors off in an adequate fit (like a gain, a compliance that only the loads have moves k2, mass and moment alike: these runs
-cannot tell it), and a width that the fit takes up. Mains hum cannot be told from a narrow resonance by points at 25, 50 and 75 Hz; no cause says that an input is coupled by a capacitor. Faults of the attribution that are left: a clipped peak and a damping that changes in one run are called
-drifts, leads exchanged in one run a clamp, a plate that warms in a run and a mass in two runs are called other masses, and rest beside 2.5 V is called one point of the steps.
-The second set, played again with 20 shapes and the present code, one laboratory each: right first in 37 of 39 detected, 95 %; its table is of its first opening.
+cannot tell it), and a width that the fit takes up.
+With the causes of [decision 172](decisions/0172-causes-of-successive-runs.md) leads exchanged in one run, a damping of one run, a mass in two runs, a clipped peak, one repeat with another zero and a mass lost within the series are named as their titles say; a plate that warms in a run, a coupling capacitor, hum,
+a rest beside 2.5 V, a zero that creeps in the steps, a gain over lunch and a laser moved aside are named by causes that the titles, written before, do not have, with the sizes that were put in: played again, 24 of 35 by title, all 35 by what is said, of a set that has served the development.
+
+The fourth set was written after these causes by somebody who knows them, judged by physics, and committed before its first run; titles were not changed afterwards. One laboratory each: 25 of 29 departures detected, right first in 15, 60 % (goal: 85 %). A mass left on in the last dwell is named *from dwell again on*,
+which says the same: 16, 64 %. Four of the nine others have no true word among the causes (a constant phase of the lock-in is called a high-pass, a notch a resonance of the stand, crosstalk a roll-off, steps that remember the level before single points): of those that have one 16 of 21, 76 %. Wrong are a scale of
+28 (called a clamp), an elongation by a decimal point (a scale of that run), a sensor at the end of its range in most points of all dwells (a scale; `mass_fraction` 79 total errors off in a fit that is not adequate), a sag 0.3 mm too large (the contact length, which moves the same), and a membrane that dries, whose
+damping is third of three that cannot be told apart. Not detected: masses 3 % too large on the balance and the pitch of another screw, which the fit takes up, an offset of 15 mV in the steps, and two lengths read together, with parameters up to 2.6 to 4.1 total errors off. Hum that has another phase in every run is named by its point in one of them.
+Since a far fit is compared at both linearizations, which the second set asked for, the scale of 28 is named first: 16 by title, 64 %. Extreme departures still take 15 to 90 s.
+False alarms with all these causes: 3 of the first 120 laboratories without a departure, 2.5 %. The second set, played again with them: right first in 36 of 39 detected, 92 %; a hook on one side is called a zero of that loading, which says the same of it.
+The second set, played before that with 20 shapes and the present code, one laboratory each: right first in 37 of 39 detected, 95 %; its table is of its first opening.
 """
 
 
@@ -49,6 +57,7 @@ TITLES = {
     "withheld": "Withheld departures, opened once",
     "withheld_2": "A second withheld set, opened once",
     "withheld_3": "A third withheld set, opened once",
+    "withheld_4": "A fourth withheld set, opened once",
 }
 
 

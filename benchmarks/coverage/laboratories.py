@@ -2,7 +2,7 @@
 
 Every laboratory of `tests/helpers/model/laboratories.py` has a specimen, a sheet and instruments of its own; its nonidealities are not drawn
 from the fit's priors. The fit is the default one, with the sheet. Kinds: `coverage` (full campaigns, and of every fourth laboratory every
-small set), `developed` and three `withheld` sets (one departure each). Every identification is a line of JSON in FILE; lines that are there
+small set), `developed` and four `withheld` sets (one departure each). Every identification is a line of JSON in FILE; lines that are there
 are not made again, so that the command can be interrupted and repeated.
 """
 
@@ -25,11 +25,20 @@ from tests.helpers.model.laboratories import SMALL_SETS, UNDISTURBED, Departure,
 from tests.helpers.model.withheld_departures import WITHHELD
 from tests.helpers.model.withheld_departures_2 import WITHHELD_2
 from tests.helpers.model.withheld_departures_3 import WITHHELD_3
+from tests.helpers.model.withheld_departures_4 import WITHHELD_4
 
 IDENTIFIED = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-STREAMS = {"coverage": 2811, "withheld": 2812, "developed": 2813, "withheld_2": 2814, "withheld_3": 2815}
+STREAMS = {
+    "coverage": 2811,
+    "withheld": 2812,
+    "developed": 2813,
+    "withheld_2": 2814,
+    "withheld_3": 2815,
+    "withheld_4": 2816,
+}
 DEPARTURES = {
     "coverage": (UNDISTURBED,), "developed": DEVELOPED, "withheld": WITHHELD, "withheld_2": WITHHELD_2, "withheld_3": WITHHELD_3,
+    "withheld_4": WITHHELD_4,
 }  # fmt: skip
 SMALL_SETS_EVERY = 4
 Row = dict[str, Any]

@@ -131,14 +131,12 @@ def joint_fit(
     max_evaluations: int = MAX_EVALUATIONS,
     max_starts: int = 6,
     tolerance: float = 0.0,
-    enlarged: float = 1.0,
 ) -> JointFit:
     """Fit the free parameters to all runs together.
 
     A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, until two agree. After
     `max_evaluations` the best fit is returned, with a note in `message`; the result does not depend on the computer's load.
-    `tolerance` is the share of the cost that may be left to gain; 0: a millionth of a standard error. The descent takes the errors of the runs `enlarged` times, so that priors
-    count for more; residuals and slopes of the result are over the errors as given.
+    `tolerance` is the share of the cost that may be left to gain; 0: a millionth of a standard error.
 
     Raises:
         ParameterError, IdentificationError: these runs cannot be fitted.
@@ -146,7 +144,7 @@ def joint_fit(
     """
     problem = LeastSquaresProblem(observations, options or FitOptions())
     began = perf_counter()
-    watch = _FitMonitor(problem, progress, cancelled, max_evaluations, tolerance, enlarged)
+    watch = _FitMonitor(problem, progress, cancelled, max_evaluations, tolerance)
     best, agreed = _best_of_starts(problem, watch, max_starts)
     if best is None:
         raise IdentificationError(
@@ -158,7 +156,7 @@ def joint_fit(
         best = replace(
             best, converged=False, message=f"no two starts of {max_starts} lead to the least chi-square that was found"
         )
-    best = _with_limits(best, watch) if enlarged == 1 else best
+    best = _with_limits(best, watch)
     return replace(best, evaluations=watch.evaluations, duration_s=perf_counter() - began)
 
 
@@ -228,27 +226,25 @@ class _FitMonitor:
         cancelled: CancelCheck | None,
         max_evaluations: int,
         tolerance: float = 0.0,
-        enlarged: float = 1.0,
     ) -> None:
         self.problem, self._progress, self._cancelled = problem, progress, cancelled
         self.evaluations, self.max_evaluations, self._tolerance = 0, max_evaluations, tolerance
         self._residuals_left = 1 + RESIDUALS_PER_EVALUATION * max_evaluations
-        self._enlarged = enlarged
 
     def fit(self, start: Array) -> JointFit | None:
         """Return one descent; None if the model cannot be evaluated at the start."""
         p = self.problem
         place = FitCoordinates(p, start)
         box = Box(place.lower_bounds + BOUND_MARGIN, place.upper_bounds - BOUND_MARGIN, place.steps)
-        descent = _ResidualFunction(p.condensed, place, self, 1 / self._enlarged)
+        descent = _ResidualFunction(p.condensed, place, self, 1.0)
         end, settled = place.start, False
         try:
             with np.errstate(all="ignore"):
                 cost, rows = descent.cost_and_residuals(end)
                 misfit = np.sqrt(cost / max(rows.size, 1))
-                stages = [(1 / self._enlarged, DESCENT_EVALUATIONS, self._tolerance)]
+                stages = [(1.0, DESCENT_EVALUATIONS, self._tolerance)]
                 if FAR_START < misfit < np.inf:
-                    stages.insert(0, (NEAR_MISFIT / misfit / self._enlarged, FIRST_EVALUATIONS, FIRST_TOLERANCE))
+                    stages.insert(0, (NEAR_MISFIT / misfit, FIRST_EVALUATIONS, FIRST_TOLERANCE))
                 for descent.weight, evaluations, share in stages:
                     descent.least_cost = np.inf
                     end, settled = descend(

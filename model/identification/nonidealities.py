@@ -119,18 +119,20 @@ def with_acting_mass(v: Values) -> Values:
 def values_of_run(v: Values, run: observed.Observation, reference_c: float | None = None) -> Values:
     """Return the parameters of a run.
 
-    They include its errors of added mass and clamp, the effective lengths of a flexible clamp, and the change from the temperature
+    They include its errors of added mass, clamp and damping, the effective lengths of a flexible clamp, and the change from the temperature
     `reference_c` to the temperature of the run, if both are known.
     """
-    own = {e.name: e.acts_on for e in run.shared_errors if e.acts_on in ("clamp", "mass") and e.name in v}
+    own = {e.name: e.acts_on for e in run.shared_errors if e.acts_on in ("clamp", "mass", "damping") and e.name in v}
     flexibility = sum((v[name] for name, on in own.items() if on == "clamp"), start=v["clamp_flexibility"])
     changed = flexible_clamp_lengths(v, flexibility) if np.any(flexibility) else {}
     masses = [v[name] for name, on in own.items() if on == "mass"]
     if masses and not isinstance(run, observed.MassResonanceObservation):
         changed["m_add"] = sum(masses, start=v["m_add"])
+    if damping := [v[name] for name, on in own.items() if on == "damping"]:
+        changed["c0"] = v["c0"] * sum(damping, start=1.0)
     if run.temperature_c is not None and reference_c is not None and run.temperature_c != reference_c:
         warmer = run.temperature_c - reference_c
-        changed |= {name: v[name] * (1 + v[f"{name}_per_kelvin"] * warmer) for name in TEMPERATURE_DEPENDENT}
+        changed |= {n: changed.get(n, v[n]) * (1 + v[f"{n}_per_kelvin"] * warmer) for n in TEMPERATURE_DEPENDENT}
     return {**v, **changed} if changed else v
 
 

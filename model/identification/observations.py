@@ -28,6 +28,7 @@ ErrorTarget = Literal[
     "frequency",
     "rest",
     "clamp",
+    "damping",
     "clock",
     "reading",
 ]
@@ -42,6 +43,7 @@ SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "frequency": "Hz",
     "rest": "m",
     "clamp": "1",
+    "damping": "1",
     "clock": "1",
     "reading": "1",
 }
@@ -55,7 +57,7 @@ class SharedError:
 
     It is estimated with the other parameters, with a normal prior of `standard_error` around 0. Records with the same error share
     it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg, of the stated
-    masses or of m_add; on clamp a flexibility of the clamp beyond `clamp_flexibility`, e.g. of one mounting; on clock a relative
+    masses or of m_add; on clamp a flexibility of the clamp beyond `clamp_flexibility`, e.g. of one mounting; on damping a relative error of c0; on clock a relative
     error of all frequencies of a run; on reading a relative error of the prediction times the run's shape over the points
     (`shapes`); on delay an uncorrected delay of the displacement in the phases, in s; on level (volts at the amplifier's input),
     elongation and frequency an offset. With `at` it acts only at this load (N), mass, level, elongation or frequency: the error of
@@ -82,7 +84,7 @@ class SharedError:
             )
         if self.acts_on == "rest" and not (self.at is not None and self.at > 0):
             raise ParameterError(f"common error {self.name!r} of rest needs the seconds before the run when it began")
-        everywhere = ("displacement", "volts", "delay", "clamp", "clock", "reading")
+        everywhere = ("displacement", "volts", "delay", "clamp", "damping", "clock", "reading")
         if self.at is not None and (self.acts_on in everywhere or not np.isfinite(self.at)):
             raise ParameterError(f"common error {self.name!r} of {self.acts_on} cannot act at {self.at:g} only")
 

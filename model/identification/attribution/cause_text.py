@@ -31,7 +31,7 @@ class CauseText(NamedTuple):
 RUN_TEXTS = {kind: CauseText(**each) for kind, each in TABLE["runs"].items()}
 COMMON_FACTORS = {
     2**-0.5: "as rms does instead of peak", 2**0.5: "as peak does instead of rms", 0.5: "as peak does instead of peak to peak",
-    2.0: "as peak to peak does instead of peak", 1e-3: "as a unit a thousand times larger does", 1e3: "as a unit a thousand times smaller does",
+    -1.0: "as exchanged leads do", 2.0: "as peak to peak does instead of peak", 1e-3: "as a unit a thousand times larger does", 1e3: "as a unit a thousand times smaller does",
 }  # fmt: skip
 SAME_FACTOR = 0.02
 """Relative distance up to which a scale is one of the common factors."""

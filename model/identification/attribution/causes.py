@@ -36,10 +36,12 @@ WIDENED = 5.0
 POINT_ERRORS = 20.0
 """Standard errors by which a point may be off by a mistake."""
 SCALE_ERROR, CLOCK_ERROR, DELAY_ERROR_S = 0.1, 0.01, 5e-5
-ELONGATION_ERROR_M, MASS_ERROR_KG, CLAMP_ERROR = 5e-4, 3e-4, 0.05
+ELONGATION_ERROR_M, MASS_ERROR_KG, CLAMP_ERROR, DAMPING_ERROR = 5e-4, 3e-4, 0.05, 0.2
 """Plausible sizes of the errors of one run, or of one mounting."""
 LOG_PRIORS = {"clamp of": -2.0, "creep of the dwells": -1.0}
 """Kinds that are less likely beforehand: a clamp that gives in one run must be as before after it."""
+MOST_SUCCESSIVE = 4
+"""Largest number of successive runs in which something is mounted and then taken off; more begin at the first or end at the last."""
 SEVERAL_RUNS = -0.7
 """Logarithm of odds of a mistake in all runs of a kind against one in a single run."""
 
@@ -147,12 +149,14 @@ def labels_of(run: observed.Observation) -> Array:
     return run.load_n if isinstance(run, observed.StaticLoadingObservation) else getattr(run, "mass_kg", np.zeros(0))
 
 
-def possible_causes(fit: JointFit, predictions: Mapping[str, Any]) -> tuple[Cause, ...]:
-    """Return every cause but `exchanges` that the runs of a fit may have; `predictions` of the usable points, by run.
+def possible_causes(fit: JointFit, predictions: Mapping[str, Any], softening: Mapping[str, Any]) -> tuple[Cause, ...]:
+    """Return every cause but `exchanges` that the runs of a fit may have.
+
+    `predictions` of the usable points, by run, and `softening`, their relative changes for a relative change of k2, (F,).
 
     A point has an odd of one over the number of points, as have all causes of a kind.
     """
-    found = [*_held(fit), *_known(fit), *_run_errors(fit), *shaped_causes(fit, predictions), *_points(fit)]
+    found = [*_held(fit), *_known(fit), *_run_errors(fit), *shaped_causes(fit, predictions, softening), *_points(fit)]
     count: dict[str, int] = {}
     for cause in found:
         count[cause.kind] = count.get(cause.kind, 0) + 1
@@ -180,7 +184,7 @@ def _known(fit: JointFit) -> Iterator[Cause]:
 
 
 def _run_errors(fit: JointFit) -> Iterator[Cause]:
-    """Yield errors of one run, of all runs of a kind, and of all runs from one on."""
+    """Yield errors of one run, of all runs of a kind, and of successive runs."""
     runs = fit.observations.runs
     if len(runs) < 2:
         return
@@ -199,19 +203,36 @@ def _run_errors(fit: JointFit) -> Iterator[Cause]:
                 yield _error("delay", label, members, "delay", DELAY_ERROR_S)
             if responses[0].elongation_m is not None:
                 yield _error("elongation", label, members, "elongation", ELONGATION_ERROR_M)
-    carrying = [r for r in runs if _carries_own_mass(r)]
     beams = [r for r in runs if not isinstance(r, observed.MembraneSagObservation)]
-    for kind, on, size, concerned in (
-        ("mass", "mass", MASS_ERROR_KG, carrying),
-        ("clamp", "clamp", CLAMP_ERROR, beams),
-    ):
-        for i in range(1, len(concerned)):
-            yield _error(f"{kind} from", concerned[i].label, concerned[i:], on, size)
+    still = observed.StaticLoadingObservation | observed.VoltageStepsObservation
+    changes: tuple[tuple[observed.ErrorTarget, float, Sequence[observed.Observation]], ...] = (
+        ("mass", MASS_ERROR_KG, [r for r in runs if _carries_own_mass(r)]),
+        ("clamp", CLAMP_ERROR, beams),
+        ("damping", DAMPING_ERROR, [r for r in beams if not isinstance(r, still)]),
+    )
+    for on, size, concerned in changes:
         for i in range(len(concerned) - 1 if len(concerned) > 2 else 0):
-            yield _error(f"{kind} of", concerned[i].label, concerned[i : i + 1], on, size)
-        membrane = [r for r in concerned if getattr(r, "elongation_m", None) is not None]
-        if 0 < len(membrane) < len(concerned):
-            yield _error(f"{kind} of", "all dwells on the membrane", membrane, on, size)
+            yield _error(f"{on} of", concerned[i].label, concerned[i : i + 1], on, size)
+        yield from _successive(f"{on} of", f"{on} from", on, size, concerned)
+    responses = [r for r in runs if isinstance(r, observed.FrequencyResponseObservation)]
+    yield from _successive("scale", "scale from", "displacement", SCALE_ERROR, responses)
+
+
+def _successive(
+    of: str, onward: str, on: observed.ErrorTarget, size: float, runs: Sequence[observed.Observation]
+) -> Iterator[Cause]:
+    """Yield errors of all runs from one on, and of several successive ones, which end before the last of these runs."""
+    last = len(runs) - 1
+    for i in range(1, len(runs)):
+        yield _error(onward, runs[i].label, runs[i:], on, size)
+    membrane = [r for r in runs if getattr(r, "elongation_m", None) is not None]
+    if 0 < len(membrane) < len(runs):
+        yield _error(of, "all dwells on the membrane", membrane, on, size)
+    for first in range(1, last):
+        for after in range(first + 2, min(first + MOST_SUCCESSIVE, last) + 1):
+            if runs[first:after] != membrane:
+                label = f"{runs[first].label} to {runs[after - 1].label}"
+                yield _error(of, label, runs[first:after], on, size)
 
 
 def _error(kind: str, label: str, runs: Sequence[observed.Observation], on: Any, size: float) -> Cause:
@@ -242,9 +263,11 @@ def _carries_own_mass(run: observed.Observation) -> bool:
     return isinstance(run, observed.DecayPoleObservation)
 
 
-def shaped_causes(fit: JointFit, predictions: Mapping[str, Any]) -> Iterator[Cause]:
+def shaped_causes(fit: JointFit, predictions: Mapping[str, Any], softening: Mapping[str, Any]) -> Iterator[Cause]:
     """Yield errors of readings that have a shape over the points."""
-    for kind, name, title, errors in shaped_errors(fit.observations.runs, predictions):
+    for kind, name, title, errors in shaped_errors(
+        fit.observations.runs, predictions, softening, fit.options.amplifier.rest_v
+    ):
         made = tuple(
             RunError(observed.SharedError(f"{title}{'' if len(errors) == 1 else f' ({i + 1})'}", "reading", size), runs)
             for i, (size, runs) in enumerate(errors)

@@ -1,6 +1,6 @@
 """Diagnosis of a misfit: the likeliest causes by the linearized fit, each fitted, ranked by their evidence."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +24,8 @@ CLEARLY_LESS = 8.0
 """Logarithm of odds by which a cause is less likely in the linearized fit than one that explains all, so that it is not fitted."""
 REFIT_EVALUATIONS = 60
 """Largest number of evaluations of such a fit; it begins where the linearized fit has its minimum."""
-PLAUSIBLE_SIGMAS = 4.0
-"""Largest distance from the prior values, in their standard uncertainties, at which a fit is linearized."""
-ENLARGED_ERRORS = (3.0, 10.0, 30.0, 100.0, 300.0)
-"""Factors on the errors of the runs with which such a place is sought: a wrong model bends lengths and masses beyond all reason."""
+FAR_FROM_RUNS = 30.0
+"""Largest reduced chi-square of a fit that is linearized: a wrong run bends what the others determine beyond all reason; a robust fit follows the others."""
 MIN_LOG_ODDS = 1.0
 """Logarithm of the odds against chance from which on a cause is named."""
 MAX_EXPLANATIONS = 5
@@ -49,13 +47,18 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
     Raises:
         FitCancelled: `cancelled` returned true.
     """
-    fit, evidence = evidence.fit, _plausible(evidence, cancelled)
+    fit = evidence.fit
     found: list[tuple[CauseEvidence, Explanation]] = []
-    for linear in _candidates(evidence.linear):
-        enough = any(e.p_value > MIN_P_VALUE and linear.log_odds < known.log_odds - CLEARLY_LESS for known, e in found)
-        explained = None if enough else _explain(fit, evidence, linear, cancelled)
-        if explained is not None:
-            found.append((linear, explained))
+    for place in _linearizations(evidence, cancelled):
+        if any(e.p_value > MIN_P_VALUE for _, e in found):
+            break
+        for linear in _candidates(place.linear):
+            enough = any(
+                e.p_value > MIN_P_VALUE and linear.log_odds < known.log_odds - CLEARLY_LESS for known, e in found
+            )
+            explained = None if enough else _explain(fit, place, linear, cancelled)
+            if explained is not None:
+                found.append((linear, explained))
     rest = [e.chi_square / max(e.degrees_of_freedom, 1) for _, e in found if e.p_value < MIN_P_VALUE]
     enlarged = max(1.0, min(rest)) if len(rest) == len(found) and rest else 1.0
     ranked = [_ranked(fit, linear, e, enlarged) for linear, e in found]
@@ -66,18 +69,15 @@ def diagnose(evidence: Evidence, cancelled: Callable[[], bool] | None = None) ->
     return Diagnosis(tuple(with_text(fit, e) for e in ranked[:MAX_EXPLANATIONS]), len(evidence.linear))
 
 
-def _plausible(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Evidence:
-    """Return the evidence, linearized at a fit whose parameters are near their prior values."""
+def _linearizations(evidence: Evidence, cancelled: Callable[[], bool] | None) -> Iterator[Evidence]:
+    """Yield the evidence, before it that at a robust fit if the fit is far from its runs."""
     fit = evidence.fit
-    for factor in ENLARGED_ERRORS:
-        rows = evidence.fit.weighted_residuals[list(evidence.fit.prior_rows.values())]
-        if np.abs(rows).max(initial=0.0) < PLAUSIBLE_SIGMAS:
-            break
-        near = joint_fit(
-            fit.observations, fit.options, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE, enlarged=factor
-        )
-        evidence = Evidence(near)
-    return evidence
+    if fit.chi_square > FAR_FROM_RUNS * fit.degrees_of_freedom:
+        robust = replace(fit.options, loss="cauchy")
+        near = joint_fit(fit.observations, robust, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE)
+        residuals, slopes = near.problem.evaluate(near.theta)
+        yield Evidence(replace(near, options=fit.options, weighted_residuals=residuals, jacobian=slopes))
+    yield evidence
 
 
 def _candidates(linear: Sequence[CauseEvidence]) -> list[CauseEvidence]:
@@ -121,7 +121,7 @@ def _explain(
     at = [found.names.index(name) for name in cause.sizes]
     sizes = tuple((float(found.theta[i]), float(errors[i])) for i in at)
     freedom = max(found.degrees_of_freedom - len(sizes), 0)
-    scale = cause.errors[0].error.standard_error if cause.kind == "scale" else np.inf
+    scale = cause.errors[0].error.standard_error if cause.kind in ("scale", "scale from") else np.inf
     excess = max((sizes[0][0] / scale) ** 2 - LARGE_SCALE**2, 0.0) if sizes else 0.0
     shifts = _shifts(fit, found, errors)
     return Explanation(cause, sizes, found.chi_square - excess, freedom, linear.log_odds, shifts, found, excess)

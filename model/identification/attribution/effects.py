@@ -1,7 +1,7 @@
 """Effects of all possible causes on the weighted residuals, in a memory that grows with the rows and not with rows times causes.
 
-An effect of one run has the rows of that run; those of all runs from one on share a vector over all rows; a point has its own rows. Only
-effects over several runs are stored as columns over all rows.
+An effect of one run has the rows of that run; those of successive runs share a vector over all rows; a point has its own rows. Only
+other effects over several runs are stored as columns over all rows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,10 +43,10 @@ class Effects:
         self._local: dict[int, list[tuple[observed.SharedError, Any]]] = {}
         self._local_at: dict[int, list[int]] = {}
         """Errors of one run alone with their shapes, and their columns, by run."""
-        self._from: dict[str, Array] = {}
-        self._from_at: dict[str, list[tuple[int, int]]] = {}
+        self._spans: dict[str, Array] = {}
+        self._spans_at: dict[str, list[tuple[int, int, int]]] = {}
         self._point_at: list[tuple[int, int]] = []
-        """Column and place of each effect of one of the four forms."""
+        """Column and place of each effect of one of the four forms; of successive runs, the first one and the one after the last."""
         self._first: list[int] = []
         groups: dict[int, list[tuple[int, range]]] = {}
         self._count = 0
@@ -80,11 +80,11 @@ class Effects:
         out[self._wide_at] = self._table @ residuals
         for run, table in self._tables.items():
             out[self._local_at[run]] = table.T @ residuals[self._fit.run_slices[run]]
-        for on, vector in self._from.items():
+        for on, vector in self._spans.items():
             sums = np.add.reduceat(residuals[: self._data] * vector[: self._data, None], self._starts, axis=0)
-            later = np.cumsum(sums[::-1], axis=0)[::-1]
-            columns, runs = np.array(self._from_at[on]).T
-            out[columns] = later[runs]
+            before = np.concatenate((np.zeros((1, sums.shape[1])), np.cumsum(sums, axis=0)))
+            columns, first, stop = np.array(self._spans_at[on]).T
+            out[columns] = before[stop] - before[first]
         if self._point_at:
             columns, rows = np.array(self._point_at).T
             out[columns] = residuals[rows] * (POINT_ERRORS * self._fit.used_rows[rows])[:, None]
@@ -97,10 +97,10 @@ class Effects:
         squares[self._wide_at] = (self._table**2).sum(axis=1)
         for run, table in self._tables.items():
             squares[self._local_at[run]] = (table**2).sum(axis=0)
-        for on, vector in self._from.items():
-            later = np.cumsum((vector**2)[::-1])[::-1]
-            for column, run in self._from_at[on]:
-                squares[column] = later[self._starts[run]]
+        for on, vector in self._spans.items():
+            before = np.append(0.0, np.cumsum(np.add.reduceat(vector[: self._data] ** 2, self._starts)))
+            columns, first, stop = np.array(self._spans_at[on]).T
+            squares[columns] = before[stop] - before[first]
         for column, row in self._point_at:
             squares[column] = POINT_ERRORS**2 * self._fit.used_rows[row]
         places = {column: i for i, column in enumerate(self._wide_at)}
@@ -126,10 +126,10 @@ class Effects:
             rows = self._rows_of_point(cause)
             self._point_at += [(column + k, row) for k, row in enumerate(rows)]
             return len(rows)
-        if cause.kind.endswith(" from"):
+        if (span := self._span(cause)) is not None:
             on = cause.errors[0].error.acts_on
-            self._from[on] = self._slopes[on] * cause.errors[0].error.standard_error * self._fit.used_rows
-            self._from_at.setdefault(on, []).append((column, min(self._runs[label] for label in cause.errors[0].runs)))
+            self._spans[on] = self._slopes[on] * cause.errors[0].error.standard_error * self._fit.used_rows
+            self._spans_at.setdefault(on, []).append((column, *span))
             return 1
         if not cause.parameters and len(cause.errors) == 1 and len(cause.errors[0].runs) == 1:
             ((label, shape),) = cause.errors[0].runs.items()
@@ -141,6 +141,15 @@ class Effects:
         self._wide += [vector * self._fit.used_rows for vector in vectors]
         self._wide_at += range(column, column + len(vectors))
         return len(vectors)
+
+    def _span(self, cause: Cause) -> tuple[int, int] | None:
+        """Return the first run and the one after the last of an error of several successive runs of those that it may act on."""
+        if cause.parameters or len(cause.errors) != 1 or len(cause.errors[0].runs) == 1:
+            return None
+        own = [self._runs[label] for label in cause.errors[0].runs]
+        first, stop = min(own), max(own) + 1
+        between = [i for i in self._concerned.get(cause.errors[0].error.acts_on, ()) if first <= i < stop]
+        return (first, stop) if between == sorted(own) else None
 
     def _vectors(self, cause: Cause) -> list[Array]:
         """Return the effects of a cause that is no point, (rows,) each."""
@@ -197,6 +206,8 @@ class Effects:
             known = kinds.get(e.error.acts_on, e)
             error = replace(e.error, name=f"{e.error.acts_on} of the runs")
             kinds[e.error.acts_on] = RunError(error, {**known.runs, **e.runs})
+        self._concerned = {on: sorted(self._runs[label] for label in e.runs) for on, e in kinds.items()}
+        """Runs on which errors of a kind may act."""
         names = tuple(n for c in self._causes if c.kind == "parameter" for n in c.parameters)
         observations = with_errors(self._fit.observations, list(kinds.values()))
         problem = LeastSquaresProblem(observations, free_as_well(self._fit, names))

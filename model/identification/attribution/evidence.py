@@ -25,6 +25,7 @@ from model.identification.attribution.causes import (
     several_points,
 )
 from model.identification.attribution.effects import Effects, Indices
+from model.identification.attribution.shapes import relative_to
 from model.identification.fit_result import JointFit
 
 DRAWS = 1500
@@ -73,13 +74,15 @@ class Evidence:
     def __init__(self, fit: JointFit) -> None:
         self.fit = fit
         self.residuals: Array = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
-        self.predictions = {
-            run.label: p.values
-            for run, p in zip(
-                fit.observations.runs, fit.problem.forward_model.predict(fit.theta, slopes=False), strict=True
-            )
+        predicted = dict(
+            zip([run.label for run in fit.observations.runs], fit.problem.forward_model.predict(fit.theta), strict=True)
+        )
+        self.predictions = {label: p.values for label, p in predicted.items()}
+        k2 = fit.names.index("k2") if "k2" in fit.names else None
+        softer = {
+            k: -relative_to(p.derivatives[k2] * fit.theta[k2], p.values) for k, p in predicted.items() if k2 is not None
         }
-        self.causes = possible_causes(fit, self.predictions)
+        self.causes = possible_causes(fit, self.predictions, softer)
         """Causes other than exchanges of labels."""
         self._exchanged = exchanged_points(fit)
         self.cause_count = len(self.causes) + sum(map(len, self._exchanged.values()))

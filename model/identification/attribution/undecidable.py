@@ -18,7 +18,10 @@ CHECKS = {
         "the scale of the displacements",
         "moving the sensor by a micrometer or a gauge block, or loads together with masses fixed at the centre,",
     ),
-    "load_gain": ("the scale of the loads", "weighing one of the weights on another balance"),
+    "load_gain": (
+        "the scale of the loads or a clamp that gives under them",
+        "weighing one of the weights on another balance",
+    ),
     "mass_fraction": (
         "the share of the added masses that acts",
         "a static loading with known weights, or weighing the masses and fixing them at the centre,",

@@ -87,7 +87,7 @@ def normal_equivalents(
             both = precision + 1 / s0**2
             new, deviation = truncated_moments((others + m0 / s0**2) / both, both**-0.5, limit, side)
             moved = max(moved, abs(new - value) / deviation)
-            site = 1 / deviation**2 - precision
+            site = max(1 / deviation**2 - precision, 1 / s0**2)  # a limit only adds; less is rounding
             sites[name] = (new / deviation**2 - others) / site, site**-0.5
             column = covariance[:, i] / covariance[i, i]
             mean = mean + column * (new - value) / own

@@ -19,9 +19,12 @@ from model.identification.residuals import LeastSquaresProblem
 from model.parameters import ParameterError
 from tests.helpers.laboratory import Laboratory, measure
 from tests.helpers.model.departures import DEVELOPED
+from tests.helpers.model.laboratories import draw
+from tests.helpers.model.laboratories import measure as measure_world
 from tests.helpers.model.withheld_departures import WITHHELD
 from tests.helpers.model.withheld_departures_2 import WITHHELD_2
 from tests.helpers.model.withheld_departures_3 import WITHHELD_3
+from tests.helpers.model.withheld_departures_4 import WITHHELD_4
 
 SMALL, FULL = True, False
 
@@ -123,6 +126,40 @@ def test_nonidealities_are_found_with_few_runs(lab: Laboratory, cause: str, word
 
 
 @pytest.mark.deep
+@pytest.mark.parametrize(
+    ("departure", "title", "size"),
+    [
+        ("leads exchanged in one run", "scale of membrane 6.35 mm", -1.99),
+        ("foam touches the plate in one run", "damping of dwell again", 0.3),
+        ("tape on and off again", "mass of membrane 0 mm to membrane 2.54 mm", 2.2e-4),
+        ("gain changes over lunch", "scale from membrane 6.35 mm on", 0.04),
+        ("laser moved aside for the membrane", "scale of all dwells on the membrane", 0.0515),
+        ("plate warms in a long dwell", "stiffness within dwell again", 0.05),
+        ("sensor's input is coupled by a capacitor", "high-pass", 0.15),
+        ("mount detuned before the last membrane", "clamp from membrane 6.35 mm on", None),
+        ("mains hum", "hum at 50 Hz", None),
+        ("rest is not at 2.5 V", "rest of steps", None),
+        ("mass lost in the middle of the series", "drift in masses", None),
+        ("converter clips the resonance", "softening of dwell", None),
+    ],
+)
+def test_changes_of_specimen_and_instruments_are_named_with_their_size(
+    departure: str, title: str, size: float | None
+) -> None:
+    sets = ((2814, WITHHELD_2), (2815, WITHHELD_3))
+    ((stream, each),) = ((stream, d) for stream, those in sets for d in those if d.name == departure)
+    world = draw(0, each, stream)
+    observations = measure_world(world, 1000 * stream, each)
+    fit = joint_fit(observations, world.sheet.fit_options(FitOptions(), observations, False))
+    diagnosis = assess_adequacy(fit).diagnosis
+    assert diagnosis is not None
+    first = diagnosis.likeliest[0]
+    assert first.cause.title == title
+    assert first.p_value > 1e-3
+    assert size is None or abs(first.size - size) < 3.5 * first.standard_error
+
+
+@pytest.mark.deep
 def test_a_stated_length_that_is_wrong_is_named() -> None:
     """The plate is 24 mm long; the ruler's 22 mm +- 0.3 mm are taken as known."""
     known = {"L": (22e-3, 0.3e-3)}
@@ -174,7 +211,7 @@ def test_what_no_run_can_decide_is_named_with_the_measurement_that_would() -> No
 def test_the_published_matrix_has_every_departure() -> None:
     """Its cells are made by docs/make_attribution_matrix.py from the lines of benchmarks/coverage/laboratories.py."""
     text = (Path(__file__).parents[3] / "docs" / "attribution-matrix.md").read_text("utf-8")
-    for departure in (*DEVELOPED, *WITHHELD, *WITHHELD_2, *WITHHELD_3):
+    for departure in (*DEVELOPED, *WITHHELD, *WITHHELD_2, *WITHHELD_3, *WITHHELD_4):
         (row,) = (line for line in text.splitlines() if line.startswith(f"| {departure.name} | {departure.size} |"))
         assert re.fullmatch(
             r"\|( [^|]+ \|){1}( [^|]* \|)( \d+ \| \d+ \| \d+ \| [^|]* \|| not measured \| \| \| \|)", row

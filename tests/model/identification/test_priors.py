@@ -72,6 +72,14 @@ def test_a_normal_prior_in_the_place_of_a_half_gives_its_posterior_mean_and_vari
     assert np.linalg.inv(jacobian.T @ jacobian)[0, 0] ** 0.5 == pytest.approx(deviation, rel=1e-2)
 
 
+def test_a_prior_beside_runs_that_leave_only_rounding_of_it_keeps_a_finite_width() -> None:
+    runs = np.array([[1e10], [1 / 0.02]]), np.zeros(2)
+    priors = {"creep": (0.0, 0.02)}
+    sites = normal_equivalents(("creep",), priors, {"creep": (0.016, 0.012)}, (np.array([0.3]), *runs))
+    assert np.isfinite(sites["creep"]).all()
+    assert 0 < sites["creep"][1] <= 0.02
+
+
 def test_readings_against_the_sign_of_an_effect_leave_it_positive_and_small() -> None:
     found = joint_fit(
         ObservationSet((loading("a", Tactor(), None),)),

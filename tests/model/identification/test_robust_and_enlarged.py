@@ -67,21 +67,6 @@ def test_a_prior_in_conflict_with_the_data_keeps_its_weight_in_a_robust_fit(loss
     assert abs(fit.jacobian[-1, at]) == pytest.approx(1 / (0.02 * T.c0))
 
 
-def test_a_prior_counts_for_more_where_the_errors_of_the_runs_are_enlarged() -> None:
-    options = FitOptions(free=FREE, priors={"c0": (1.2 * T.c0, 0.02 * T.c0)})
-    data = dwells(1, 0, 2)
-    near, nearer = (joint_fit(data, options, enlarged=times).values["c0"] for times in (1.0, 30.0))
-    assert abs(nearer - 1.2 * T.c0) < 0.5 * abs(near - 1.2 * T.c0)
-    larger = ObservationSet(
-        tuple(
-            replace(run, errors_m=30 * run.errors_m)
-            for run in data.of_type(FrequencyResponseObservation)
-            if run.errors_m is not None
-        )
-    )
-    assert nearer == pytest.approx(joint_fit(larger, options).values["c0"], rel=1e-6)
-
-
 @pytest.mark.deep
 @pytest.mark.parametrize("outliers", [0, 1, 3])
 @pytest.mark.parametrize("loss", ["cauchy", "soft_l1"])
