@@ -28,6 +28,7 @@ from drivers import (
     Block,
     CardReading,
     Deadline,
+    Drive,
     Scale,
     ScansLostError,
     UnsafeError,
@@ -72,10 +73,17 @@ NO_LIVE_VALUES = "There are no live values"
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What the instruments answered last: the card's reading, and by role the time (time.monotonic) of the last reply."""
+    """What the instruments answered last.
+
+    Attributes:
+        card: the card's reading.
+        answered_s: by role, the time (time.monotonic) of the last reply.
+        commanded: the drive that was commanded last; it has not begun while the source comes to rest before it.
+    """
 
     card: CardReading | None = None
     answered_s: Mapping[str, float] = field(default_factory=dict)
+    commanded: Drive | None = None
 
 
 UNSEEN = Observation()
@@ -292,7 +300,7 @@ class Session:
     def observation(self) -> Observation:
         """What the instruments answered last, from any thread; kept when the bench is closed."""
         if (bench := self.bench) is not None:
-            self._seen = Observation(bench.reading, bench.answered_s)
+            self._seen = Observation(bench.reading, bench.answered_s, bench.amplifier.commanded)
         return self._seen
 
     @property

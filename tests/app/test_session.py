@@ -321,7 +321,10 @@ def test_a_run_that_is_given_up_ends_as_requested_and_is_told_once(is_stopped: b
             one._events.publish(ended)
         return ended
 
-    one.state, one.bench = SessionState.RUNNING, SimpleNamespace(reading=None, answered_s={})
+    one.state, one.bench = (
+        SessionState.RUNNING,
+        SimpleNamespace(reading=None, answered_s={}, amplifier=SimpleNamespace(commanded=None)),
+    )
     one.runner, one._rescue = SimpleNamespace(path=Path("run.h5")), SimpleNamespace(end_run=end_run)
     if is_stopped:
         one.stop()
