@@ -138,6 +138,19 @@ def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, aga
         assert hand.told == ["off"]
 
 
+def test_inputs_that_are_exchanged_at_the_card_are_named() -> None:
+    """The drive at rest is seen where the sensor should be; a cable that is off shows nothing there."""
+    for fault, named in (("", True), ("drive-cable-off", False)):
+        with laboratory() as lab:
+            lab.bench.digitizer = lab.control.digitizer(terminals=("ai1", "ai0"))
+            if fault:
+                lab.control.inject(fault)
+            with pytest.raises(BenchError, match="not armed, high voltage stays disabled") as failed, live(lab):
+                pass
+            assert ("displacement channel reads 2.500 V" in str(failed.value)) is named
+            assert lab.control.report().live_s == 0
+
+
 def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: BenchConnection) -> None:
     """The level that the hand brushed at the front panel is 0.2 V away: it is brought back, and nothing is driven."""
     hand = Hand(lab.control, lambda: panel(lab.control, "VOLT:OFFS 2.52;:VOLT:OFFS 2.56;:VOLT:OFFS 2.6"))
