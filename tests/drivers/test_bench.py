@@ -120,6 +120,18 @@ def test_source_changed_between_runs_is_set_up_again_with_high_voltage_off(lab: 
 
 
 @pytest.mark.parametrize("again", [False, True])
+def test_a_refusal_of_high_voltage_holds_for_a_source_at_rest_too(lab: BenchConnection, again: bool) -> None:
+    hand = Hand(lab.control)
+    if again:
+        with live(lab):
+            pass
+    lab.bench.high_voltage_refusal = "the source is not commissioned"
+    with pytest.raises(BenchError, match="high voltage is not switched on: the source is not"), live(lab, hand):
+        pass
+    assert "on" not in hand.told
+
+
+@pytest.mark.parametrize("again", [False, True])
 def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, again: bool) -> None:
     world = lab.control
     world.inject("drive-cable-off")

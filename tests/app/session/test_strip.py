@@ -333,6 +333,13 @@ def test_a_drive_that_is_lost_stays_lost_on_the_way_to_rest_until_the_card_sees_
     assert there.messages[-1].text == "The card sees rest again"
 
 
+def test_a_card_that_is_not_read_is_told_where_it_is_not_known_whether_high_voltage_is_on() -> None:
+    unknown = view_after(*BEGUN, DriveStarted(SINE))
+    assert unknown.high_voltage is None
+    assert look(unknown, card(0.0, 5.0, age_s=3.0))[0].unread
+    assert not look(view_after(*HV_OFF), card(2.5, age_s=3.0))[0].unread
+
+
 def test_an_input_that_stands_still_off_rest_between_two_drives_that_swing_is_told_at_once() -> None:
     """Between two drives the program waits for the source and compares no block with the drive."""
     view, slow, held = view_after(*LIVE), Sine(3.0, 2.5, 2.5, 10), Hold(4.0, 1.0)
