@@ -3,6 +3,7 @@
 Independent of the front end (window, command line, Python API, tests).
 """
 
+import ctypes
 import logging
 import math
 import queue
@@ -440,7 +441,14 @@ class Session:
                     verdict=str(self.outcome.verdict.outcome),
                     reason=self.outcome.reason,
                 )
+            self._release_memory()
         self.finished.set()
+
+    @staticmethod
+    def _release_memory() -> None:
+        """Return the memory that a run has freed to the system: glibc keeps it, in pieces that grow from run to run."""
+        with suppress(AttributeError, OSError, TypeError):  # other C libraries
+            ctypes.CDLL(None).malloc_trim(0)
 
     def _next_request(self, connection: ConnectedBench) -> Callable[[ConnectedBench], None] | None:
         """Return the next request; watches the card until then, where that is wanted, and tries again where it fails."""

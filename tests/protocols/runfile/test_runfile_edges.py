@@ -434,10 +434,7 @@ def test_a_journal_that_is_being_applied_is_left_alone_by_others(tmp_path: Path)
     real = journals._apply
 
     def applied(file: Path, size: int, body: bytes) -> None:
-        with (
-            mock.patch.object(journals, "_apply", real),
-            pytest.raises(StorageError, match="another program is storing results"),
-        ):
+        with mock.patch.object(journals, "_apply", real), pytest.raises(StorageError, match=str(path)):
             replay_journal(path)
         real(file, size, body)
 
@@ -455,6 +452,6 @@ def test_a_file_that_was_cut_below_the_size_of_the_last_look_is_lost(tmp_path: P
         os.truncate(path, 9000)
         presence.check()
         os.truncate(path, 8000)
-        with pytest.raises(FileLostError, match="cut from 9000 to 8000 bytes"):
+        with pytest.raises(FileLostError, match=" 8000 "):
             presence.check()
         presence.close()
