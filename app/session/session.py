@@ -355,6 +355,7 @@ class Session:
                 self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities, gain))
                 while (request := self._next_request(connected)) is not None:
                     request(connected)
+                    _release_memory()
         except BenchError as error:
             self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
@@ -441,14 +442,7 @@ class Session:
                     verdict=str(self.outcome.verdict.outcome),
                     reason=self.outcome.reason,
                 )
-            self._release_memory()
         self.finished.set()
-
-    @staticmethod
-    def _release_memory() -> None:
-        """Return the memory that a run has freed to the system: glibc keeps it, in pieces that grow from run to run."""
-        with suppress(AttributeError, OSError, TypeError):  # other C libraries
-            ctypes.CDLL(None).malloc_trim(0)
 
     def _next_request(self, connection: ConnectedBench) -> Callable[[ConnectedBench], None] | None:
         """Return the next request; watches the card until then, where that is wanted, and tries again where it fails."""
@@ -589,3 +583,9 @@ def _complete_results(path: Path) -> str:
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
     """Return log messages that the watchdog of an earlier program left in `folder`, once."""
     return [LogMessage(f"Since the last start the watchdog wrote: {line}") for line in take_unreported_lines(folder)]
+
+
+def _release_memory() -> None:
+    """Return the memory that a run has freed to the system: glibc keeps it, in pieces that grow from run to run."""
+    with suppress(AttributeError, OSError, TypeError):  # other C libraries
+        ctypes.CDLL(None).malloc_trim(0)

@@ -89,7 +89,7 @@ def test_memory_that_a_run_has_freed_is_returned_where_the_library_can(
         assert one.outcome is not None
         assert one.outcome.status is RunStatus.COMPLETED
     assert one.close(60)
-    assert trimmed == [0, 0] * is_glibc
+    assert len(trimmed) == 2 * is_glibc
 
 
 def test_a_pause_and_a_stop_between_two_runs_do_not_reach_the_next_one(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_a_refusal_of_high_voltage_holds_for_a_source_at_rest_too(lab: BenchConn
         with live(lab):
             pass
     lab.bench.high_voltage_refusal = "the source is not commissioned"
-    with pytest.raises(BenchError, match="is not commissioned"), live(lab, hand):
+    with pytest.raises(BenchError, match="commissioned"), live(lab, hand):
         pass
     assert "on" not in hand.told
 
@@ -159,7 +159,7 @@ def test_inputs_that_are_exchanged_at_the_card_are_named() -> None:
                 lab.control.inject(fault)
             with pytest.raises(BenchError, match="not armed") as failed, live(lab):
                 pass
-            assert ("displacement channel reads 2.500 V" in str(failed.value)) is named
+            assert ("exchanged" in str(failed.value)) is named
             assert lab.control.report().live_s == 0
 
 
