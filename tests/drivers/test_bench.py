@@ -157,7 +157,7 @@ def test_inputs_that_are_exchanged_at_the_card_are_named() -> None:
             lab.bench.digitizer = lab.control.digitizer(terminals=("ai1", "ai0"))
             if fault:
                 lab.control.inject(fault)
-            with pytest.raises(BenchError, match="not armed") as failed, live(lab):
+            with pytest.raises(BenchError, match="disabled") as failed, live(lab):
                 pass
             assert ("exchanged" in str(failed.value)) is named
             assert lab.control.report().live_s == 0
