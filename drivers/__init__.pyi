@@ -43,6 +43,7 @@ from .drive_shapes import SquareWave as SquareWave
 from .drive_shapes import Steps as Steps
 from .drive_shapes import as_record as as_record
 from .drive_shapes import from_record as from_record
+from .drive_shapes import swings as swings
 from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
 from .errors import MEMORY_SHORT as MEMORY_SHORT
 from .errors import AcquisitionError as AcquisitionError

@@ -393,6 +393,16 @@ DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in get_args(Drive)
 """Drive types by their `kind`."""
 
 
+def swings(drive: Drive, duration_s: float) -> bool:
+    """Whether a drive passes a whole cycle within any such time, in seconds."""
+    match drive:
+        case Sine(frequency_hz) | SquareWave(frequency_hz):
+            return frequency_hz * duration_s >= 1
+        case LinearSweep() | PeriodicSweep():
+            return min(drive.start_hz, drive.stop_hz) * duration_s >= 1
+    return False
+
+
 def as_record(drive: Drive) -> dict[str, Any]:
     """Return the drive as plain values, for events and files."""
     return {"kind": drive.kind, **{f.name: getattr(drive, f.name) for f in fields(drive)}}

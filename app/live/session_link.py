@@ -153,7 +153,11 @@ class SessionAdapter:
     def observation(self) -> Observation:
         """The last answers of the instruments, including answers from an earlier session."""
         bench = self.commissioned
-        seen = self.session.observation if bench is None else Observation(bench.reading, bench.answered_s)
+        seen = (
+            self.session.observation
+            if bench is None
+            else Observation(bench.reading, bench.answered_s, bench.amplifier.commanded)
+        )
         if seen.card is not None:
             self._seen = seen
         return self._seen

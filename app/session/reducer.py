@@ -34,7 +34,7 @@ from app.session.state import (
     WindowState,
 )
 from app.session.strip import KNOWN_S, PRESENT_S, StripView, is_off_rest, monitor_disagrees, strip_view
-from drivers import CardReading, describe_volts
+from drivers import CardReading, Drive, describe_volts
 from model import AmplifierMap
 from protocols import PROTOCOLS
 from protocols.base import (
@@ -205,7 +205,7 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
     off_aim, remarks = view.off_aim, {k: v for k, v in view.remarks.items() if k != "card"}
     if age_s <= PRESENT_S:
         is_set = now_s - seen.answered_s.get("generator", -math.inf) <= PRESENT_S
-        off_aim = _is_off_aim(view, card, is_set)
+        off_aim = _is_off_aim(view, card, is_set) or _is_still(view, seen.commanded, card)
         remarks = {} if card.sensor_in_range else {"sensor": "sees no target"}
         if card.sensor_still:
             remarks["sensor"] = "stood still under the drive"
@@ -218,7 +218,8 @@ def observe(view: WindowState, seen: Observation, now_s: float, time: datetime) 
     after = replace(view, unread=unread, off_aim=off_aim, remarks=remarks)
     if off_aim is view.off_aim:
         return after
-    return _with_message(after, LogLine(time, *_describe_aim(after, "rest", card.block_v)))
+    aim = "rest" if view.drive is None or not live else "the drive"
+    return _with_message(after, LogLine(time, *_describe_aim(after, aim, card.block_v)))
 
 
 def _is_off_aim(view: WindowState, card: CardReading, is_set: bool) -> bool:
@@ -236,6 +237,15 @@ def _is_off_aim(view: WindowState, card: CardReading, is_set: bool) -> bool:
             return off_rest and (view.off_aim or (card.measured_s > view.obey_by_s and not card.moves))
         case _:
             return False
+
+
+def _is_still(view: WindowState, commanded: Drive | None, card: CardReading) -> bool:
+    """Return whether the input stands still off rest although the present drive swings, and the one that may follow it by now."""
+    return (
+        view.phase is BenchState.LIVE
+        and all(drive is not None and card.lacks_swing(drive) for drive in (view.drive, commanded))
+        and is_off_rest(card.block_v, view.amplifier)
+    )
 
 
 def _after_action(view: WindowState, event: WindowEvent, at_s: float) -> WindowState | None:

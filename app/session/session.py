@@ -3,6 +3,7 @@
 Independent of the front end (window, command line, Python API, tests).
 """
 
+import ctypes
 import logging
 import math
 import queue
@@ -28,6 +29,7 @@ from drivers import (
     Block,
     CardReading,
     Deadline,
+    Drive,
     Scale,
     ScansLostError,
     UnsafeError,
@@ -72,10 +74,17 @@ NO_LIVE_VALUES = "There are no live values"
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What the instruments answered last: the card's reading, and by role the time (time.monotonic) of the last reply."""
+    """What the instruments answered last.
+
+    Attributes:
+        card: the card's reading.
+        answered_s: by role, the time (time.monotonic) of the last reply.
+        commanded: the drive that was commanded last; it has not begun while the source comes to rest before it.
+    """
 
     card: CardReading | None = None
     answered_s: Mapping[str, float] = field(default_factory=dict)
+    commanded: Drive | None = None
 
 
 UNSEEN = Observation()
@@ -292,7 +301,7 @@ class Session:
     def observation(self) -> Observation:
         """What the instruments answered last, from any thread; kept when the bench is closed."""
         if (bench := self.bench) is not None:
-            self._seen = Observation(bench.reading, bench.answered_s)
+            self._seen = Observation(bench.reading, bench.answered_s, bench.amplifier.commanded)
         return self._seen
 
     @property
@@ -346,6 +355,7 @@ class Session:
                 self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities, gain))
                 while (request := self._next_request(connected)) is not None:
                     request(connected)
+                    _release_memory()
         except BenchError as error:
             self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
@@ -573,3 +583,9 @@ def _complete_results(path: Path) -> str:
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
     """Return log messages that the watchdog of an earlier program left in `folder`, once."""
     return [LogMessage(f"Since the last start the watchdog wrote: {line}") for line in take_unreported_lines(folder)]
+
+
+def _release_memory() -> None:
+    """Return the memory that a run has freed to the system: glibc keeps it, in pieces that grow from run to run."""
+    with suppress(AttributeError, OSError, TypeError):  # other C libraries
+        ctypes.CDLL(None).malloc_trim(0)

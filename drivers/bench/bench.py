@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Interval, Unit
 
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
-from drivers.bench.card_reading import CardReading, WatchedStream
+from drivers.bench.card_reading import DISPLACEMENT_CHANNEL, CardReading, WatchedStream
 from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.interlock import Interlock
-from drivers.bench.rest import REST_TIMEOUT_S, REST_TOLERANCE_V, LiveWarning, SafeShutdown, live_warning
+from drivers.bench.rest import REST_NOISE_V, REST_TIMEOUT_S, REST_TOLERANCE_V, LiveWarning, SafeShutdown, live_warning
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.deadlines import Deadline, in_progress
@@ -373,6 +373,18 @@ class Bench:
             armed.test_source(self.clock)
         self._source_tested = True
 
+    def _exchanged_inputs(self, armed: ArmedBench) -> str:
+        """Return a further sentence if the displacement's input shows the drive at rest; empty otherwise."""
+        if armed.last_block is None:
+            return ""
+        volts = armed.scales[DISPLACEMENT_CHANNEL].to_volts(armed.last_block.raw[DISPLACEMENT_CHANNEL])
+        if abs(float(volts.mean()) - self.amplifier.map.rest_v) > REST_TOLERANCE_V or volts.std() > REST_NOISE_V:
+            return ""
+        return (
+            f". The card's displacement channel reads {volts.mean():.3f} V, the rest of the drive: the two cables at the card, or "
+            "drive_channel and displacement_channel in the bench file, may be exchanged"
+        )
+
     def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:
         if high_voltage and self.high_voltage_refusal:
             raise BenchError(f"not armed, high voltage is not switched on: {self.high_voltage_refusal}")
@@ -387,11 +399,13 @@ class Bench:
             self.amplifier.initialize_at_rest()
         rest = shutdown.measure_rest(armed.read_block, armed.stream, REST_TIMEOUT_S)
         if not rest.confirmed and says_rest:
-            raise BenchError(f"the generator reports that it is at rest, but {rest.message}")
+            raise BenchError(
+                f"the generator reports that it is at rest, but {rest.message}{self._exchanged_inputs(armed)}"
+            )
         if not rest.confirmed:
             raise BenchError(
                 f"not armed, high voltage stays disabled: {rest.message}. Check the cable from the generator to the amplifier "
-                "and to the card's drive channel"
+                f"and to the card's drive channel{self._exchanged_inputs(armed)}"
             )
         if not high_voltage:
             if says_rest:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from drivers.clock import Clock, WallClock
+from drivers.drive_shapes import Drive, swings
 from drivers.errors import AcquisitionError, ScansLostError
 from drivers.interfaces import Block, Closeable, InputChannel, RestartableStream, SkippingStream, Stream
 from drivers.sensors import LaserSensor
@@ -77,6 +78,10 @@ class CardReading:
         """Whether a block's lowest or highest volts have changed within WINDOW_S, or may have."""
         earlier = self.earlier_v or (-math.inf, math.inf)
         return any(abs(now - before) > STEADY_V for now, before in zip(self.block_v, earlier, strict=True))
+
+    def lacks_swing(self, drive: Drive) -> bool:
+        """Whether the input has stood at one level for WINDOW_S, in which this drive passes a whole cycle."""
+        return self.drive_v[1] - self.drive_v[0] <= LEVEL_V and swings(drive, WINDOW_S)
 
 
 class _Kept:

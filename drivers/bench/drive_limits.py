@@ -84,6 +84,8 @@ class HvAmplifier:
         self.map = amplifier_map
         self.limits = limits
         self._clock = clock
+        self.commanded: Drive | None = None
+        """The drive that was commanded last, from before its first command on; read in any thread."""
         self._drive_end_s = 0.0
         self._pulse: LevelPulse | None = None
         """The waveform of the present level, if the source plays it as one."""
@@ -284,6 +286,7 @@ class HvAmplifier:
         self.check_drive_limits(drive)
         with self._watchdog.allow_silence():
             self._watchdog.raise_for_status()
+            self.commanded = drive
             self.return_to_rest()
             # Set before the command is sent: if the reply is lost, a playing drive must be assumed.
             self._drive_end_s = self._clock.now() + drive.duration_s

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Sine, SquareWave
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Sine, SquareWave, swings
 from model import Array
 
 SINE_SAMPLES_PER_CYCLE = 16
@@ -128,7 +128,7 @@ class DriveReadback:
         least = min(self.rest_v, *(drive.low_v for drive in drives))
         most = max(self.rest_v, *(drive.high_v for drive in drives))
         beyond = max(least - low, high - most)
-        if high - low < FLAT_V and all(_swings(drive, raw.size / self.rate_hz) for drive in drives):
+        if high - low < FLAT_V and all(swings(drive, raw.size / self.rate_hz) for drive in drives):
             beyond = max(beyond, abs(0.5 * (low + high) - self.rest_v))
         return self._deviation(low, high, beyond)
 
@@ -208,16 +208,6 @@ class DriveReadback:
         if missing <= limit_v:
             return None
         return Deviation(_range_text(low, high), missing, limit_v)
-
-
-def _swings(drive: Drive, duration_s: float) -> bool:
-    """Whether a drive passes a whole cycle within this time."""
-    match drive:
-        case Sine(frequency_hz) | SquareWave(frequency_hz):
-            return frequency_hz * duration_s >= 1
-        case LinearSweep() | PeriodicSweep():
-            return min(drive.start_hz, drive.stop_hz) * duration_s >= 1
-    return False
 
 
 def _extremes(raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]) -> tuple[float, float]:

@@ -74,6 +74,24 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     assert_safe_voltage(laboratories[0].control.report())
 
 
+@pytest.mark.parametrize("is_glibc", [True, False])
+def test_memory_that_a_run_has_freed_is_returned_where_the_library_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_glibc: bool
+) -> None:
+    trimmed: list[int] = []
+    library = SimpleNamespace(malloc_trim=trimmed.append) if is_glibc else SimpleNamespace()
+    monkeypatch.setattr("app.session.session.ctypes", SimpleNamespace(CDLL=lambda _: library))
+    one, _ = session([])
+    one.start()
+    for _ in range(2):
+        one.run(RunRequest(SHORT, tmp_path, "T1"))
+        assert one.finished.wait(60)
+        assert one.outcome is not None
+        assert one.outcome.status is RunStatus.COMPLETED
+    assert one.close(60)
+    assert len(trimmed) == 2 * is_glibc
+
+
 def test_a_pause_and_a_stop_between_two_runs_do_not_reach_the_next_one(tmp_path: Path) -> None:
     events: list = []
     one, _ = session(events)
@@ -321,7 +339,10 @@ def test_a_run_that_is_given_up_ends_as_requested_and_is_told_once(is_stopped: b
             one._events.publish(ended)
         return ended
 
-    one.state, one.bench = SessionState.RUNNING, SimpleNamespace(reading=None, answered_s={})
+    one.state, one.bench = (
+        SessionState.RUNNING,
+        SimpleNamespace(reading=None, answered_s={}, amplifier=SimpleNamespace(commanded=None)),
+    )
     one.runner, one._rescue = SimpleNamespace(path=Path("run.h5")), SimpleNamespace(end_run=end_run)
     if is_stopped:
         one.stop()

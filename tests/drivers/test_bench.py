@@ -120,6 +120,18 @@ def test_source_changed_between_runs_is_set_up_again_with_high_voltage_off(lab: 
 
 
 @pytest.mark.parametrize("again", [False, True])
+def test_a_refusal_of_high_voltage_holds_for_a_source_at_rest_too(lab: BenchConnection, again: bool) -> None:
+    hand = Hand(lab.control)
+    if again:
+        with live(lab):
+            pass
+    lab.bench.high_voltage_refusal = "the source is not commissioned"
+    with pytest.raises(BenchError, match="commissioned"), live(lab, hand):
+        pass
+    assert "on" not in hand.told
+
+
+@pytest.mark.parametrize("again", [False, True])
 def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, again: bool) -> None:
     world = lab.control
     world.inject("drive-cable-off")
@@ -136,6 +148,19 @@ def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, aga
             pass
         assert str(failed.value.__cause__).startswith("the generator reports that it is at rest, but the card sees")
         assert hand.told == ["off"]
+
+
+def test_inputs_that_are_exchanged_at_the_card_are_named() -> None:
+    """The drive at rest is seen where the sensor should be; a cable that is off shows nothing there."""
+    for fault, named in (("", True), ("drive-cable-off", False)):
+        with laboratory() as lab:
+            lab.bench.digitizer = lab.control.digitizer(terminals=("ai1", "ai0"))
+            if fault:
+                lab.control.inject(fault)
+            with pytest.raises(BenchError, match="disabled") as failed, live(lab):
+                pass
+            assert ("exchanged" in str(failed.value)) is named
+            assert lab.control.report().live_s == 0
 
 
 def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: BenchConnection) -> None:

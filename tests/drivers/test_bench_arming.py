@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from app.session.bench_connection import BenchConnection
 from drivers.bench.armed_bench import LEFT_REST_LIMIT_S
 from drivers.bench.bench import ArmedBench, LiveWarning
-from drivers.bench.rest import drive_voltage
+from drivers.bench.interlock import Interlock
+from drivers.bench.rest import SafeShutdown, drive_voltage
 from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive_shapes import Drive, Hold, Sine, Steps
 from drivers.errors import (
@@ -277,6 +278,33 @@ def test_a_spike_in_every_block_is_not_a_source_that_has_left_rest(
         for _ in range(20):
             armed.read_block()
     assert warnings == []
+
+
+def test_a_source_that_leaves_rest_during_a_run_with_abort_levels_is_warned_of_and_ends_it(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    warnings: list[LiveWarning] = []
+    with pytest.raises(BenchError, match=r"2\.7"), armed_bench(lab, journal, warnings) as armed:
+        armed.monitor = journal
+        lab.bench.amplifier._source.ramp_to(2.7, 0.1)
+        for _ in range(200):
+            armed.read_block()
+    assert len(warnings) == 1
+
+
+def test_the_measurement_of_rest_sends_a_heartbeat_with_every_block(lab: BenchConnection, journal: Journal) -> None:
+    """Its blocks come from the stream itself, of which the watchdog hears nothing."""
+    with armed_bench(lab, journal) as armed:
+        shutdown = SafeShutdown(lab.bench.amplifier, lab.bench.clock, journal, lab.bench.open_stream)
+        blocks: list[Block] = []
+
+        def read() -> Block:
+            blocks.append(armed.stream.read())
+            return blocks[-1]
+
+        before = journal.heartbeats
+        assert shutdown.measure_rest(read, armed.stream, 2.0).confirmed
+        assert journal.heartbeats - before == len(blocks) > 1
 
 
 @pytest.mark.parametrize("returns", [True, False])
@@ -701,6 +729,17 @@ def test_a_quiet_run_sends_nothing_to_the_source_at_its_end(lab: BenchConnection
         armed.start_drive(Hold(3.0, 9.0))
     assert stops == ["end"]
     source.stop, source.end_level = stop, end_level  # type: ignore[method-assign]
+
+
+def test_an_unsafe_end_says_when_the_interlock_switches_off(
+    lab: BenchConnection, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = "; the interlock switches high voltage off 0.5 s after its last heartbeat"
+    monkeypatch.setattr(Interlock, "statement", words)
+    with pytest.raises(UnsafeError) as failed, armed_bench(lab, journal) as armed:
+        armed.start_drive(Hold(3.0, 99.0))
+        lab.control.inject("scpi-dropped")
+    assert str(failed.value).startswith(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}{words}. Measured: ")
 
 
 @pytest.mark.parametrize(

@@ -260,6 +260,9 @@ def test_a_voltage_monitor_shows_volts_at_the_specimen() -> None:
         card.deliver(2.5, 0.0, (0.0, 2.0))
         stream.read()
         assert reading_of(stream).monitor_v == pytest.approx((-390.0, 10.0))
+        card.deliver(2.5, 0.0, 0.5)
+        stream.read()
+        assert reading_of(stream).monitor_v == pytest.approx((-390.0, 10.0))  # within the last 0.15 s, as the input's
     with watched(VirtualClock(), (InputChannel("current", "ai2", kind="current-monitor"),)) as (card, stream):
         card.deliver(2.5, 0.0, 1.0)
         stream.read()

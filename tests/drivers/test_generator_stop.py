@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from drivers.clock import WallClock
 from drivers.drive_shapes import Hold, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst import BurstGenerator
+from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S
 from drivers.transport.scpi import Link
 from drivers.transport.visa import VisaLink
 from model.amplifier_map import AmplifierMap
@@ -79,6 +81,22 @@ def test_a_burst_whose_trigger_was_not_confirmed_is_waited_for(model: str, monke
         bench.clock.sleep(3.0)
         assert abs(bench.history.volts(np.arange(begin_s, bench.clock.now(), 1e-3)) - 2.5).max() < 0.01
         assert_safe_voltage(bench.report())
+
+
+@pytest.mark.one_in(1)
+@pytest.mark.parametrize("model", [model for model in BOXES if model not in HOLDERS])
+def test_a_burst_of_another_program_whose_length_is_not_answered_is_waited_for_as_the_longest(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with direct(model) as (source, bench, _):
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        told: list[BaseException] = []
+        source._output.burst_end_s, source._output.on_failure = None, told.append
+        monkeypatch.setattr(source.dialect, "burst_duration_s", mock.Mock(side_effect=LinkError("mute")))
+        begin_s = bench.clock.now()
+        source.stop()
+        assert bench.clock.now() - begin_s >= MAX_UNSTOPPABLE_DRIVE_S
+        assert "mute" in str(told[0])
 
 
 @pytest.mark.parametrize(("make", "model"), WAYS)

@@ -151,6 +151,16 @@ def test_the_monostable_counts_from_a_rising_edge(scene: Scene) -> None:
         scene.interlock.raise_for_status()
 
 
+def test_an_interlock_that_has_dropped_is_no_failure_after_its_heartbeat_was_ended(scene: Scene) -> None:
+    scene.interlock.begin(scene.read_block)
+    scene.time_s += 2 * MONOSTABLE_S
+    scene.read_block()
+    with pytest.raises(BenchError):
+        scene.interlock.raise_for_status()
+    scene.interlock.end()
+    scene.interlock.raise_for_status()
+
+
 def test_a_line_that_cannot_be_written_is_reported(scene: Scene) -> None:
     scene.interlock.begin(scene.read_block)
     scene.lines.trouble = AcquisitionError("the card is not connected")

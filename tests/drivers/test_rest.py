@@ -128,6 +128,28 @@ def test_it_is_watched_for_as_long_as_was_said() -> None:
     assert not watched(lambda t: np.where(t < 2.3, 4.0, REST_V)).confirmed
 
 
+def test_a_card_that_is_late_is_waited_for_although_the_time_has_passed() -> None:
+    """Its blocks from before the command tell nothing: the first ones after it decide."""
+    clock, blocks = VirtualClock(), iter(range(0, 2000, BLOCK))
+
+    def next_volts() -> tuple[int, np.ndarray]:
+        clock.sleep(0.5)
+        start = next(blocks)
+        return start, np.full(BLOCK, REST_V if start >= 400 else 4.0)
+
+    clock.sleep(0.4)
+    assert verify_rest(next_volts, clock, 0.0, RATE_HZ, REST_V, 2.0).confirmed
+
+
+@pytest.mark.parametrize(("spike_v", "confirmed"), [(2.549, True), (2.551, False), (2.48, True)])
+def test_single_samples_are_limited_about_nominal_rest_not_about_rest_at_arming(
+    spike_v: float, confirmed: bool
+) -> None:
+    before = RestMeasurement(True, 2.54, "", 1e-2)
+    spikes = watched(lambda t: np.where(np.rint(t * RATE_HZ) % 50 == 0, spike_v, 2.54), before)
+    assert spikes.confirmed is confirmed
+
+
 @pytest.mark.parametrize("start_time_s", [0.0, 700.0])
 def test_samples_count_from_a_tenth_of_a_second_after_the_command_whenever_the_card_was_started(
     start_time_s: float,

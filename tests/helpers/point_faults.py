@@ -152,6 +152,7 @@ def _bench(row: str, name: str, seed: int) -> Iterator[BenchConnection]:
     config = bench_for(row.partition(" by ")[0], load_bench(name))
     record = {**(config.simulation or {}), "fresh_noise": False, "noise_seed": seed, "seed": seed}
     with laboratory(config.model_copy(update={"simulation": record})) as lab:
+        lab.control.history.keeps_past = True
         off = LevelAction.OFF  # an exceeded level would end the run
         lab.bench.levels = replace(lab.bench.levels, rate=off, stroke=off, laser_lost=off, no_response=off)
         yield lab

@@ -333,6 +333,37 @@ def test_a_drive_that_is_lost_stays_lost_on_the_way_to_rest_until_the_card_sees_
     assert there.messages[-1].text == "The card sees rest again"
 
 
+def test_a_card_that_is_not_read_is_told_where_it_is_not_known_whether_high_voltage_is_on() -> None:
+    unknown = view_after(*BEGUN, DriveStarted(SINE))
+    assert unknown.high_voltage is None
+    assert look(unknown, card(0.0, 5.0, age_s=3.0))[0].unread
+    assert not look(view_after(*HV_OFF), card(2.5, age_s=3.0))[0].unread
+
+
+def test_an_input_that_stands_still_off_rest_between_two_drives_that_swing_is_told_at_once() -> None:
+    """Between two drives the program waits for the source and compares no block with the drive."""
+    view, slow, held = view_after(*LIVE), Sine(3.0, 2.5, 2.5, 10), Hold(4.0, 1.0)
+    for reading, commanded, is_lost in (
+        (ZERO, SINE, True),
+        (card(5.0), LinearSweep(25.0, 525.0, 300.0, 2.5, 2.5), True),
+        (REST, SINE, False),  # between two drives
+        (SWING, SINE, False),
+        (card(4.0), held, False),  # ramped up to before its start is told
+        (card(4.0), slow, False),
+        (ZERO, None, False),
+        (card(0.0, age_s=0.6), SINE, False),
+    ):
+        seen = Observation(reading, commanded=commanded)
+        after = observe(view, seen, NOW_S, WHEN)
+        assert after.off_aim is is_lost, (reading, commanded)
+        assert (after.bench_state is BenchState.DRIVE_LOST) is is_lost
+        if is_lost:
+            assert "generator" in suspect(after)
+            assert "rest" not in after.messages[-1].text
+    from_level = view_after(*LIVE, DriveStarted(held))
+    assert not observe(from_level, Observation(card(4.0), commanded=SINE), NOW_S, WHEN).off_aim
+
+
 def test_the_lamp_of_the_part_changes_in_the_same_message_as_the_state() -> None:
     assert suspect(view_after(*LIVE, DRIVE_GONE)) == {"generator"}
     assert suspect(view_after(*LIVE, DRIVE_GONE, DriveReadbackChanged(False, 0.0, 5.0))) == set()

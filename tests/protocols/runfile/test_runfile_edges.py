@@ -16,11 +16,12 @@ import pytest
 
 from drivers import Block, Hold, Scale
 from protocols.base import EntryStarted, LogMessage, Quality, RunStatus, Series, SeriesAxis
+from protocols.runfile import transaction as journals
 from protocols.runfile.checksums import _digest, changed_names
 from protocols.runfile.errors import FileLostError, RunReadError, StorageError
 from protocols.runfile.fields import read_text
 from protocols.runfile.open import open_run, translate_read_errors
-from protocols.runfile.presence import process_is_alive
+from protocols.runfile.presence import FilePresence, process_is_alive
 from protocols.runfile.reader import Run, _largest_point
 from protocols.runfile.repair import repair_folder, repair_run
 from protocols.runfile.schema import AIR_COLUMNS, EVENT_DTYPE, REPAIRED
@@ -453,3 +454,33 @@ def test_an_event_has_the_row_of_the_samples_that_follow_it(tmp_path: Path) -> N
     file.finish(RunStatus.COMPLETED, "")
     with Run(file.path) as run:
         assert [(event.time_s, event.row) for event in run.events()] == [(0.1, 0), (0.1, 30), (0.3, 60)]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of journals")
+def test_a_journal_that_is_being_applied_is_left_alone_by_others(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"old")
+    real = journals._apply
+
+    def applied(file: Path, size: int, body: bytes) -> None:
+        with mock.patch.object(journals, "_apply", real), pytest.raises(StorageError, match=str(path)):
+            replay_journal(path)
+        real(file, size, body)
+
+    with mock.patch.object(journals, "_apply", side_effect=applied) as apply, transaction(path) as changed:
+        changed.write(b"new")
+    apply.assert_called_once()
+    assert path.read_bytes() == b"new"
+
+
+def test_a_file_that_was_cut_below_the_size_of_the_last_look_is_lost(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(bytes(5000))
+    with path.open("r+b") as file:
+        presence = FilePresence(path, file.fileno())
+        os.truncate(path, 9000)
+        presence.check()
+        os.truncate(path, 8000)
+        with pytest.raises(FileLostError, match=" 8000 "):
+            presence.check()
+        presence.close()

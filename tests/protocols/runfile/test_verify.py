@@ -198,6 +198,8 @@ def test_a_file_killed_before_the_first_sample_is_repaired(tmp_path: Path) -> No
     data = bytearray(path.read_bytes())
     found = Superblock.read(path)
     assert found is not None
+    assert found.cleared(found.end - 100).end == found.end  # a file that was cut is not called whole
+    assert found.cleared(found.end + 100).end == found.end + 100
     data[:48] = Superblock(3, 1, found.base, found.extension, found.end, found.root).pack()  # not yet in SWMR mode
     path.write_bytes(data)
     for swmr in (True, False):

@@ -184,6 +184,17 @@ def test_pieces_of_a_spectrum_may_reach_to_half_the_sample_rate() -> None:
     assert whole.frequency_hz == pytest.approx(150.0, rel=0.01)
 
 
+def test_no_line_of_a_spectrum_in_pieces_is_counted_twice() -> None:
+    t = np.arange(4000) / 1000.0
+    ringing = np.exp(-40.0 * t) * np.sin(2 * np.pi * 150.0 * t)
+    shares = (50.0, 150.0), (150.0, 400.0)
+    lines = [peak._PieceSpectrum(ringing, None, 1000.0, *share).lines(2.0, beyond=True)[0] for share in shares]
+    assert all(
+        low <= f.min() <= low + 2.0 and high - 2.0 <= f.max() < high
+        for f, (low, high) in zip(lines, shares, strict=True)
+    )
+
+
 def test_a_spectrum_is_divided_by_that_of_its_drive() -> None:
     t = np.arange(4000) / 1000.0
     ringing = np.exp(-40.0 * t) * np.sin(2 * np.pi * 150.0 * t)

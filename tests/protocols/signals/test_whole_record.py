@@ -54,6 +54,11 @@ def test_a_jump_and_a_dropout_of_ten_times_the_noise_are_found(make, swing) -> N
     assert {case: is_disturbed(make(moved[case])) for case in expected} == expected
 
 
+def test_a_shift_in_steps_below_the_limit_of_single_scans_is_found_in_averaged_ones() -> None:
+    ramp = np.clip((np.arange(COUNT) - MIDDLE + 1) / 12, 0.0, 1.0)
+    assert [is_disturbed(level(noise(seed) + 6.0 * NOISE_M * ramp)) for seed in range(1, 5)] == [True] * 4
+
+
 def test_a_sensor_that_sticks_at_a_level_has_no_noise() -> None:
     expected = {1.0: False, 0.75: False, 0.2: True, 0.0: True}
     quiet = {share: noise() * np.where(from_the_middle(1.0, 200) > 0, share, 1.0) for share in expected}
