@@ -27,6 +27,9 @@ import psutil
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
+RELEASE_S = 1.0
+"""Time in which a session returns the memory of a run, after the run has been told as ended."""
+
 SETTINGS = {"frequencies_hz": (150.0,), "record_s": 0.05}
 
 
@@ -39,6 +42,9 @@ class Held:
 
     def note(self, pause: Callable[[], object] = lambda: time.sleep(0.1)) -> None:
         """Record the resources in use. At the end, wait for at most a minute until they are no more than in the middle: threads end after their run."""
+        begin_s = time.monotonic()
+        while time.monotonic() < begin_s + RELEASE_S:
+            pause()
         found, end_s = self._look(), time.monotonic() + 60.0
         while self._noted and any(found[name] > self._noted[0][name] for name in found if name != "MB"):
             if time.monotonic() > end_s:

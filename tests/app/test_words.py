@@ -56,7 +56,7 @@ def test_a_value_of_one_is_no_unit() -> None:
             CheckResult("drive read back - commanded, worst", -3.5371e-6, "V", -0.002, 0.002, ""),
             ("−0.003537", "−2 … 2", "mV"),
         ),
-        (CheckResult("pressure", 3.2e-9, "Pa", None, 1.25e-8, ""), ("3.2 × 10⁻⁹", "at most 1.25 × 10⁻⁸", "Pa")),
+        (CheckResult("warming", 3.2e-9, "K", None, 1.25e-8, ""), ("3.2 × 10⁻⁹", "at most 1.25 × 10⁻⁸", "K")),
         (CheckResult("latency", math.nan, "s", None, 1.0, ""), ("not seen", "at most 1000", "ms")),
     ],
     ids=["large", "small volts", "smallest", "none"],

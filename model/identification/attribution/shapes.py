@@ -60,9 +60,13 @@ def shaped_errors(
         shapes = {r.label: softening[r.label] * place for r, place in zip(runs, places, strict=True)}
         yield "stiffness", "all runs", "stiffness over the runs", [(SOFTER, shapes)]
     yield from _loading_shapes(loadings)
-    for run in (*driven, *_steps(runs), *(loadings if len(loadings) > 1 else ())):
-        for shape in _bends(np.abs(predictions[run.label]), run in driven) if run.usable.sum() > 2 else ():
-            yield "bend", run.label, f"softening of {run.label}", [(CURVATURE, {run.label: shape})]
+    for run in (*driven, *_steps(runs), *(loadings if len(loadings) > 1 else ())):  # a lone loading has a load_offset
+        label, predicted = run.label, predictions[run.label]
+        if predicted.size > 2:
+            for shape in _bends(np.abs(predicted), run in driven):
+                yield "bend", label, f"softening of {label}", [(CURVATURE, {label: shape})]
+            if run not in driven:
+                yield "zero", label, f"zero of {label}", [(ZERO, {label: _constant(predicted)})]
     deflections = {r.label: np.abs(predictions[r.label]) for r in (*driven, *loadings, *_steps(runs))}
     for power, order in ((1, "quadratic"), (2, "cubic")):
         share = {label: (w / FULL_DEFLECTION_M) ** power for label, w in deflections.items()}
@@ -90,7 +94,7 @@ def _shapes_of_run(run: observed.Observation, predicted: Any, softening: Any, re
         case observed.StaticLoadingObservation():
             yield from _repeats(run, predicted)
         case observed.VoltageStepsObservation():
-            constant = relative_to(np.full(predicted.size, np.abs(predicted).max()), predicted)
+            constant = _constant(predicted)
             for side in (run.input_v[run.usable] < rest_v, run.input_v[run.usable] > rest_v):
                 yield "rest", run.label, f"rest of {run.label}", [(ZERO, {run.label: constant * side})]
     if predicted.size > 3:
@@ -108,8 +112,8 @@ def _changes_of_readings(run: observed.Observation, predicted: Any, softening: A
     if driven and softening is not None:
         for grown in _grown(place):
             yield "softening", label, f"stiffness within {label}", [(SOFTER, {label: softening * grown})]
-    constant = relative_to(np.full(predicted.size, np.abs(predicted).max()), predicted)
-    for shape in () if driven else (np.ones(predicted.size), *_grown(place), *jumps):
+    constant = _constant(predicted)
+    for shape in () if driven else (*_grown(place), *jumps):
         yield "zero", label, f"zero of {label}", [(ZERO, {label: constant * shape})]
 
 
@@ -134,6 +138,11 @@ def _bends(size: Array, sine: bool) -> Iterator[Array]:
             yield lost / lost.max()
 
 
+def _constant(predicted: Any) -> Any:
+    """Return the relative change by the same displacement at each point, as large as the largest, (F,)."""
+    return relative_to(np.full(predicted.size, np.abs(predicted).max()), predicted)
+
+
 def _grown(place: Array) -> tuple[Array, Array]:
     return place, np.expm1(-SETTLED * place) / np.expm1(-SETTLED)
 
@@ -146,7 +155,7 @@ def _repeats(run: observed.StaticLoadingObservation, predicted: Array) -> Iterat
     """Yield a wrong scale and a wrong zero of each repeat."""
     loads, label = run.load_n[run.usable], run.label
     repeat = np.array([int(np.isclose(loads[:i], load).sum()) for i, load in enumerate(loads.tolist())])
-    constant = relative_to(np.full(predicted.size, np.abs(predicted).max()), predicted)
+    constant = _constant(predicted)
     for i in range(1 + int(repeat.max())) if repeat.any() else ():
         for size, shape in ((REPEAT, 1.0), (ZERO, constant)):
             yield "repeat", label, f"repeat {i + 1} of {label}", [(size, {label: shape * (repeat == i)})]
