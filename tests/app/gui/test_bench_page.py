@@ -20,6 +20,7 @@ from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
 from app.gui.widgets import end_all
 from app.live.commissioning_job import STOPPED, CommissioningJob
+from app.live.feed import READING_BLOCKS
 from app.live.session_link import SessionAdapter
 from app.session import commissioning, commissioning_record, connect
 from app.session.state import BenchState, InstrumentStatus, Lamp
@@ -316,7 +317,7 @@ def test_a_card_that_fails_between_runs_is_told_with_its_reason_and_is_tried_aga
     window.adapter.faults.clear()
     until(lambda: find(window, "bench.card.live").text(), "for live values")
     assert window.state.problem == ""
-    assert {i.lamp for i in window.state.instruments if i.role == "card"} == {"ready"}
+    until(lambda: {i.lamp for i in window.state.instruments if i.role == "card"} == {"ready"}, "for the lamp")
 
 
 # -- calibration, wiring check, commissioning ---------------------------------------------------------------------------
@@ -336,7 +337,7 @@ def take(window: MainWindow, position: str) -> None:
 
         until(moved, "for the target to have moved")
     window.adapter.feed.restart_reading()
-    until(lambda: (r := window.adapter.feed.reading) is not None and r.blocks == 20, "for a second of volts")
+    until(lambda: (r := window.adapter.feed.reading) is not None and r.blocks == READING_BLOCKS, "for two seconds")
     window.tick()
     find(page, "bench.calibration.take").click()
 
