@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 RELEASE_S = 1.0
-"""Time in which a session returns the memory of a run, after the run has been told as ended."""
+"""Time that a session needs to return the memory of a run after it has reported the end of the run, s."""
 
 SETTINGS = {"frequencies_hz": (150.0,), "record_s": 0.05}
 

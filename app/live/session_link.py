@@ -153,11 +153,7 @@ class SessionAdapter:
     def observation(self) -> Observation:
         """The last answers of the instruments, including answers from an earlier session."""
         bench = self.commissioned
-        seen = (
-            self.session.observation
-            if bench is None
-            else Observation(bench.reading, bench.answered_s, bench.amplifier.commanded)
-        )
+        seen = self.session.observation if bench is None else Observation.of(bench)
         if seen.card is not None:
             self._seen = seen
         return self._seen

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol, Self
 
 from app.common import current_conditions, record_audit
 from app.session.supervisor import Rescue, Signs, Supervisor
@@ -85,6 +85,11 @@ class Observation:
     card: CardReading | None = None
     answered_s: Mapping[str, float] = field(default_factory=dict)
     commanded: Drive | None = None
+
+    @classmethod
+    def of(cls, bench: Bench) -> Self:
+        """Return the last answers of a bench, from any thread."""
+        return cls(bench.reading, bench.answered_s, bench.amplifier.commanded)
 
 
 UNSEEN = Observation()
@@ -301,7 +306,7 @@ class Session:
     def observation(self) -> Observation:
         """What the instruments answered last, from any thread; kept when the bench is closed."""
         if (bench := self.bench) is not None:
-            self._seen = Observation(bench.reading, bench.answered_s, bench.amplifier.commanded)
+            self._seen = Observation.of(bench)
         return self._seen
 
     @property

@@ -293,7 +293,7 @@ def test_a_source_that_leaves_rest_during_a_run_with_abort_levels_is_warned_of_a
 
 
 def test_the_measurement_of_rest_sends_a_heartbeat_with_every_block(lab: BenchConnection, journal: Journal) -> None:
-    """Its blocks come from the stream itself, of which the watchdog hears nothing."""
+    """The rest measurement reads the stream directly, which does not report to the watchdog by itself."""
     with armed_bench(lab, journal) as armed:
         shutdown = SafeShutdown(lab.bench.amplifier, lab.bench.clock, journal, lab.bench.open_stream)
         blocks: list[Block] = []

@@ -55,7 +55,7 @@ class PlotTools(QObject):
         self.fill_menu: Callable[[Menu], None] = lambda _menu: None
         """Adds entries to the context menu."""
         self.values_at: Callable[[float], list[tuple[str, float, float, str]]] = self._values
-        """Returns name, value, standard error and unit of what is drawn at a place."""
+        """Returns name, value, standard error and unit of each series at a value of x."""
         self._lines: list[QGraphicsLineItem] = []
         self._at: float | None = None
         self._pointed = ""

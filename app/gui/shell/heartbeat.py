@@ -10,7 +10,7 @@ from app.gui.widgets import at_end
 
 FRAME_MS = 16
 REST_MS = 250
-"""Longest interval at rest. Every block of the card wakes the window: what is drawn is as new as can be, and once a block."""
+"""Longest interval at rest. Every block of the card triggers a tick by itself."""
 
 LIVELY_S = 2.0
 """How long after an input of the user every frame is ticked: what was typed or dragged is drawn at once."""

@@ -155,4 +155,4 @@ def set_up_a_bench(window: MainWindow) -> None:
     key(window, Qt.Key.Key_Space)
     until(lambda: bool(chosen), "for the file")
     assert Path(chosen[0]).name == "by-keyboard.toml"
-    Path(chosen[0]).unlink()  # the folder is that of all tests of this process
+    Path(chosen[0]).unlink()  # all tests of this process share the folder

@@ -89,7 +89,7 @@ def test_dates_of_an_axis_never_overlap(qt: QApplication) -> None:
 
 
 def test_the_screen_shows_the_labels_of_another_range(qt: QApplication) -> None:
-    """A grab paints all of a plot; the screen keeps what was painted last."""
+    """A grab repaints the whole plot; the screen shows only what was repainted."""
     chart = Chart("another range")
     curve = layer(name="a", x=np.arange(3.0), y=np.array([0.0, 2.0, 1.0]))
     chart.show_picture(Picture(x_title="x", panels=(Panel(title="y"),), log=(False, False), layers=(curve,)))

@@ -348,7 +348,7 @@ def test_an_input_that_stands_still_off_rest_between_two_drives_that_swing_is_to
         (card(5.0), LinearSweep(25.0, 525.0, 300.0, 2.5, 2.5), True),
         (REST, SINE, False),  # between two drives
         (SWING, SINE, False),
-        (card(4.0), held, False),  # ramped up to before its start is told
+        (card(4.0), held, False),  # the ramp to it comes before its start is reported
         (card(4.0), slow, False),
         (ZERO, None, False),
         (card(0.0, age_s=0.6), SINE, False),

@@ -1,4 +1,4 @@
-"""A fourth set of departures, written before any of it was run; judged by physics, by somebody who knows the list of causes.
+"""A fourth set of departures, written before its first run from physics, with knowledge of the list of causes.
 
 Kinds, sizes or combinations are those of no other set. Some lie outside the list: a constant phase, crosstalk, a notch, memory of the level
 before, a mass lost within a dwell; of those without any true word among the causes nothing is accepted. Of two departures at once, either.
